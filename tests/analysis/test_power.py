@@ -11,8 +11,8 @@ from robustflow.analysis.uncertainty.power import clusters_needed, detectable, p
 from robustflow.datasets.kitti_drives import drive_groups
 from robustflow.datasets.split import kitti_split
 from robustflow.errors import RunError, UsageError
-from robustflow.report.power_table import power_table
 from robustflow.report.render import render
+from robustflow.report.standings_tables import power_table
 
 from .simulated import rows_of
 

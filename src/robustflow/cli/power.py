@@ -29,7 +29,7 @@ def power(
     from ..analysis.run_names import named_runs
     from ..analysis.uncertainty.power import plan_pairs
     from ..records.load import load_any_run
-    from ..report.power_table import power_table
+    from ..report.standings_tables import power_table
     from .tables import as_text, check_format, write_text
 
     check_format(format, as_json)

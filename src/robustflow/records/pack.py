@@ -14,7 +14,7 @@ from ..runs.costs import PROFILE, read_cost
 from ..runs.plan import planned_attacks
 from ..sealed import sealed
 from .container import container_bytes, read_file
-from .contents import FORMAT, VERSION, PackedEntry, Record, parsed, shareable_manifest
+from .contents import PackedEntry, Record, parsed, shareable_manifest
 from .read import Reader
 from .rows_text import rows_to_text
 from .text import check_text
@@ -114,17 +114,9 @@ def record_bytes(
     stated = {name: " ".join(text.split()) for name, text in given.items()}
     for name, text in stated.items():
         check_text(text, f"--{name}")
-    facts = {
-        "format": FORMAT,
-        "version": VERSION,
-        "run": run.manifest.identity_digest,
-        "complete": not missing,
-        "entries": {
-            name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
-            for name, data in entries.items()
-        },
-        **stated,
+    packed = {
+        name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()) for name, data in entries.items()
     }
-    record = json_bytes(facts)
-    parsed(Record.model_validate_json, record, "the record")
-    return container_bytes({"record.json": record, **entries})
+    facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": packed, **stated}
+    record = parsed(Record.model_validate, facts, "the record")
+    return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})

@@ -15,6 +15,9 @@ from ..runs.run import Run
 DASH = "-"
 """Text of a cell without a number."""
 
+LONGEST_NOTE = 300
+"""Maximum number of characters of a printed note."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -115,6 +118,17 @@ class Table:
     def lines(self) -> list[Line]:
         """Return the lines of all sections."""
         return [line for section in self.sections for line in section.lines]
+
+    @property
+    def notes(self) -> dict[str, int]:
+        """The notes on the lines, each with its number, from 1; lines with equal notes share a number.
+
+        >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))
+        >>> Table("x", "t", (), (Section("s", lines),)).notes
+        {'3 pairs': 1}
+        """
+        notes = dict.fromkeys(line.note for line in self.lines if line.note)
+        return {note: number for number, note in enumerate(notes, 1)}
 
     def without_empty_columns(self) -> Table:
         """Return the table without columns that contain only dashes.

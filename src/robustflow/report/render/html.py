@@ -6,13 +6,12 @@ from html import escape as escape_html
 from itertools import groupby
 
 from ...text import plain
-from ..table import Table, TableCell
-from .footnotes import note_text, numbered_notes
+from ..table import LONGEST_NOTE, Table, TableCell
 
 
 def render(table: Table) -> str:
     """Render the table as an HTML fragment. All text is escaped, and attributes contain only constants."""
-    notes = numbered_notes(table)
+    notes = table.notes
     lines = ['<figure class="results">', f"<figcaption>{escape(table.title)}</figcaption>", "<table>", "<thead>"]
     groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
     if any(group for group, _ in groups):
@@ -33,7 +32,7 @@ def render(table: Table) -> str:
         lines.append("</tbody>")
     lines.append("</table>")
     lines += [f"<p>{escape(remark, None)}</p>" for remark in table.remarks]
-    lines += [f"<p><sup>{number}</sup> {escape(note_text(note), None)}</p>" for note, number in notes.items()]
+    lines += [f"<p><sup>{number}</sup> {escape(note, LONGEST_NOTE)}</p>" for note, number in notes.items()]
     return "\n".join([*lines, "</figure>"]) + "\n"
 
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from ...text import plain
-from ..table import Section, Table, TableCell
-from .footnotes import note_text, numbered_notes
+from ..table import LONGEST_NOTE, Section, Table, TableCell
 
 _PROSE = r"p{0.5\linewidth}"
 _PROSE_LETTERS, _PAGE_LINES = 38, 60
@@ -65,7 +64,7 @@ def only_lines(table: Table) -> str:
     columns = ", ".join(column.label for column in table.columns)
     return "".join(
         " & ".join([escape(plain(line.label)), *(_cell(cell, shaded=False) for cell in line.cells)])
-        + rf" \\ % {'; '.join(filter(None, (columns, note_text(line.note))))}"
+        + rf" \\ % {'; '.join(filter(None, (columns, plain(line.note, LONGEST_NOTE))))}"
         + "\n"
         for section in table.sections
         for line in section.lines
@@ -90,7 +89,7 @@ def _pages(table: Table) -> list[list[Section]]:
 
 def _float(table: Table, name: str) -> str:
     width = len(table.columns) + 1
-    notes = numbered_notes(table)
+    notes = table.notes
     kinds = "".join(_PROSE if column.prose else "r" for column in table.columns)
     lines = [
         r"% needs \usepackage[T1]{fontenc} \usepackage[table]{xcolor} \usepackage{textcomp,booktabs,graphicx}",
@@ -114,7 +113,7 @@ def _float(table: Table, name: str) -> str:
             lines.append(shade + " & ".join([escape(plain(line.label)) + mark, *cells]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}}"]
     below = [escape(plain(remark, None)) for remark in table.remarks]
-    below += [rf"\textsuperscript{{{number}}} {escape(note_text(note))}." for note, number in notes.items()]
+    below += [rf"\textsuperscript{{{number}}} {escape(plain(note, LONGEST_NOTE))}." for note, number in notes.items()]
     label = re.sub("[^a-z0-9-]+", "-", name.lower())
     lines += [rf"\caption{{\textbf{{{escape(table.title)}.}} {' '.join(below)}}}"]
     lines += [rf"\label{{tab:robustflow-{label}}}", r"\end{table*}"]

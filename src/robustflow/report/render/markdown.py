@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ...text import plain
-from ..table import Table, TableCell
-from .footnotes import note_text, numbered_notes
+from ..table import LONGEST_NOTE, Table, TableCell
 
 _SPECIAL = str.maketrans({c: f"\\{c}" for c in "\\`*_{}[]#|~$!"} | {"<": "&lt;", ">": "&gt;", "&": "&amp;"})
 
 
 def render(table: Table) -> str:
     """Render the table as a Markdown section."""
-    notes = numbered_notes(table)
+    notes = table.notes
     headings = [table.row_header, *(f"{column.group} {column.label}".strip() for column in table.columns)]
     lines = [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
     for section in table.sections:
@@ -22,7 +21,7 @@ def render(table: Table) -> str:
             mark = f" <sup>{notes[line.note]}</sup>" if line.note else ""
             lines.append(_row([escape(line.label) + mark, *map(_cell, line.cells)]))
     remarks = [escape(plain(remark, None)) for remark in table.remarks]
-    remarks += [f"<sup>{number}</sup> {escape(note_text(note))}" for note, number in notes.items()]
+    remarks += [f"<sup>{number}</sup> {escape(plain(note, LONGEST_NOTE))}" for note, number in notes.items()]
     return "\n".join([f"### {escape(table.title)}", "", *lines, "", *(f"{remark}  " for remark in remarks)]) + "\n"
 
 

@@ -10,8 +10,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from ...text import plain
-from ..table import Column, Section, Table
-from .footnotes import note_text, numbered_notes
+from ..table import LONGEST_NOTE, Column, Section, Table
 
 _WIDTH = 120
 _NAME = 60
@@ -38,8 +37,8 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
         console.print(Text(plain(remark, None)))
     if not colour and any(cell.best for line in table.lines for cell in line.cells):
         console.print("* best")
-    for note, number in numbered_notes(table).items():
-        console.print(Text(f"[{number}] {note_text(note)}"))
+    for note, number in table.notes.items():
+        console.print(Text(f"[{number}] {plain(note, LONGEST_NOTE)}"))
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
@@ -64,7 +63,7 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
 
 
 def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour: bool) -> RichTable:
-    notes = numbered_notes(table)
+    notes = table.notes
     grid = RichTable(show_edge=False, pad_edge=False)
     grid.add_column(Text(plain(table.row_header)), no_wrap=True)
     for index in block:
