@@ -7,7 +7,6 @@ identity records the runtime.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -59,11 +58,21 @@ def small_network(
         _check_for_numpy(name, checkpoint, execution)
         return NumpyTiny(name, shipped_weights(name))
     if checkpoint is None:
-        from ..torch.shipped import shipped_network
-
-        return shipped_network(name, shipped_weights(name), _net, _CONVENTION, execution)
+        return _with_shipped_weights(name, execution)
     source = "a file written by robustflow train tiny"
     return network_model(name, _net, _CONVENTION, checkpoint, source=source, sha256=sha256, execution=execution)
+
+
+def _with_shipped_weights(name: str, execution: Execution) -> AnyModel:
+    import torch
+
+    from ..torch.model import NetworkModel
+
+    weights, net = shipped_weights(name), _net()
+    net.load_state_dict({key: torch.from_numpy(array.copy()) for key, array in weights.arrays.items()})
+    model = NetworkModel(name, net, _CONVENTION, {"checkpoint": weights.sha256, "runtime": "torch"}, execution)
+    model.trained_on = weights.trained_on
+    return model
 
 
 def _net() -> Any:
@@ -86,7 +95,4 @@ def __getattr__(name: str) -> Callable[..., AnyModel]:
     """Provide attributes such as `tiny.tiny_all`, to which the model registry refers."""
     if name not in SHIPPED:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    factory = partial(small_network, name)
-    _, *rest = inspect.signature(small_network).parameters.values()
-    factory.__signature__ = inspect.Signature(rest)  # type: ignore[attr-defined]
-    return factory
+    return partial(small_network, name)

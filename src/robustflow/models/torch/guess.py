@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from ...errors import ModelError
 from ...sample import Flow
 from ...text import first_of
 from ..input_convention import ORDERS, SCALINGS, named_convention
-from ..signature import flow_layout
 from .fit import fitted_images, unfitted_flow
-from .module_net import MODULE_LAYOUTS, ModuleNet, chosen_output, outputs_of
+from .module_net import MODULE_LAYOUTS, ModuleNet, as_flow, chosen_output, outputs_of
 from .reproducible import reproducible
 from .shifted import SHIFTS, Reading, ShiftedPair, reading_of, shifted_pair
 
@@ -318,11 +317,13 @@ class _Trial:
         flows: dict[Declared, Flow] = {}
         declared = [] if way.output is None else [way.output]
         for output in dict.fromkeys([*declared, *(_outputs(returned) if every or not declared else [])]):
-            flow = _as_flow(returned, output, images[0].shape[2:])
-            if flow is not None:
-                height, width = pair.frame1.shape[:2]
-                fitted = unfitted_flow(flow, convention, height, width)[0].permute(1, 2, 0)
-                flows[replace(way, output=output)] = fitted.float().cpu().numpy()
+            try:
+                flow = as_flow(chosen_output(returned, output), images[0])
+            except ModelError:
+                continue
+            height, width = pair.frame1.shape[:2]
+            fitted = unfitted_flow(flow, convention, height, width)[0].permute(1, 2, 0)
+            flows[replace(way, output=output)] = fitted.float().cpu().numpy()
         if not flows:
             what = ", ".join(outputs_of(returned)) or type(returned).__name__
             raise ModelError(f"none of the outputs ({what[:200]}) is a flow (N, 2, H, W) at the frames' resolution")
@@ -333,15 +334,3 @@ def _outputs(returned: Any) -> list[str | int]:
     if isinstance(returned, dict):
         return [str(key) for key in returned]
     return [0, LAST_OUTPUT] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST_OUTPUT]
-
-
-def _as_flow(returned: Any, output: str | int, size: Sequence[int]) -> Tensor | None:
-    """Return the output as (1, 2, H, W), or None if it is not a flow of this size."""
-    try:
-        flow = chosen_output(returned, output)
-        if flow.ndim == 5 and flow.shape[1] == 1:
-            flow = flow[:, 0]
-        channels_last = flow_layout(flow.shape, 1, size[0], size[1]) == "nhwc"
-    except ModelError:
-        return None
-    return flow.permute(0, 3, 1, 2) if channels_last else flow

@@ -62,7 +62,7 @@ class ModuleNet(nn.Module):
         returned = self.returned(image1, image2)
         chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
         several = chosen if isinstance(chosen, list | tuple) else [chosen]
-        return [self._as_flow(chosen_output(one, None), image1) for one in several]
+        return [as_flow(chosen_output(one, None), image1) for one in several]
 
     def returned(self, image1: Tensor, image2: Tensor) -> Any:
         """Return the module's raw output for these images.
@@ -94,15 +94,20 @@ class ModuleNet(nn.Module):
         return [{"images": inputs[0]}] if self.layout == "images" else inputs
 
     def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:
-        return self._as_flow(chosen_output(self.returned(image1, image2), self.output), image1)
+        return as_flow(chosen_output(self.returned(image1, image2), self.output), image1)
 
-    @staticmethod
-    def _as_flow(flow: Tensor, image1: Tensor) -> Tensor:
-        pairs, _, height, width = image1.shape
-        if flow.ndim == 5 and flow.shape[1] == 1:
-            flow = flow[:, 0]
-        channels_last = flow_layout(flow.shape, pairs, height, width) == "nhwc"
-        return flow.permute(0, 3, 1, 2) if channels_last else flow
+
+def as_flow(output: Tensor, image1: Tensor) -> Tensor:
+    """Convert an output for images (N, 3, H, W) to a flow (N, 2, H, W).
+
+    Raises:
+        ModelError: the output is not a flow at the images' resolution.
+    """
+    pairs, _, height, width = image1.shape
+    if output.ndim == 5 and output.shape[1] == 1:
+        output = output[:, 0]
+    channels_last = flow_layout(output.shape, pairs, height, width) == "nhwc"
+    return output.permute(0, 3, 1, 2) if channels_last else output
 
 
 def chosen_output(returned: Any, output: Any) -> Tensor:

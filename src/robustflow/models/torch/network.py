@@ -72,27 +72,26 @@ def network_model(
     """
     if checkpoint == RANDOM and sha256 is not None:
         raise UsageError("random weights are not read from a file: omit sha256, or pass a checkpoint")
-    refuse_missing_file(name, checkpoint, published or {}, source)
+    published, settings = published or {}, dict(settings or {})
+    refuse_missing_file(name, checkpoint, published, source)
     require("torch", f"model '{name}'")
-    settings = dict(settings or {})
-    if checkpoint == RANDOM:
-        from .model import ConfidentNetwork, NetworkModel
-
-        seed = {"seed_of_weights": _SEED.get()} if _SEED.get() else {}
-        kind = ConfidentNetwork if confident else NetworkModel
-        return kind(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
-    path, known = find_checkpoint(name, checkpoint, published or {}, source)
+    file = None if checkpoint == RANDOM else find_checkpoint(name, checkpoint, published, source)
     from .checkpoint import read_checkpoint
     from .model import ConfidentNetwork, NetworkModel
     from .weights import load_weights
 
+    kind = ConfidentNetwork if confident else NetworkModel
+    if file is None:
+        seed = {"seed_of_weights": _SEED.get()} if _SEED.get() else {}
+        return kind(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
+    path, known = file
     read = read_checkpoint(path, sha256 or known)
     net = build()
     if adapt is not None:
         settings |= adapt(net, read)
     cast = load_weights(net, read, name, scope)
     identity = {"checkpoint": read.sha256, **({"weights_cast_from": cast} if cast else {}), **settings}
-    model = (ConfidentNetwork if confident else NetworkModel)(name, net, convention, identity, execution)
+    model = kind(name, net, convention, identity, execution)
     model.trained_on = read.trained_on
     return model
 

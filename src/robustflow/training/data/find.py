@@ -72,8 +72,8 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     """
     named, roots = _parted(data)
     folder = named.get(part.data)
-    if needs_folder(part.data):
-        dataset = _search(part, roots) if folder is None else load_dataset(part.data, folder, **part.options)
+    if folder is None and needs_folder(part.data):
+        dataset = _search(part, roots)
     else:
         dataset = load_dataset(part.data, folder, **part.options)
     keys = dataset.keys()
