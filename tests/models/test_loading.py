@@ -167,6 +167,19 @@ def test_a_folder_reached_through_links_is_the_same_model(tmp_path):
     assert here == there
 
 
+def test_other_flows_behind_a_link_are_a_different_model(tmp_path):
+    (tmp_path / "flows" / "clean").mkdir(parents=True)
+    (tmp_path / "flows" / "clean" / "clip").symlink_to(tmp_path / "clip")
+    (tmp_path / "clip").mkdir()
+    identities = []
+    for value in (0.0, 1.0):
+        write_flow(tmp_path / "clip" / "1.flo", np.full((4, 4, 2), value, np.float32))
+        model = load_model(str(tmp_path / "flows"))
+        assert model.lookup("clip/1", "clean", 0).max() == value
+        identities.append(model.identity())
+    assert identities[0] != identities[1]
+
+
 def test_a_folder_that_cannot_be_meant(tmp_path):
     (tmp_path / "clean").mkdir()
     with pytest.raises(ModelError, match="no folder 'clean'"):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +40,9 @@ class Precomputed:
         of where they are stored. File sizes would not be sufficient, because they depend only on the frame sizes.
         """
         listing = hashlib.sha256()
-        settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
-        for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
-            if path.suffix in FLOW_SUFFIXES and path.is_file():
-                name = path.relative_to(self._folder).as_posix()
-                listing.update(f"{name} {_sha256(path)}\n".encode())
+        for path in sorted(_flow_files(self._folder)):
+            name = path.relative_to(self._folder).as_posix()
+            listing.update(f"{name} {_sha256(path)}\n".encode())
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
@@ -61,6 +61,17 @@ class Precomputed:
         raise ModelError(
             f"{self._folder}: no flow for sample '{key}' under {setting}/ (looked for {', '.join(FLOW_SUFFIXES)})"
         )
+
+
+def _flow_files(folder: Path) -> Iterator[Path]:
+    """Yield the flow files in the subfolders; links are followed, except back to a folder that was read before."""
+    read: set[str] = set()
+    for place, folders, names in os.walk(folder, followlinks=True):
+        read.add(os.path.realpath(place))
+        folders[:] = [name for name in sorted(folders) if os.path.realpath(os.path.join(place, name)) not in read]
+        for path in (Path(place, name) for name in names):
+            if path.suffix in FLOW_SUFFIXES and path.parent != folder and path.is_file():
+                yield path
 
 
 def _sha256(path: Path) -> str:
