@@ -108,6 +108,27 @@ def test_reading_a_name_imports_nothing(package, name):
     assert "rain_module" not in sys.modules
 
 
+class InOneArray:
+    """Returns every frame in the same array."""
+
+    def __init__(self):
+        self._out = np.empty(0, np.uint8)
+
+    def draw(self, rng, severity, shape):
+        if self._out.shape[:2] != shape:
+            self._out = np.empty((*shape, 3), np.uint8)
+        return severity
+
+    def apply(self, frame, state, index):
+        return np.subtract(frame, state, out=self._out)
+
+
+def test_frames_that_a_corruption_returns_in_the_same_array_keep_their_pixels():
+    first, second = np.full((4, 6, 3), 40, np.uint8), np.full((4, 6, 3), 90, np.uint8)
+    made = rf.corrupt(first, second, InOneArray(), severity=2)
+    assert [int(frame[0, 0, 0]) for frame in made] == [38, 88]
+
+
 def test_severities_in_an_array_are_used_as_a_tuple():
     evenly = type("Evenly", (Veil,), {"severities": np.linspace(1.0, 5.0, 5)})
 

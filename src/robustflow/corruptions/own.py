@@ -84,7 +84,8 @@ class OwnCorruption(Corruption):
         return self._called("draw", lambda: self.made.draw(rng, severity, shape))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Return the frame from the user's `apply`, RGB uint8 of the same shape."""
+        """Return a copy of the frame from the user's `apply`, RGB uint8 of the same shape: the next call may overwrite
+        it."""
         given = _read_only(np.ascontiguousarray(frame))
         out = self._called("apply", lambda: self.made.apply(given, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
@@ -92,7 +93,7 @@ class OwnCorruption(Corruption):
                 f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
                 f"{frame.shape}"
             )
-        return np.array(out) if np.shares_memory(out, given) else out
+        return np.array(out)
 
     def _called(self, method: str, function: Callable[[], Any]) -> Any:
         what = "the frame or the depth" if self.needs_depth else "the frame"
