@@ -53,6 +53,13 @@ class Other(Noise):
     def load(self, key):
         return "a sample"
 
+class InOneArray(Noise):
+    FRAMES = np.empty((2, 48, 64, 3), np.uint8)
+
+    def load(self, key):
+        self.FRAMES[:] = super().load(key).frames
+        return Sample(key, tuple(self.FRAMES))
+
 class Broken(Noise):
     def load(self, key):
         raise RuntimeError("no disk")
@@ -134,7 +141,14 @@ def test_what_is_not_a_data_set(module, name, match):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "match"), [("Random", "differs when read a second time"), ("Endless", "a KeyError")])
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("Random", "differs when read a second time"),
+        ("Endless", "a KeyError"),
+        ("InOneArray", r"load\('1'\) overwrites the sample loaded before"),
+    ],
+)
 def test_check_dataset_looks_further(module, name, match):
     import own_noise
 

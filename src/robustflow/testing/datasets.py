@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,8 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
 
     A dataset must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
     equal size, and float32 flow with a valid mask if `has_flow`. A sample must have the same bytes when it is read
-    twice or in a different process. All listed files must exist, and an unknown key must raise an error.
+    twice or in a different process, and keep them when the next one is read. All listed files must exist, and an
+    unknown key must raise an error.
 
     Args:
         dataset: an object that implements `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.
@@ -111,6 +113,7 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
         raise UsageError(f"{what} cannot be sent to a worker process ({type(error).__name__}: {error})") from error
     require(copy.keys() == keys, f"{what}: a pickled copy has different keys")
     places = np.linspace(0, len(keys) - 1, max(1, min(samples, len(keys)))).astype(int)
+    before: tuple[Sample, Sample] | None = None
     for key in dict.fromkeys(keys[place] for place in places):
         first, again = check_sample(dataset, key, what), check_sample(copy, key, what)
         require(_equal(first, again), f"{what}: sample '{key}' differs when read a second time")
@@ -118,6 +121,9 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
             first.flow is None or (first.flow.dtype == np.float32 and bool(np.isfinite(first.flow).all())),
             f"{what}: the flow of '{key}' must be float32 and finite; mark unknown pixels in the valid mask",
         )
+        if before is not None:
+            require(_equal(*before), f"{what}: load('{key}') overwrites the sample loaded before; return new arrays")
+        before = first, deepcopy(first)
         require(first.valid is None or bool(first.valid.any()), f"{what}: sample '{key}' has no pixel with known flow")
     try:
         dataset.load("no such key")
