@@ -7,11 +7,10 @@ import secrets
 import shutil
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 
 from ..benchmarks.demo import DEMO_CLASSES
 from ..corruptions import Corruption
@@ -25,60 +24,40 @@ KEPT = 4
 """Maximum number of stored uploads; the least recently used upload is removed first."""
 
 
-class PairSource(Protocol):
+@dataclass(frozen=True)
+class PairSource:
     """A source of one or more pairs.
 
     Attributes:
+        name: name of the source.
+        pairs: number of pairs.
+        sample: function that loads a pair, by its index from 0.
         classes: corruption classes used in a run on these frames, see `Benchmark.classes`.
+        folder: folder that is removed together with the source; None if the pair is in memory.
     """
 
     name: str
     pairs: int
-    classes: Mapping[str, type[Corruption]]
-
-    def sample(self, index: int) -> Sample:
-        """Return pair number `index`, from 0."""
+    sample: Callable[[int], Sample]
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
+    folder: Path | None = None
 
     def close(self) -> None:
         """Remove the files of the source."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
 
-@dataclass
-class OnePair:
-    """A source with a single pair in memory."""
-
-    name: str
-    held: Sample
-    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
-    pairs: int = 1
-
-    def sample(self, index: int) -> Sample:
-        """See `PairSource.sample`."""
-        return self.held
-
-    def close(self) -> None:
-        """See `PairSource.close`."""
+def one_pair(name: str, pair: Sample, classes: Mapping[str, type[Corruption]] = MappingProxyType({})) -> PairSource:
+    """Make a source of a single pair in memory."""
+    return PairSource(name, 1, lambda _: pair, classes)
 
 
-class UploadedClip:
-    """A source of pairs of adjacent frames from the video at `path`. `folder` is removed together with the
-    source."""
-
-    classes: Mapping[str, type[Corruption]] = MappingProxyType({})
-
-    def __init__(self, name: str, path: Path, folder: Path) -> None:
-        self.name = name
-        self._folder = folder
-        self._video = Video(path)
-        self.pairs = len(self._video.keys())
-
-    def sample(self, index: int) -> Sample:
-        """See `PairSource.sample`."""
-        return self._video.load(self._video.keys()[index])
-
-    def close(self) -> None:
-        """See `PairSource.close`."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+def clip_pairs(name: str, path: Path, folder: Path) -> PairSource:
+    """Make a source of the pairs of adjacent frames in a video file inside `folder`."""
+    video = Video(path)
+    keys = video.keys()
+    return PairSource(name, len(keys), lambda index: video.load(keys[index]), folder=folder)
 
 
 class SourceStore:
@@ -92,7 +71,7 @@ class SourceStore:
     def __init__(self, kept: int = KEPT) -> None:
         demo = Motorcycle()
         pair = demo.load(demo.keys()[0])
-        self._demo = OnePair("Motorcycle (Middlebury 2014)", replace(pair, depth=demo.depth(pair)), DEMO_CLASSES)
+        self._demo = one_pair("Motorcycle (Middlebury 2014)", replace(pair, depth=demo.depth(pair)), DEMO_CLASSES)
         self._kept = kept
         self._sources: OrderedDict[str, PairSource] = OrderedDict()
         self._lock = threading.Lock()

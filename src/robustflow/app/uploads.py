@@ -21,7 +21,7 @@ from ..images.io import stored_size
 from ..layout import VIDEO_SUFFIXES
 from ..sample import Sample
 from ..video.container import open_video
-from .pairs import OnePair, PairSource, UploadedClip
+from .pairs import PairSource, clip_pairs, one_pair
 
 MAX_BYTES = 64 * 2**20
 """Maximum total size of all files of one upload."""
@@ -82,7 +82,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
     raise UsageError("give two frames, optionally with ground truth, or one clip")
 
 
-def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
+def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
     paths = []
     for field in ("frame1", "frame2"):
         path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "an image")
@@ -93,7 +93,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     frames = read_frames((paths[0], paths[1]))
     name = f"{paths[0].name}, {paths[1].name}"
     if "truth" not in files:
-        return OnePair(name, Sample(paths[0].stem, frames))
+        return one_pair(name, Sample(paths[0].stem, frames))
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
     if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # checked before decompression
         height, width = stored_size(truth)
@@ -101,10 +101,10 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")
-    return OnePair(name, Sample(paths[0].stem, frames, flow, valid))
+    return one_pair(name, Sample(paths[0].stem, frames, flow, valid))
 
 
-def _clip(file: UploadFile, folder: Path) -> UploadedClip:
+def _clip(file: UploadFile, folder: Path) -> PairSource:
     path = _saved(file, folder / "clip", VIDEO_SUFFIXES, "a video")
     try:
         with open_video(path) as container:
@@ -115,7 +115,7 @@ def _clip(file: UploadFile, folder: Path) -> UploadedClip:
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
         raise DataError(f"{path}: clips are limited to {most}; shorten the clip or scale it down")
-    return UploadedClip(path.name, path, folder)
+    return clip_pairs(path.name, path, folder)
 
 
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:
