@@ -89,7 +89,7 @@ def _claims(width: int, height: int) -> bytes:
         ({"frame1": ("a.png", _claims(60000, 60000))}, "decompression bomb"),
         ({"frame1": ("a.png", _png(FRAME[:-1]))}, "frames differ in size"),
         ({"truth": ("gt.flo", b"PIEH")}, "gt.flo"),
-        ({"truth": ("gt.flo", _flo(9, 9, True))}, "the flow is 9x9"),
+        ({"truth": ("gt.flo", _flo(9, 9, True))}, "the flow is float32 (9, 9, 2); expected"),
         ({"truth": ("gt.flo", _flo(96, 144, False))}, "no pixel with known flow"),
         ({"truth": ("gt.npz", b"PK")}, "gt.npz: not ground truth"),
         ({"truth": ("gt.png", _png(FRAME))}, "gt.png"),
