@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import Field, dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -126,7 +126,7 @@ class Attack(ABC):
         Raises:
             UsageError: an unknown option.
         """
-        known = {each.name: each.default for each in fields(cls) if each.compare}
+        known = {each.name: each.default for each in cls._option_fields()}
         for option, value in options.items():
             if option not in known:
                 raise unknown_name(f"option of attack {cls.name}", option, known)
@@ -142,12 +142,16 @@ class Attack(ABC):
 
     def known_options(self) -> set[str]:
         """The names of all options."""
-        return {each.name for each in fields(self) if each.compare}
+        return {each.name for each in self._option_fields()}
 
     def options(self) -> dict[str, Any]:
         """The options that differ from their defaults."""
-        values = ((each, getattr(self, each.name)) for each in fields(self) if each.compare)
+        values = ((each, getattr(self, each.name)) for each in self._option_fields())
         return {each.name: value for each, value in values if value != each.default}
+
+    @classmethod
+    def _option_fields(cls) -> list[Field[Any]]:
+        return [each for each in fields(cls) if each.compare]
 
     @property
     def label(self) -> str:

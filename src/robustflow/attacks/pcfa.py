@@ -11,9 +11,8 @@ import numpy as np
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
 from .base import Attack
-from .images import Images
+from .images import WHITE, Images
 from .problem import Problem
-from .result import saturated
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -61,15 +60,14 @@ class Pcfa(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; deterministic."""
-        with problem.reproducible():  # the sums in LBFGS depend on the number of threads
-            return self._run(problem)
+        from ..models.torch.reproducible import reproducible
 
-    def _run(self, problem: Problem) -> Images:
-        search = _Search(self, problem)
-        if self.box == "change" and saturated(problem.ball.clean) > _SATURATED:
+        if self.box == "change" and _saturated(problem.ball.clean) > _SATURATED:
             problem.troubles.add("saturated")
-        search.run(self.steps)
-        return problem.best if self.variant == "default" else problem.ball.project(search.kept)
+        with reproducible(getattr(problem.model, "threads", 1)):  # the sums in LBFGS depend on the number of threads
+            search = _Search(self, problem)
+            search.run(self.steps)
+            return problem.best if self.variant == "default" else problem.ball.project(search.kept)
 
 
 class _Search:
@@ -81,7 +79,7 @@ class _Search:
         self._problem = problem
         self._cut = attack.variant == "default"
         self._clean = torch.from_numpy(problem.ball.clean)
-        self._bound = problem.ball.budget / 255
+        self._bound = problem.ball.budget / WHITE
         self._weight = _WEIGHT / self._bound * (1.0 if attack.target == "zero" else 1.5)
         self._moved = range(2)[problem.ball.perturbed]
         frames = [self._clean[place].clone() for place in self._moved]
@@ -173,3 +171,8 @@ class _Search:
 
         every = dict(zip(self._moved, frames, strict=True))
         return torch.stack([every.get(place, self._clean[place]) for place in (0, 1)])
+
+
+def _saturated(clean: Images) -> float:
+    """Return the share of clean values that are 0 or 1."""
+    return float(np.mean((clean == 0) | (clean >= np.float32((WHITE - 0.5) / WHITE))))

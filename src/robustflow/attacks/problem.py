@@ -134,13 +134,6 @@ class Problem:
             self.troubles.add("gradient_zero")
         return answer.value, answer.flow, gradient
 
-    def reproducible(self) -> Any:
-        """Return a context in which PyTorch's results are reproducible and do not depend on the caller's number
-        of threads."""
-        from ..models.torch.reproducible import reproducible
-
-        return reproducible(getattr(self.model, "threads", 1))
-
     def checked(self, images: Any, attack: str) -> Images:
         """Project the images that an attack returned into the ball.
 

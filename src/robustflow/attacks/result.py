@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..sample import Flow, Frame
-from .images import WHITE, Images
+from .images import Images
 
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
@@ -96,12 +96,3 @@ def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[f
     change = np.stack(frames).astype(np.int16) - np.stack(clean)
     squares = np.square(change, dtype=np.float64)
     return float(np.abs(change).max()), float(np.sqrt(squares.mean())), float(np.count_nonzero(change) / change.size)
-
-
-def saturated(clean: Images) -> float:
-    """Return the share of clean values that are 0 or 1.
-
-    >>> saturated(np.array([0.0, 0.5, 1.0, 1.0], np.float32))
-    0.75
-    """
-    return float(np.mean((clean == 0) | (clean >= np.float32((WHITE - 0.5) / WHITE))))

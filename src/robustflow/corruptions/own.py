@@ -19,7 +19,7 @@ from ..random.rng import Rng
 from ..sample import Frame, SceneDepth, described_array
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
-from ..target import called, checked_name, described, import_target, own_name
+from ..target import called, checked_name, described, own_name
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
 from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
@@ -113,15 +113,6 @@ def register_custom(made: Made) -> str:
     name = checked_name(made, "corruption", lambda name: name in SHIPPED or on_disk(name) is not None)
     _own[name] = made
     return name
-
-
-def register_target(target: str) -> str:
-    """Import `module.path:Attribute`, register it, and return its name.
-
-    Raises:
-        UsageError: the target cannot be imported or is not a corruption.
-    """
-    return register_custom(import_target(target, "corruption"))
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:

@@ -13,10 +13,10 @@ from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
-from ..target import is_target
+from ..target import import_target, is_target
 from .base import Corruption
 from .on_disk import refuse_on_disk
-from .own import is_known, own_corruption, register_target
+from .own import is_known, own_corruption, register_custom
 from .registry import CORRUPTIONS, FURTHER, SHIPPED
 from .scale import calibrated_levels
 
@@ -81,7 +81,7 @@ def with_targets_registered(name: str) -> str:
         head, _, tail = part.rpartition(_COLON)
         target, level = (head.strip(), f"{_COLON}{tail.strip()}") if tail.strip().isdecimal() else (part, "")
         if is_target(target) and target.partition(_COLON)[0] not in SHIPPED:
-            part = register_target(target) + level
+            part = register_custom(import_target(target, "corruption")) + level
         parts.append(part)
     return _PLUS.join(parts)
 
