@@ -2,7 +2,7 @@
 
 import pytest
 
-from .launch import SCRIPTED, running_app
+from .launch import SCRIPTED, running_app, with_demo
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -13,7 +13,7 @@ def _installed():
 
 
 @pytest.fixture(scope="session")
-def app(tmp_path_factory):
-    """A running app that offers a scripted model first."""
-    with running_app(tmp_path_factory.mktemp("app"), "--model", SCRIPTED) as running:
+def app(tmp_path_factory, small_demo):
+    """A running app with the small demo pair, which offers a scripted model first."""
+    with running_app(tmp_path_factory.mktemp("app"), "--model", SCRIPTED, start=with_demo(small_demo)) as running:
         yield running

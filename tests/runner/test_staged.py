@@ -90,7 +90,7 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     for _ in range(cells_ahead(1)):
         driver.send(("cell", next(cells)))
     requests, made = [], 0
-    while driver.poll(3 if made else 60) or device.poll():
+    while driver.poll(60 if made < max(1, slots.count) else 0.5) or device.poll():
         if driver.poll():
             kind, _ = driver.recv()
             assert kind == "made"
