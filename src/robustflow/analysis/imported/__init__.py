@@ -12,10 +12,10 @@ from pathlib import Path
 from ...errors import DataError
 from ..model_result import ModelResult
 from . import flowbench, reference
+from .description import NOTE
 from .json_file import read_json_file
 
-NOTE = "imported, not verifiable: no seed, no rows"
-"""The note on every imported line."""
+__all__ = ["NOTE", "read_imported"]
 
 
 def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
@@ -31,7 +31,7 @@ def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
     Raises:
         DataError: if a file cannot be read, has neither format, or contains invalid values.
     """
-    benchmarks: list[reference.Results] = []
+    benchmarks: list[ModelResult] = []
     experiments: list[flowbench.Experiment] = []
     for path in paths:
         content = read_json_file(path)
@@ -44,4 +44,4 @@ def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
                 f"{path} is neither a results.json of the reference code nor a metrics_DATASET.json of FlowBench; "
                 "give one of these, a CSV file of results, or a run's folder or record"
             )
-    return [*reference.lines(benchmarks, NOTE), *flowbench.lines(experiments, NOTE)]
+    return [*benchmarks, *flowbench.lines(experiments)]

@@ -32,7 +32,7 @@ from ...text import plain
 from ..model_result import ModelResult, Value
 from ..results import AVERAGE
 from ..run_results import OWN_SETTING
-from .averaged import averaged_over
+from .description import NOTE, averaged_over
 from .json_file import finite_number
 
 FLOWBENCH_CORRUPTIONS = (
@@ -127,7 +127,7 @@ def model_and_metrics(entry: dict[str, Any], where: str) -> tuple[str, str, dict
     return plain(str(names[0]), 40), plain(str(names[1]), 40), metrics
 
 
-def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]:
+def lines(experiments: Sequence[Experiment]) -> Iterator[ModelResult]:
     """Yield a line for each model, averaged over the severities that all of the model's corruptions have. Models
     without corrupted frames are left out. CRE is the difference from the clean error over the same images and pixels.
     Models on one dataset under the same corruptions and severities form a sample set.
@@ -158,7 +158,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
             given |= {("cre", name): value - clean for name, value in values.items()}
         yield ModelResult(
             *(f"FlowBench {dataset}", f"FlowBench, {dataset}, {conditions}"),
-            *(_setting(dataset, model, checkpoint), f"{model} {checkpoint}", note),
+            *(_setting(dataset, model, checkpoint), f"{model} {checkpoint}", NOTE),
             {key: Value(value, source=_SOURCE) for key, value in given.items()},
         )
 

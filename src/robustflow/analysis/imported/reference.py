@@ -13,8 +13,6 @@ over pixels and then over images. "brightness" is the corruption that the paper 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import fsum
 from pathlib import Path
 from typing import Any
@@ -29,28 +27,13 @@ from ...text import plain
 from ..model_result import ModelResult, Value
 from ..results import AVERAGE
 from ..run_results import OWN_SETTING
-from .averaged import averaged_over
+from .description import NOTE, averaged_over
 from .json_file import finite_number
 
 _METRICS = {"corrupt_EPE": "epe", "CRE": "cre", "rCRE": "rcre"}
 _PAPER_NAMES = {on_disk: name for name, on_disk in DISK_NAMES.items()}
 _KNOWN = (*(DISK_NAMES.get(name, name) for name in PAPER_ORDER), "elastic_transform")
 _SOURCE = "results.json of the reference code"
-
-
-@dataclass(frozen=True)
-class Results:
-    """The content of one `results.json`.
-
-    Attributes:
-        model: name of the file's folder, which the reference code names after the model, the setting and the time.
-        benchmark: name of the benchmark, "kitti-fc" or "gopro-fc".
-        values: (metric, corruption or "clean") -> mean over severities.
-    """
-
-    model: str
-    benchmark: str
-    values: dict[tuple[str, str], float]
 
 
 def is_reference(content: Any) -> bool:
@@ -67,8 +50,9 @@ def is_reference(content: Any) -> bool:
     )
 
 
-def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
-    """Parse the content of a file.
+def parse(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
+    """Parse the content of a file, whose folder the reference code names after the model, the setting and the time.
+    Files of one benchmark with the same corruptions form a sample set, because the release has only one set of frames.
 
     Raises:
         DataError: if a corruption is unknown, the number of values is not five, or a value is not a finite number.
@@ -89,19 +73,15 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
     clean = _clean(content, path)
     if clean is not None:
         values["epe", CLEAN] = clean
+    benchmark = "kitti-fc" if any(metric == "epe" for metric, _ in values) else "gopro-fc"
+    names = [name for name in PAPER_ORDER if any(corruption == name for _, corruption in values)]
+    for metric in _METRICS.values():
+        if names and all((metric, name) in values for name in names):
+            values[metric, AVERAGE] = fsum(values[metric, name] for name in names) / len(names)
+    frames = f"Reference code, {benchmark}, {averaged_over(names, benchmark_facts(benchmark).paper_corruptions)}"
     model = path.expanduser().resolve().parent.name if path.name == "results.json" else path.stem
-    has_flow = any(metric == "epe" for metric, _ in values)
-    return Results(plain(model) or "unnamed", "kitti-fc" if has_flow else "gopro-fc", values)
-
-
-def lines(files: Sequence[Results], note: str) -> Iterator[ModelResult]:
-    """Yield a line for each file. Files of one benchmark with the same corruptions form a sample set, because the
-    release has only one set of frames."""
-    for file in files:
-        wanted = benchmark_facts(file.benchmark).paper_corruptions
-        frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
-        values = {key: Value(value, source=_SOURCE) for key, value in _with_averages(file).items()}
-        yield ModelResult(file.benchmark, frames, OWN_SETTING, file.model, note, values)
+    cells = {key: Value(value, source=_SOURCE) for key, value in values.items()}
+    return ModelResult(benchmark, frames, OWN_SETTING, plain(model) or "unnamed", NOTE, cells)
 
 
 def _mean(written: Any, where: str, signed: bool) -> float:
@@ -117,19 +97,3 @@ def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
         if isinstance(values, list) and values:
             return finite_number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
     return None
-
-
-def _averaged(file: Results) -> tuple[str, ...]:
-    """Return the corruptions to average: those of the paper, without elastic_transform."""
-    names = {corruption for _, corruption in file.values}
-    return tuple(name for name in PAPER_ORDER if name in names)
-
-
-def _with_averages(file: Results) -> dict[tuple[str, str], float]:
-    names = _averaged(file)
-    means = {
-        (metric, AVERAGE): fsum(file.values[metric, name] for name in names) / len(names)
-        for metric in _METRICS.values()
-        if names and all((metric, name) in file.values for name in names)
-    }
-    return {**file.values, **means}

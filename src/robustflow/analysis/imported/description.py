@@ -1,10 +1,13 @@
-"""Describe the set of corruptions in an average; each set has its own description."""
+"""Describe imported lines: the note on each of them, and the corruptions in an average."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ...text import counted
+
+NOTE = "imported, not verifiable: no seed, no rows"
+"""The note on every imported line."""
 
 
 def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
