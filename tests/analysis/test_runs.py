@@ -159,6 +159,8 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
     (cells_of_line,) = whole_content([gaps], published=False).cells.values()
     assert cells_of_line["coverage", ""].text == "0.75"
+    (lead, *_) = headline(whole_content([gaps, made_run(runs[0], runs[0].rows, "Whole")], published=False))
+    assert "on 75.0 % of the pixels" in lead
     for name in ("means", "uncoupled", "cost", "row"):
         (table,) = tables_of([gaps], published=False, wanted=[name])
         assert "errors cover 75.0 % of the pixels" in table.lines[0].note, name

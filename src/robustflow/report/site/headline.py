@@ -152,9 +152,10 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
 
 
 def _shown(line: ModelResult, key: ValueKey) -> str:
-    """State a score together with the clean EPE, which is needed to interpret it."""
+    """State a score together with the clean EPE and the share of predicted pixels, which are needed to interpret it."""
     clean = _text(line, _CLEAN)
-    return f"{METRIC_LABELS[key[0]]} {line.values[key].text} px" + (f"; clean EPE {clean} px" if clean else "")
+    text = f"{METRIC_LABELS[key[0]]} {line.values[key].text} px" + (f"; clean EPE {clean} px" if clean else "")
+    return text if line.coverage is None else f"{text}; on {100 * line.coverage:.1f} % of the pixels"
 
 
 def _text(line: ModelResult, key: ValueKey) -> str:
