@@ -251,9 +251,14 @@ def test_seeds_of_a_still_run_are_draws_in_one_folder(robustflow, tmp_path):
 
 def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(robustflow, monkeypatch):
     from robustflow.corruptions import machine_check
+    from robustflow.video import machine_check as clips
 
     monkeypatch.setattr(machine_check, "CHECKED", ("contrast", "pixelate"))
-    assert robustflow.prints("corrupt", "--check") == "2 of 2 corruptions match the reference bytes on this machine\n"
+    assert robustflow.prints("corrupt", "--check") == "7 of 7 corruptions match the reference bytes on this machine\n"
+    monkeypatch.setattr(clips, "compare_with_package", lambda: [("bit_error", "different bytes at severity 5")])
+    code, out, _ = robustflow("corrupt", "--check")
+    assert (code, out.splitlines()[0]) == (1, "bit_error: different bytes at severity 5")
+    monkeypatch.setattr(clips, "compare_with_package", list)
     # contrast and pixelate have no random parameter
     monkeypatch.setattr(machine_check, "_SEED", machine_check._SEED + 1)
     robustflow.prints("corrupt", "--check")

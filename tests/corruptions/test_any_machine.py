@@ -8,16 +8,26 @@ import sys
 import pytest
 
 from robustflow.corruptions import machine_check
+from robustflow.video import machine_check as clips
 
 SCRIPT = """
+import ctypes
 import hashlib
+import os
+import tempfile
+from pathlib import Path
+import av
 import cv2
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS
 from robustflow.datasets.motorcycle import Motorcycle
 from robustflow.errors import AssetError
 from robustflow.sample import SceneDepth
+from robustflow.video import machine_check
 
+if "FFMPEG_WITH_SSE2" in os.environ:
+    used = (line.split()[-1] for line in open("/proc/self/maps") if "libavutil" in line)
+    ctypes.CDLL(next(used)).av_force_cpu_flags(0b11011)  # MMX, MMX2, SSE and SSE2
 cv2.setNumThreads(1)
 part = slice(100, 221), slice(200, 387)
 sample = Motorcycle().load("motorcycle")
@@ -32,6 +42,10 @@ for name in CORRUPTIONS.names():
     except AssetError:
         continue
     print(name, hashlib.sha256(b"".join(frame.tobytes() for pair in pairs for frame in pair)).hexdigest())
+with tempfile.TemporaryDirectory() as folder:
+    clip = machine_check.prepared_clip(Path(folder))
+    for name in CLIP:
+        print(name, "".join(machine_check.digests_of(name, clip).values()))
 """
 
 OLDEST = {
@@ -39,6 +53,7 @@ OLDEST = {
     "NUMBA_CPU_FEATURES": "",
     "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX512-ICL,AVX2,AVX,FMA3,SSE4.2,SSE4.1",
     "JSIMD_FORCENONE": "1",
+    "FFMPEG_WITH_SSE2": "1",
 }
 
 
@@ -53,12 +68,12 @@ def digests(**environment):
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="tests the baseline x86-64 instructions")
 def test_oldest_instructions_give_the_same_bytes(tmp_path):
     here = digests()
-    assert len(here) >= 19
+    assert len(here) >= 24
     assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
 
 
 @pytest.mark.slow  # compilation and computation take half a minute; psf_blur alone takes five seconds
 def test_this_machine_gives_the_bytes_of_the_packages_digests():
-    compared = dict(machine_check.compare_with_package())
-    assert len(compared) >= 21
+    compared = dict(machine_check.compare_with_package()) | dict(clips.compare_with_package())
+    assert len(compared) >= 26
     assert {name: what for name, what in compared.items() if what and not what.startswith("not compared")} == {}

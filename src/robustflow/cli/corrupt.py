@@ -94,8 +94,9 @@ def corrupt(
 def _check_machine() -> None:
     """Print a line for every corruption whose result differs on this machine; exit with 1 if there are any."""
     from ..corruptions.machine_check import compare_with_package
+    from ..video import machine_check as clips
 
-    compared = list(compare_with_package())
+    compared = [*compare_with_package(), *clips.compare_with_package()]
     for name, difference in compared:
         if difference:
             typer.echo(f"{name}: {difference}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from importlib import resources
+from importlib.resources.abc import Traversable
 
 import numpy as np
 
@@ -26,9 +27,15 @@ _SHIFT = (2, 5)
 
 def compare_with_package() -> Iterator[tuple[str, str]]:
     """Yield each corruption with a description of how this machine's frames differ (empty if they are identical)."""
-    path = resources.files(__package__) / "data" / "digests.json"
+    yield from compare(CHECKED, digests_of, resources.files(__package__) / "data" / "digests.json")
+
+
+def compare(
+    names: Iterable[str], digests_of: Callable[[str], dict[str, str]], path: Traversable
+) -> Iterator[tuple[str, str]]:
+    """Yield each name with a description of how `digests_of` differs from the JSON file at `path`."""
     expected = json.loads(path.read_text(encoding="utf-8"))
-    for name in CHECKED:
+    for name in names:
         try:
             found = digests_of(name)
         except AssetError as error:
@@ -54,14 +61,24 @@ def digests_of(name: str) -> dict[str, str]:
 
 
 def _pair() -> tuple[Frame, Frame]:
-    """Return a 96x160 frame of coloured, noisy blocks and a shifted copy, computed using only integer arithmetic."""
+    frame = _first_frame()
+    return frame, np.roll(frame, _SHIFT, axis=(0, 1))
+
+
+def moving_frames(count: int) -> list[Frame]:
+    """Return the frames of a clip, uint8 (96, 160, 3), whose upper and lower halves move in opposite directions."""
+    upper, lower = np.vsplit(_first_frame(), 2)
+    return [np.vstack([np.roll(upper, 2 * i, axis=1), np.roll(lower, -3 * i, axis=1)]) for i in range(count)]
+
+
+def _first_frame() -> Frame:
+    """Return a 96x160 frame of coloured, noisy blocks, computed using only integer arithmetic."""
     rng = Rng.of("machine check")
     height, width = (blocks * _SIDE for blocks in _BLOCKS)
     colours = rng.bits(_BLOCKS[0] * _BLOCKS[1] * 3) % 224
     noise = rng.bits(height * width * 3) % 32
     blocks = colours.reshape(*_BLOCKS, 3).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
-    frame = (blocks + noise.reshape(height, width, 3)).astype(np.uint8)
-    return frame, np.roll(frame, _SHIFT, axis=(0, 1))
+    return (blocks + noise.reshape(height, width, 3)).astype(np.uint8)
 
 
 def _depth() -> SceneDepth:
