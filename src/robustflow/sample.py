@@ -26,6 +26,16 @@ _LARGEST, _FARTHEST = 1e9, 1e6
 """Largest intrinsics in pixels, and largest translation along an axis in metres."""
 
 
+def unmasked(array: Any) -> Any:
+    """Replace the masked values of a NumPy masked array of floats by NaN; conversion to an array would reveal what the
+    mask hides. Other objects are returned unchanged.
+
+    >>> unmasked(np.ma.masked_greater([1.0, 2.0], 1.5)).tolist()
+    [1.0, nan]
+    """
+    return array.filled(np.nan) if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f" else array
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """The pinhole camera of both frames, and its motion between them.

@@ -40,6 +40,15 @@ def test_doubles_strides_and_numeric_masks_give_the_same_numbers():
             assert got == wanted
 
 
+def test_masked_pixels_are_left_out():
+    truth = np.full((2, 3, 2), 4.0)
+    truth[0, 0] = 1e6
+    masked = np.ma.masked_greater(truth, 1e3)
+    flow = np.full((2, 3, 2), [1.0, 0.0])
+    assert rf.metrics.epe(flow, masked) == rf.metrics.rcre(masked, flow) == 5.0
+    assert rf.metrics.fl_all(flow, masked) == 100.0
+
+
 @pytest.mark.torch
 def test_tensors_with_gradients_give_the_same_numbers():
     torch = pytest.importorskip("torch", reason="needs the torch extra")

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError
-from ..sample import Flow, Mask
+from ..sample import Flow, Mask, unmasked
 from .error_maps import epe_map, error_sum, magnitude_map
 from .outliers import FL_PIXELS, FL_SHARE
 
@@ -21,8 +21,8 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
         valid: (H, W) mask of the pixels to average over, bool or numbers (0 is False); all pixels by default.
 
     Returns:
-        The mean error, or None if there are no pixels to average over. Pixels where either flow is not finite are
-        excluded from the average; check for them with `np.isfinite` first, as `evaluate` does.
+        The mean error, or None if there are no pixels to average over. Pixels where either flow is masked or not
+        finite are excluded from the average; check for them with `np.isfinite` first, as `evaluate` does.
 
     Raises:
         DataError: a wrong dtype or shape, or shapes that differ.
@@ -69,7 +69,7 @@ def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
     """Convert an array, or a tensor on any device, to a NumPy array."""
-    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
+    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else unmasked(array))
 
 
 def _flow(array: Any) -> Flow:

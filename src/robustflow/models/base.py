@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from ..errors import ModelError, RobustFlowError, first_line
-from ..sample import Flow, Frame
+from ..sample import Flow, Frame, unmasked
 from ..target import working_folder_kept
 from .traceback_hint import traceback_hint
 from .window import Window
@@ -248,8 +248,7 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     """
     expected = (*frames[0].shape[:2], 2)
     try:
-        masked = isinstance(flow, np.ma.MaskedArray) and flow.dtype.kind == "f"
-        array = np.asarray(flow.filled(np.nan) if masked else flow)
+        array = np.asarray(unmasked(flow))
     except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
