@@ -43,3 +43,20 @@ def test_a_dataset_given_twice_is_refused(tmp_path):
 
     with pytest.raises(UsageError, match="kitti2015 is given twice"):
         evaluation_sets([f"kitti2015={tmp_path}", f"kitti2015={tmp_path}"], 2, "64x96")
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--loaders", "-1"], "-1 is not in the range"),
+        (["-o", "~nobody_here/out"], "there is no such user"),
+    ],
+)
+def test_options_that_no_experiment_can_use_are_refused(options, message):
+    pytest.importorskip("torch", reason="needs the torch extra")
+
+    result = CliRunner().invoke(app, ["experiment", "robust-training", *options], env={"COLUMNS": "200"})
+
+    assert result.exit_code != 0
+    assert message in f"{result.output} {result.exception}"

@@ -24,7 +24,7 @@ def robust_training(
     severities: Annotated[str, typer.Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
     shapes: Annotated[int, typer.Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
     size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
-    loaders: Annotated[int, typer.Option(help="Processes that prepare batches in advance.")] = 1,
+    loaders: Annotated[int, typer.Option(min=0, help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
     """Test whether training with corruptions helps against unseen corruptions, holding out noise, then weather.
 
@@ -43,10 +43,11 @@ def robust_training(
     from ..atomic import write_bytes
     from ..experiments.findings import findings
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment
+    from ..layout import user_path
     from .interrupt import Interrupted, stopped
 
     experiment = TrainingExperiment(
-        output.expanduser(),
+        user_path(output),
         evaluation_sets(data or [], shapes, size),
         seeds=seeds,
         steps=steps,
