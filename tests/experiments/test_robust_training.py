@@ -49,7 +49,7 @@ def test_a_dataset_given_twice_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--loaders", "-1"], "-1 is not in the range"),
+        (["--loaders", "-1"], "should be greater than or equal to 0"),
         (["-o", "~nobody_here/out"], "there is no such user"),
     ],
 )
