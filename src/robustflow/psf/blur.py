@@ -191,4 +191,4 @@ def _blending(rows: Axis, top: int, height: int) -> tuple[npt.NDArray[np.int64],
     weights = np.zeros((len(chunks), 4 * groups, CHUNK), np.float32)
     for number, (chunk, nodes_) in enumerate(zip(chunks, used, strict=True)):
         weights[number, : nodes_[-1] - nodes_[0] + 1] = chunk[nodes_[0] : nodes_[-1] + 1]
-    return np.array([nodes_[0] for nodes_ in used]), weights
+    return np.array([nodes_[0] for nodes_ in used]), weights.reshape(len(chunks), -1)

@@ -149,13 +149,13 @@ def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
     Args:
         spectrum: kernels of the nodes at one frequency, real and imaginary parts, float32 (n, L, 2).
         first: index of the first node with a non-zero weight in these rows.
-        weights: weights of the nodes starting at `first`, float32 (4 g, CHUNK).
+        weights: weights of the nodes starting at `first`, float32 (4 g * CHUNK,).
         blended: output array for the three parts, float32 (L * 3 * CHUNK,).
     """
     blended[:] = 0
     last = spectrum.shape[0] - 1
-    for node in range(0, weights.shape[0], 4):
-        w = weights[node : node + 4].ravel()
+    for node in range(0, weights.size // CHUNK, 4):
+        w = weights[node * CHUNK : (node + 4) * CHUNK]
         a, b = spectrum[min(first + node, last)], spectrum[min(first + node + 1, last)]
         c, d = spectrum[min(first + node + 2, last)], spectrum[min(first + node + 3, last)]
         for lag in range(spectrum.shape[1]):
@@ -219,7 +219,7 @@ def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: An
         shape: number of valid rows of `image` and number of rows of the blurred image; half the difference is the
             kernels' reach.
         firsts: index of the first node with a non-zero weight for each of c chunks of rows, int64 (c,).
-        weights: weights of the nodes starting at that index, float32 (c, 4 g, CHUNK).
+        weights: weights of the nodes starting at that index, float32 (c, 4 g * CHUNK).
         top: index of the row in the result at which the first chunk begins.
         out: output array for the blurred rows, with the imaginary part before the real part, float32 (3, h, T, 2,
             BLOCK).

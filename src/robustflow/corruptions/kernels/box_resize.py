@@ -68,8 +68,7 @@ def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any
     """
     width = source.shape[1]
     sums = np.empty(width, np.uint32)
-    means = np.empty((weights.size, width), np.uint8)
-    flat = means.reshape(-1)
+    means = np.empty(weights.size * width, np.uint8)
     for y in range(source.shape[0]):
         s = source[y]
         sums[:] = 0
@@ -78,12 +77,13 @@ def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any
             for x in range(tail.size):
                 sums[x] += tail[x]
             if n >= fewest:
-                weight, mean = weights[n - fewest], means[n - fewest]
+                weight, begin = weights[n - fewest], (n - fewest) * width
+                mean = means[begin : begin + width]
                 for x in range(width):
                     mean[x] = (sums[x] * weight + np.uint32(_HALF)) >> np.uint32(22)
         o = out[y]
         for i in range(picks.size):
-            p, q = flat[picks[i] : picks[i] + 3], o[3 * i : 3 * i + 3]
+            p, q = means[picks[i] : picks[i] + 3], o[3 * i : 3 * i + 3]
             q[0], q[1], q[2] = p[0], p[1], p[2]
 
 

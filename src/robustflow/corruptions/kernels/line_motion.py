@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ...compiled import inner, njit
-from ...images.contiguous import contiguous
 from ...sample import Frame
 
 
@@ -48,40 +48,23 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
 
 def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
     """Blur an image, uint8 (H, W, C), along a line; return a new uint8 array, rounded once."""
-    height, width, channels = frame.shape
-    rows = contiguous(frame).reshape(height, width * channels)
-    return _moved(np.left_shift(rows, 8, dtype=np.uint16), channels, kernel).reshape(frame.shape)
+    return _moved(np.left_shift(frame, 8, dtype=np.uint16), kernel)
 
 
 def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
     """Blur one channel along a line: uint16 (H, W) in 1/256 grey levels, at most 65280; return uint8 (H, W)."""
-    return _moved(np.ascontiguousarray(plane), 1, kernel)
+    return _moved(plane, kernel)
 
 
-def _moved(rows: npt.NDArray[np.uint16], step: int, kernel: LineKernel) -> npt.NDArray[np.uint8]:
-    """Blur rows of pixels in 1/256 grey levels; horizontal neighbours within a channel are `step` values apart."""
-    out = np.empty(rows.shape, np.uint8)
-    _move(rows, step, kernel.offsets, *_extent(kernel), kernel.weights, out)
-    return out
-
-
-def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
-    """Return the extent of the taps upwards and to the left (0 or negative), and downwards and to the right."""
-    (up, left), (down, right) = kernel.offsets.min(axis=0).tolist(), kernel.offsets.max(axis=0).tolist()
-    return min(0, up), max(0, down), min(0, left), max(0, right)
-
-
-@inner
-def _pad(row: Any, step: int, before: int, out: Any) -> None:
-    """Pad a row by repeating its edge pixels on both sides."""
-    n = row.size
-    for i in range(before):
-        out[i] = row[i % step]
-    middle = out[before : before + n]
-    for i in range(n):
-        middle[i] = row[i]
-    for i in range(out.size - before - n):
-        out[before + n + i] = row[n - step + i % step]
+def _moved(image: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
+    """Blur an image in 1/256 grey levels, uint16 (H, W) or (H, W, C)."""
+    (up, left), (down, right) = np.minimum(kernel.offsets.min(axis=0), 0), np.maximum(kernel.offsets.max(axis=0), 0)
+    padded = cv2.copyMakeBorder(np.ascontiguousarray(image), -up, down, -left, right, cv2.BORDER_REPLICATE)
+    length, step = padded[0].size, padded[0, 0].size
+    starts = (kernel.offsets[:, 0] - up) * length + (kernel.offsets[:, 1] - left) * step
+    out = np.empty((len(image), image[0].size), np.uint8)
+    _move(padded.reshape(-1), length, starts, kernel.weights, out)
+    return out.reshape(image.shape)
 
 
 @inner
@@ -102,48 +85,30 @@ def _add_four_taps(total: Any, a: Any, b: Any, c: Any, d: Any, w: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _move(
-    source: Any,
-    step: int,
-    offsets: Any,
-    top: int,
-    bottom: int,
-    left: int,
-    right: int,
-    weights: Any,
-    out: Any,
-) -> None:
-    height, n = source.shape
-    taps = len(weights)
-    before, after = -left * step, right * step
-    window, length = bottom - top + 1, before + n + after
-    rows = np.empty(window * length, np.uint16)
-    starts = np.empty(taps, np.int64)
+def _move(padded: Any, length: int, starts: Any, weights: Any, out: Any) -> None:
+    """Sum the taps; tap k of row y begins at `padded[y * length + starts[k]]`."""
+    n, taps = out.shape[1], len(weights)
     total = np.empty(n, np.uint16)
-    for y in range(top, bottom):
-        begin = (y % window) * length
-        _pad(source[min(max(y, 0), height - 1)], step, before, rows[begin : begin + length])
     bias = np.uint16(128 + taps // 2)
-    for y in range(height):
-        begin = ((y + bottom) % window) * length
-        _pad(source[min(max(y + bottom, 0), height - 1)], step, before, rows[begin : begin + length])
-        for k in range(taps):
-            starts[k] = ((y + offsets[k, 0]) % window) * length + before + offsets[k, 1] * step
+    for y in range(out.shape[0]):
         for i in range(n):
             total[i] = bias
-        k = 0
+        begin, k = y * length, 0
         while k + 4 <= taps:
+            b0, b1 = begin + starts[k], begin + starts[k + 1]
+            b2, b3 = begin + starts[k + 2], begin + starts[k + 3]
             _add_four_taps(
                 total,
-                rows[starts[k] : starts[k] + n],
-                rows[starts[k + 1] : starts[k + 1] + n],
-                rows[starts[k + 2] : starts[k + 2] + n],
-                rows[starts[k + 3] : starts[k + 3] + n],
+                padded[b0 : b0 + n],
+                padded[b1 : b1 + n],
+                padded[b2 : b2 + n],
+                padded[b3 : b3 + n],
                 weights[k : k + 4],
             )
             k += 4
         while k < taps:
-            _add_tap(total, rows[starts[k] : starts[k] + n], weights[k])
+            b0 = begin + starts[k]
+            _add_tap(total, padded[b0 : b0 + n], weights[k])
             k += 1
         row = out[y]
         for i in range(n):

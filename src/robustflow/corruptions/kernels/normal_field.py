@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ...compiled import njit
 from ...random.normal import normals_from_bits
-from ...random.rng import Rng, hash64
+from ...random.rng import Rng, fill_bits
 
 UNIT = 2.0**-12
 """Quantisation step of a field; samples are rounded to multiples of 1/4096."""
@@ -26,7 +26,8 @@ def normal_field(rng: Rng, height: int, width: int) -> npt.NDArray[np.int16]:
     (True, True)
     """
     out = np.empty((height, width), np.int16)
-    _fill(np.uint64(rng.spawn("normal").key), quantiles(), out.reshape(-1))
+    words = np.empty(256, np.uint64)  # fits in the L1 cache
+    _fill(np.uint64(rng.spawn("normal").key), quantiles(), words, words.view(np.uint16), out.reshape(-1))
     return out
 
 
@@ -40,16 +41,10 @@ def quantiles() -> npt.NDArray[np.int16]:
 
 
 @njit(cache=True, nogil=True)
-def _fill(key: Any, table: Any, out: Any) -> None:
-    quads = out.size // 4
-    for i in range(quads):
-        bits = hash64(key, np.uint64(i))
-        four = out[4 * i : 4 * i + 4]
-        four[0] = table[bits & np.uint64(0xFFFF)]
-        four[1] = table[(bits >> np.uint64(16)) & np.uint64(0xFFFF)]
-        four[2] = table[(bits >> np.uint64(32)) & np.uint64(0xFFFF)]
-        four[3] = table[bits >> np.uint64(48)]
-    bits = hash64(key, np.uint64(quads))
-    for i in range(4 * quads, out.size):
-        out[i] = table[bits & np.uint64(0xFFFF)]
-        bits >>= np.uint64(16)
+def _fill(key: Any, table: Any, words: Any, lanes: Any, out: Any) -> None:
+    """Look up each of the four 16-bit lanes of every hash value; `lanes` are the same memory as `words`."""
+    for start in range(0, out.size, lanes.size):
+        fill_bits(key, np.uint64(start // 4), words)
+        part = out[start : start + lanes.size]
+        for i in range(part.size):
+            part[i] = table[lanes[i]]

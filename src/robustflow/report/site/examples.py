@@ -124,8 +124,8 @@ def examples_of(lines: Sequence[ModelResult]) -> Examples | None:
 
 
 def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:
-    frame = _read(folder / panel.file)
-    height, width = shrunk(frame, _PANEL_WIDTH).shape[:2]
+    frame = shrunk(_read(folder / panel.file), _PANEL_WIDTH)
+    height, width = frame.shape[:2]
     kind = {"worst": "Worst sample", "median": "Median sample"}[panel.kind]
     title = f"{kind}: {plain(panel.key)}, {plain(long_label(panel.corruption))}, severity {panel.severity}"
     values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
