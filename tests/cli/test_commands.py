@@ -310,3 +310,10 @@ def test_corrupt_and_gallery_take_the_users_depth_maps(robustflow, tmp_path):
     page = (tmp_path / "shown" / "gallery.html").read_text()
     assert "1 m (white) to 1 m" in page
     assert "no corruption" not in page
+
+
+def test_a_decimal_frame_rate_is_the_fraction_that_it_rounds(robustflow, tmp_path):
+    clips.folder(tmp_path / "data", 40, 16, 24)
+    options = ("--factor", 1, "--step", 2, "--preset", "ultrafast", "--fps", "29.97002997")
+    robustflow.prints("prepare", "gopro-fc", "-d", "data", "-o", "made", *options)
+    assert json.loads((tmp_path / "made" / "data" / "clip.json").read_text())["fps"] == "30000/1001"

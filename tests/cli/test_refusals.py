@@ -150,6 +150,12 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "corrupt data/000.png data/001.png -c fog --focal 700", 2, "--focal only applies to your own"),
         (None, "gallery -c contrast --focal 700 -o made", 2, "--focal only applies to your own depth maps"),
         (write_frames, "gallery --clip data --focal 700 -o made", 2, "apply to the depth of two frames; omit --clip"),
+        (write_frames, "prepare gopro-fc -d data -o made --fps 1e12", 2, "--fps 1e12 is not a valid frame rate"),
+        (write_frames, "prepare gopro-fc -d data -o made --fps 1/0", 2, "--fps 1/0 is not a valid frame rate"),
+        (write_frames, "prepare gopro-fc -d data -o made --fps 240 --cache-gb nan", 2, "limited to nan GB: give 0"),
+        (write_frames, "prepare gopro-fc -d data -o made --fps 240 --factor 101", 2, "must be from 1 (no"),
+        (write_frames, "prepare gopro-fc -d data -o made --fps 240 --factor 0", 2, "must be from 1 (no interpolation)"),
+        (write_frames, "predict data -o made --video v.mp4 --fps 0.0004", 2, "give a number from 0.01 to 1000"),
         (None, "export demo -d x", 1, "x: no such file or folder"),
     ],
 )

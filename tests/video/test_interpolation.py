@@ -82,6 +82,4 @@ def test_no_interpolator_is_chosen_silently():
         load_interpolator("dain", 4, None)
     with pytest.raises(AssetError, match=r"--checkpoint.*--interpolator flow"):
         load_interpolator("flavr", 4, None)
-    with pytest.raises(UsageError, match="--factor 0: must be at least 1"):
-        load_interpolator("flow", 0, None)
     assert load_interpolator("flow", 4, None).describe()["name"] == "flow"

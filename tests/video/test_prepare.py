@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from copy import copy
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -166,6 +167,21 @@ def test_too_short_says_how_long_it_must_be(tmp_path):
         clip_timing(source, FLOW)
     needed = int(str(caught.value).split("at least ")[1].split()[0])
     clip_timing(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
+
+
+@pytest.mark.parametrize("step", [1, 2, 7, 14, 15, 16, 32, 10_000_000])
+def test_the_shortest_clip_for_a_step_is_named_exactly(source, step):
+    def timing(count):
+        clip = copy(source)
+        clip.count = count
+        return clip_timing(clip, Preparation(fps=Fraction(30), factor=1, step=step))
+
+    with pytest.raises(DataError, match=r"at least \d+ frames") as caught:
+        timing(20)
+    needed = int(str(caught.value).split("at least ")[1].split()[0])
+    assert len(timing(needed).key_frames) == 2
+    with pytest.raises(DataError, match=f"at least {needed} frames"):
+        timing(needed - 1)
 
 
 def test_pictures_need_a_frame_rate(source):

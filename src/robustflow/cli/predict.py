@@ -63,8 +63,8 @@ def predict(
 
     if radius is not None and not 0 < radius < float("inf"):
         raise UsageError(f"--max-flow {radius}: give a magnitude above 0 pixels")
-    if not 0 < fps <= 1000:
-        raise UsageError(f"--fps {fps}: give a number above 0 and at most 1000")
+    if not 0.01 <= fps <= 1000:
+        raise UsageError(f"--fps {fps}: give a number from 0.01 to 1000")
     if video is not None and video.suffix.lower() != ".mp4":
         raise UsageError(f"--video {video}: the name must end in .mp4")
     if video is not None and video.exists() and not overwrite:

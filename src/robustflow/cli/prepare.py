@@ -1,5 +1,6 @@
 """`robustflow prepare`: prepare a benchmark's data from recordings, or list the digests of a dataset."""
 
+import re
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -80,9 +81,9 @@ def gopro_fc(
 
     rate = _rate(fps)
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
-    limit = round(cache_gb * 1e9)
-    if limit < 0:
+    if not 0 <= cache_gb < float("inf"):
         raise UsageError(f"the cache cannot be limited to {cache_gb:g} GB: give 0 or more")
+    limit = round(cache_gb * 1e9)
     prepare_all = _on_ray(engine, workers, address)
     sources = find_sources(data, evenly=rate is not None)
     at_once = workers or (1 if prepare_all is None else len(sources))
@@ -158,12 +159,11 @@ def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAl
 
 
 def _rate(text: str | None) -> Fraction | None:
+    """Parse a frame rate, and round it to a denominator of at most 1001: 29.97003 means 30000/1001."""
     if text is None:
         return None
-    try:
-        rate = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        rate = Fraction(0)
-    if rate <= 0:
+    number = re.fullmatch(r"\d{1,6}(\.\d{1,20})?|\d{1,9}/[1-9]\d{0,8}", text.strip(), re.ASCII)
+    rate = Fraction(text).limit_denominator(1001) if number else Fraction(0)
+    if not 0 < rate < 10**6:
         raise UsageError(f"--fps {text} is not a valid frame rate: give a number such as 240 or 30000/1001")
     return rate

@@ -48,8 +48,6 @@ def load_interpolator(
         UsageError: the factor is greater than 1 and no interpolator is specified, or its name is unknown.
         AssetError: FLAVR was requested without a checkpoint.
     """
-    if factor < 1:
-        raise UsageError(f"--factor {factor}: must be at least 1 (1 means no interpolation)")
     if factor == 1:
         return None
     if name == "flow":

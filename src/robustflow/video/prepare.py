@@ -40,6 +40,8 @@ from .source import Source
 SEGMENT = 64
 """Number of gaps between source frames per segment; an interruption loses at most one segment of work."""
 
+MOST_FACTOR = 100
+
 PAIR_FPS = 30
 """Default number of pairs per second, as in the paper."""
 
@@ -89,8 +91,8 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
         raise UsageError(f"{source.name}: images have no frame rate; specify --fps")
-    if preparation.factor < 1:
-        raise UsageError(f"--factor {preparation.factor}: must be at least 1")
+    if not 1 <= preparation.factor <= MOST_FACTOR:
+        raise UsageError(f"--factor {preparation.factor}: must be from 1 (no interpolation) to {MOST_FACTOR}")
     fps = rate * preparation.factor
     step = max(1, round(fps / PAIR_FPS)) if preparation.step is None else preparation.step
     if step < 1:
@@ -98,7 +100,8 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     count = interpolated_count(source.count, preparation.factor)
     keys = choose_key_frames(count, step)
     if len(keys) < 2:
-        needed = next(n for n in range(count, count + 4 * step + 4 * REACH) if len(choose_key_frames(n, step)) > 1)
+        second = step * max(1, -(-REACH // step)) + step  # the first key frame is at least REACH frames from the start
+        needed = second + max(step, REACH) + 1
         frames = -(-needed // preparation.factor) + (WINDOW if preparation.factor > 1 else 0)
         raise DataError(
             f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
