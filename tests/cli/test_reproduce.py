@@ -5,8 +5,11 @@ import csv
 import pytest
 
 from robustflow.analysis.published.tables import published_results
-from robustflow.api import load_run
+from robustflow.api import evaluate, load_run
 from robustflow.reproduce.artefacts import ARTEFACTS
+from robustflow.reproduce.plan import choose
+from robustflow.reproduce.side_by_side import run_beside_paper
+from robustflow.reproduce.variants import paper_variants
 from tests.datasets.layouts import flow, picture
 
 SAME = ("the published average is over the same corruptions", "the published values are over all five severities")
@@ -48,23 +51,19 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
     assert f"{ours - _published('DIS', 'contrast'):+.2f}" in out
 
 
-def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published_values(robustflow, data, tmp_path):
-    few = ("--models", "dis", "--corruptions", "contrast,fog,elastic_transform", "--severities", "1", "--limit", "1")
-    robustflow.prints("reproduce", "fig5", "--data", data, *few)
-    robustflow.prints("reproduce", "tab2", "--data", data, *few)
-    run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary
-    lines = {}
-    for name in ("fig5", "tab2"):
-        with open(tmp_path / "reproduced" / f"{name}.csv", newline="") as file:
-            lines |= {(line["metric"], line["corruption"]): line for line in csv.DictReader(file)}
+def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published_values(data, tmp_path):
+    corruptions = ["contrast", "fog", "elastic_transform"]
+    options = {"corruptions": corruptions, "severities": 1, "limit": 1}
+    run = evaluate("dis", "kitti-fc", data, tmp_path / "run", **options)
+    (runnable,) = choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])
+    both, scores = run_beside_paper(ARTEFACTS["fig5"], runnable, run), run.summary.corruptions
     clean = _published("DIS", "clean")
     for family, corruption in (("digital", "contrast"), ("weather", "fog")):  # a single corruption of the family
         published = (_published("DIS", corruption) - clean) / clean
-        assert float(lines["crer", family]["published"]) == pytest.approx(published, rel=1e-5)
-        assert float(lines["crer", family]["here"]) == pytest.approx(run.corruptions[corruption].crer, rel=1e-4)
+        assert both.published["crer", family] == pytest.approx(published)
+        assert both.here["crer", family] == pytest.approx(scores[corruption].crer)
     # the paper's averages exclude elastic_transform
-    both = (run.corruptions["contrast"].epe + run.corruptions["fog"].epe) / 2
-    assert float(lines["epe", "average"]["here"]) == pytest.approx(both, rel=1e-5)
+    assert both.here["epe", "average"] == pytest.approx((scores["contrast"].epe + scores["fog"].epe) / 2)
 
 
 def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
