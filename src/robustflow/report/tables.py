@@ -29,6 +29,16 @@ from .table import Column, Line, Section, Table, TableCell, number_text, seed_li
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
+_BEST = (
+    "Marked values are the best in their column among models in the same setting measured on the same frames; lower is "
+    "better."
+)
+_COVERAGE = "coverage"
+_SHARE = (
+    "Coverage: share of the pixels with ground truth that the model predicted; its errors are computed over these "
+    "pixels only."
+)
+
 
 def build_table(
     name: str,
@@ -93,19 +103,6 @@ def build_table(
 def _published_without_flow(benchmark: str) -> bool:
     facts = benchmark_facts(benchmark)
     return facts.published and not facts.has_flow
-
-
-_BEST = (
-    "Marked values are the best in their column among models in the same setting measured on the same frames; lower is "
-    "better."
-)
-
-
-_COVERAGE = "coverage"
-_SHARE = (
-    "Coverage: share of the pixels with ground truth that the model predicted; its errors are computed over these "
-    "pixels only."
-)
 
 
 def _measured_on(benchmarks: Iterable[str]) -> str:
