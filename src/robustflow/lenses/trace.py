@@ -103,17 +103,7 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
     >>> float(axis.y[0]), float(axis.alive[0])
     (0.0, 1.0)
     """
-    carried = Rays(*(np.array(part, np.float64) for part in rays))
-    last = len(lens.surfaces) if surface is None else surface
-    propagate(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
-        lens.column("semi_diameter") if clip else np.full(len(lens.surfaces), np.inf),
-        0, last, tuple(carried), _NO_PATH,
-    )  # fmt: skip
-    to_plane = -carried.z / np.where(carried.n > 0.0, carried.n, 1.0)
-    return carried._replace(
-        x=carried.x + to_plane * carried.l, y=carried.y + to_plane * carried.m, z=np.zeros_like(carried.z)
-    )
+    return _traced(lens, rays, wavelength, len(lens.surfaces) if surface is None else surface, clip, _NO_PATH)
 
 
 def trace_path(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
@@ -121,10 +111,19 @@ def trace_path(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
 
     Intersections are in mm relative to the vertex of the surface.
     """
+    path = np.empty((len(lens.surfaces), 3, rays.x.size))
+    return path, _traced(lens, rays, wavelength, len(lens.surfaces), False, path)
+
+
+def _traced(lens: Lens, rays: Rays, wavelength: float, last: int, clip: bool, path: Array) -> Rays:
+    """Return the rays in the vertex plane of surface `last`, and write their intersections to `path`."""
     carried = Rays(*(np.array(part, np.float64) for part in rays))
-    path = np.empty((len(lens.surfaces), 3, carried.x.size))
     propagate(
         lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
-        np.full(len(lens.surfaces), np.inf), 0, len(lens.surfaces), tuple(carried), path,
+        lens.column("semi_diameter") if clip else np.full(len(lens.surfaces), np.inf),
+        0, last, tuple(carried), path,
     )  # fmt: skip
-    return path, trace(lens, rays, wavelength)
+    to_plane = -carried.z / np.where(carried.n > 0.0, carried.n, 1.0)
+    return carried._replace(
+        x=carried.x + to_plane * carried.l, y=carried.y + to_plane * carried.m, z=np.zeros_like(carried.z)
+    )
