@@ -70,12 +70,11 @@ def reproduce(
     """
     from ..atomic import make_folder
     from ..report.render import renderer
-    from ..reproduce.artefacts import artefact_of
-    from ..reproduce.plan import choose
+    from ..reproduce.artefacts import artefact_of, contents, data_hint
+    from ..reproduce.plan import choose, plan_table, summary_sentence
     from ..reproduce.side_by_side import comparison_table, paper_alone
     from ..reproduce.variants import paper_variants
     from ..reproduce.weights import weights_in
-    from ..reproduce.words import contents, data_hint, plan_table, summary_sentence
 
     renderer(format)
     if what is None:
@@ -136,9 +135,8 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     """Print the new values next to the published ones, then what was not run. Write everything to a file and, if a
     figure was requested, draw it."""
     from ..atomic import write_bytes
-    from ..reproduce.plan import Missing
+    from ..reproduce.plan import Missing, plan_table, summary_sentence
     from ..reproduce.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
-    from ..reproduce.words import plan_table, summary_sentence
 
     missing = [each for each in measured if isinstance(each, Missing)]
     ran = [each for each in measured if not isinstance(each, Missing)]

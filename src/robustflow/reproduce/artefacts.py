@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from ..benchmarks import benchmark_facts
 from ..errors import unknown_name
 
 ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
@@ -86,3 +87,21 @@ def artefact_of(name: str) -> Artefact:
     if name.lower() not in ARTEFACTS:
         raise unknown_name("table or figure", name, ARTEFACTS)
     return ARTEFACTS[name.lower()]
+
+
+def data_hint(artefact: Artefact) -> str:
+    """Return a sentence that explains how to reproduce a table or figure."""
+    return (
+        f"To reproduce it, run: robustflow reproduce {artefact.name} --data FOLDER "
+        f"({benchmark_facts(artefact.benchmark).data}) --checkpoints FOLDER; --dry-run lists the models that can be "
+        "run, and where to get weights for the others."
+    )
+
+
+def contents() -> list[str]:
+    """Return one line per table and figure: its title, and its benchmark or the command that shows the same content."""
+    return [
+        f"{artefact.name:5s} {artefact.title}"
+        + (f" (--data: {artefact.benchmark})" if artefact.benchmark else f": {artefact.instead}")
+        for artefact in ARTEFACTS.values()
+    ]

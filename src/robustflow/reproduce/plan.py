@@ -1,17 +1,21 @@
-"""Determine which of the paper's variants can be run here, with which weights, and what the other variants require."""
+"""Determine which of the paper's variants can be run here, with which weights, and what the others require."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..analysis.labels import SETTING_LABELS
 from ..benchmarks.setting import setting_of
 from ..models import ModelSpec
 from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
 from ..models.networks.table import NETWORKS
 from ..models.provenance import training_of_entry
 from ..models.torch.find_checkpoint import RANDOM
+from ..report.table import Column, Line, Section, Table
+from ..text import counted
 from ..training.recipe import recipes_of, trained_methods
+from .artefacts import Artefact
 from .variants import Variant
 from .weights import FoundWeights
 
@@ -136,3 +140,25 @@ def _remedy(variant: Variant, benchmark: str) -> str:
     if stage is not None:
         ways.append(f"train it: robustflow train {variant.model} --recipe {stage} --output trainings/{variant.slug}")
     return "; or ".join(ways)
+
+
+def plan_table(artefact: Artefact, choices: Sequence[Runnable | Missing]) -> Table:
+    """Return the weights each variant would run with, or what the variant requires."""
+    lines: dict[str, list[Line]] = {}
+    for choice in choices:
+        if isinstance(choice, Missing):
+            texts = ("no", choice.reason, choice.remedy)
+        else:
+            texts = ("yes", choice.weights or "needs no weights", "")
+        lines.setdefault(choice.variant.setting, []).append(Line.of(choice.variant.method, texts))
+    columns = (Column("Runs"), Column("Weights", prose=True), Column("How to get it", prose=True))
+    sections = tuple(Section(SETTING_LABELS.get(setting, setting), tuple(some)) for setting, some in lines.items())
+    return Table(f"{artefact.name}-plan", f"{artefact.name}: what can be run here", columns, sections)
+
+
+def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:
+    """Return a sentence with the number of variants that can be run."""
+    runnable = [choice for choice in choices if isinstance(choice, Runnable)]
+    random = sum(choice.random for choice in runnable)
+    text = f"{len(runnable)} of {counted(len(choices), 'variant')} can be run here"
+    return f"{text}, {random} of them with RANDOM WEIGHTS." if random else f"{text}."
