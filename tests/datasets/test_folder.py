@@ -211,10 +211,10 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
         np.testing.assert_array_equal(dataset.load("000013").frames[1], expected[14])
         assert list(dataset.around("000013", 5)) == [-3, -2, -1, 0, 1]
     assert load_dataset("folder", path, start="1.9s").keys() == ["000048"]
-    for wrong in ("x", -1, "1:2:3:4", 2.5, True):
+    for wrong in ("x", -1, "1:2:3:4", "1:61", 2.5, True):
         with pytest.raises(UsageError, match="a frame number such as 120, or a time"):
             load_dataset("folder", path, start=wrong)
-    refused(path, "0 frames, but pairs with a step of 1 need 2 or more", start="9s")
+    refused(path, "0 frames of 50 from start to stop, but pairs with a step of 1 need 2 or more", start="9s")
 
 
 def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:

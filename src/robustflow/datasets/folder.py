@@ -60,7 +60,7 @@ class FrameFolder(PairDataset):
             frames = every[begin:end]
             if not every:
                 continue
-            at_step = pairs_at_step(frames, step, root / group)
+            at_step = pairs_at_step(frames, step, root / group, len(every))
             _check(root / group, frames)
             for first, second in at_step:
                 # Consecutive pairs are not independent; statistics treat them as one group.

@@ -145,20 +145,22 @@ class PairDataset(Samples):
         return {}
 
 
-def pairs_at_step(frames: Sequence[Path], step: int, where: Path) -> list[tuple[Path, Path]]:
-    """Pair each frame with the frame `step` positions later; the last `step` frames do not start a pair.
+def pairs_at_step(frames: Sequence[Path], step: int, where: Path, total: int = 0) -> list[tuple[Path, Path]]:
+    """Pair each frame with the frame `step` positions later; the last `step` frames do not start a pair. `total` is the
+    number of frames before a range was selected.
 
     Raises:
         DataError: there are too few frames for a single pair.
     """
     if len(frames) <= step:
-        raise too_few_frames(len(frames), step, where)
+        raise too_few_frames(len(frames), step, where, total)
     return list(zip(frames, frames[step:], strict=False))
 
 
-def too_few_frames(count: int, step: int, where: Path) -> DataError:
+def too_few_frames(count: int, step: int, where: Path, total: int = 0) -> DataError:
     """Return the error for a sequence without a single pair."""
-    return DataError(f"{where}: {counted(count, 'frame')}, but pairs with a step of {step} need {step + 1} or more")
+    frames = counted(count, "frame") + (f" of {total} from start to stop" if total > count else "")
+    return DataError(f"{where}: {frames}, but pairs with a step of {step} need {step + 1} or more")
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:

@@ -26,6 +26,6 @@ def position(option: str, value: Position | float) -> int | float | None:
         return int(text)
     if match := re.fullmatch(r"(\d{1,6}(?:\.\d+)?) ?s", text):
         return float(match[1])
-    if match := re.fullmatch(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:\.\d+)?)", text):
+    if match := re.fullmatch(r"(?:(\d{1,3}):)?(\d{1,3}):([0-5]?\d(?:\.\d+)?)", text):
         return 3600.0 * int(match[1] or 0) + 60.0 * int(match[2]) + float(match[3])
     raise UsageError(f"{option} cannot be {value!r}: give a frame number such as 120, or a time such as 12.5s or 1:05")

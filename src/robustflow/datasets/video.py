@@ -43,7 +43,7 @@ class Video(Samples):
         self._end = min(end, len(self._first))
         if self._end - begin <= step:
             count = max(0, self._end - begin)
-            raise too_few_frames(count, step, path)
+            raise too_few_frames(count, step, path, len(self._first))
         self._begin = begin
         self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
         self._around: dict[int, VideoReader] = {}
