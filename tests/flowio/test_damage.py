@@ -136,5 +136,5 @@ def test_a_picture_is_not_a_flow(tmp_path: Path, bits: int, channels: int, says:
 def test_other_names(tmp_path: Path) -> None:
     refused(tmp_path / "flow.tif", r"unknown flow format '\.tif'")
     (tmp_path / "folder.flo").mkdir()
-    for name in ("missing.flo", "folder.flo"):
-        refused(tmp_path / name, "no such file; check the path|not a file")
+    refused(tmp_path / "folder.flo", "not a file")
+    refused(tmp_path / "missing.flo", "no such file; check the path")

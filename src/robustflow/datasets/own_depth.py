@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError, UsageError
+from ..flowio.arrays import readable
 from ..flowio.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
 from ..images.folder import IMAGE_SUFFIXES
 from ..layout import user_path
@@ -67,7 +68,7 @@ class OwnDepth:
             for frame in self._frames(key):
                 path = self._map(frame)
                 if path is not None:
-                    with open(path, "rb") as file:
+                    with readable(path), open(path, "rb") as file:
                         whole.update(hashlib.file_digest(file, hashlib.blake2b).digest())
         return whole.hexdigest()
 
