@@ -44,7 +44,8 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
     [[0, 0, 1, 0, 1, 0]]
     """
     edges = np.zeros(valid.shape, np.bool_)
-    _mark_jumps(*dense(flow_array(flow), magnitude_map(flow), valid), edges)
+    above = np.full(valid.shape[1], -1, np.int64)
+    _mark_jumps(*dense(flow_array(flow), magnitude_map(flow), valid), above, edges)
     return edges
 
 
@@ -71,9 +72,9 @@ def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: A
     return math.sqrt(du * du + dv * dv) > gap * max(EDGE_PIXELS, EDGE_SHARE * longer)
 
 
-@njit_late(types.void(FLOW_TYPE, ERRORS_TYPE, MASK_TYPE, types.boolean[:, ::1]), cache=True)
-def _mark_jumps(flow: Any, magnitude: Any, valid: Any, edges: Any) -> None:
-    above = np.full(valid.shape[1], -1, np.int64)
+@njit_late(types.void(FLOW_TYPE, ERRORS_TYPE, MASK_TYPE, types.int64[::1], types.boolean[:, ::1]), cache=True)
+def _mark_jumps(flow: Any, magnitude: Any, valid: Any, above: Any, edges: Any) -> None:
+    """Mark the edges; `above` contains the row of the nearest valid pixel above each column, at first -1."""
     for y in range(valid.shape[0]):
         left = -1
         for x in range(valid.shape[1]):

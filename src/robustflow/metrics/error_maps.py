@@ -60,9 +60,8 @@ def epe_map(flow: Flow, reference: Flow) -> Errors:
     [[5.0, nan]]
     """
     a, b = flow_pair(flow, reference)
-    out = np.empty(a.shape[:2])
-    _distances(a, b, out)
-    return out
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _lengths(np.subtract(a, b, dtype=np.float64))
 
 
 def magnitude_map(flow: Flow) -> Errors:
@@ -72,10 +71,8 @@ def magnitude_map(flow: Flow) -> Errors:
     >>> magnitude_map(np.array([[[6, 8]]], np.float32)).tolist()
     [[10.0]]
     """
-    a = flow_array(flow)
-    out = np.empty(a.shape[:2])
-    _lengths(a, out)
-    return out
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _lengths(flow_array(flow).astype(np.float64))
 
 
 def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
@@ -121,23 +118,11 @@ def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
 
 
-@njit_late(types.void(FLOW_TYPE, FLOW_TYPE, types.float64[:, ::1]), cache=True)
-def _distances(a: Any, b: Any, out: Any) -> None:
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            du = np.float64(a[y, x, 0]) - np.float64(b[y, x, 0])
-            dv = np.float64(a[y, x, 1]) - np.float64(b[y, x, 1])
-            square = du * du + dv * dv
-            out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
-
-
-@njit_late(types.void(FLOW_TYPE, types.float64[:, ::1]), cache=True)
-def _lengths(a: Any, out: Any) -> None:
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            u, v = np.float64(a[y, x, 0]), np.float64(a[y, x, 1])
-            square = u * u + v * v
-            out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
+def _lengths(vectors: npt.NDArray[np.float64]) -> Errors:
+    """Return the length of each vector, float64 (H, W); NaN where it is not finite."""
+    u, v = vectors[..., 0], vectors[..., 1]
+    square = u * u + v * v
+    return np.sqrt(np.where(np.isfinite(square), square, np.nan))
 
 
 @njit_late(types.Tuple((types.int64, types.float64))(ERRORS_TYPE, MASK_TYPE), cache=True)
