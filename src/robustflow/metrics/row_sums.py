@@ -66,24 +66,36 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
         arrays = (*dense(a, b, labels), np.empty((0, 0, 2), np.float32), np.empty((0, 0)))  # never read
     else:
         arrays = dense(a, b, regions.labels, flow_array(truth), regions.magnitude)
-    counts, points, totals, label_counts, label_totals = _sums(*arrays)
-    whole: dict[str, int | float] = dict(zip(_COUNTS, counts.tolist(), strict=True))
+    counts, totals = np.empty(len(_COUNTS) + 1, np.int64), np.empty(len(_TOTALS))
+    label_counts, label_totals = np.zeros((2, LABELS), np.int64), np.zeros((3, LABELS))
+    _sums(*arrays, counts, totals, label_counts, label_totals)
+    *counted, points = counts.tolist()
+    whole: dict[str, int | float] = dict(zip(_COUNTS, counted, strict=True))
     whole |= zip(_TOTALS, totals.tolist(), strict=True)
-    whole["wauc_sum"] = int(points) / WAUC_UNIT
+    whole["wauc_sum"] = points / WAUC_UNIT
     return RowSums(whole, label_counts, label_totals)
 
 
 @njit_late(
-    types.Tuple((types.int64[::1], types.int64, types.float64[::1], types.int64[:, ::1], types.float64[:, ::1]))(
-        FLOW_TYPE, FLOW_TYPE, LABELS_TYPE, FLOW_TYPE, ERRORS_TYPE
+    types.void(
+        *(FLOW_TYPE, FLOW_TYPE, LABELS_TYPE, FLOW_TYPE, ERRORS_TYPE),
+        *(types.int64[::1], types.float64[::1], types.int64[:, ::1], types.float64[:, ::1]),
     ),
     cache=True,
 )
-def _sums(pred: Any, clean: Any, labels: Any, truth: Any, magnitude: Any) -> Any:
+def _sums(
+    pred: Any,
+    clean: Any,
+    labels: Any,
+    truth: Any,
+    magnitude: Any,
+    counts: Any,
+    totals: Any,
+    label_counts: Any,
+    label_totals: Any,
+) -> None:
     n_invalid, n_all, n_valid, fl, px1, px3, px5, points = 0, 0, 0, 0, 0, 0, 0, 0
     moved_all, length_all, errors, moved_valid, magnitudes, before_all = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    label_counts = np.zeros((2, LABELS), np.int64)
-    label_totals = np.zeros((3, LABELS), np.float64)
     for y in range(labels.shape[0]):
         for x in range(labels.shape[1]):
             u, v = np.float64(pred[y, x, 0]), np.float64(pred[y, x, 1])
@@ -123,6 +135,7 @@ def _sums(pred: Any, clean: Any, labels: Any, truth: Any, magnitude: Any) -> Any
             label_totals[0, label] += error
             label_totals[1, label] += moved
             label_totals[2, label] += before
-    counts = np.array([n_invalid, n_all, n_valid, fl, px1, px3, px5])
-    totals = np.array([moved_all, length_all, errors, moved_valid, magnitudes, before_all])
-    return counts, points, totals, label_counts, label_totals
+    counts[0], counts[1], counts[2], counts[3] = n_invalid, n_all, n_valid, fl
+    counts[4], counts[5], counts[6], counts[7] = px1, px3, px5, points
+    totals[0], totals[1], totals[2] = moved_all, length_all, errors
+    totals[3], totals[4], totals[5] = moved_valid, magnitudes, before_all
