@@ -135,7 +135,8 @@ def check_frame(frame: Any, first: Frame, what: str) -> None:
     Raises:
         DataError: it is not, or the sizes differ.
     """
-    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+    is_bytes = isinstance(frame, np.ndarray) and frame.dtype == np.uint8
+    if not is_bytes or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
         raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {described_array(frame)}")
     if frame.shape != first.shape:
         raise DataError(

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from robustflow.corruptions import corrupt, corrupt_clip
+from robustflow.corruptions.transforms.transform import CorruptionTransform
 from robustflow.errors import DataError, UsageError
 
 FRAME = np.random.default_rng(1).integers(0, 256, (40, 56, 3), dtype=np.uint8)
@@ -58,3 +59,20 @@ def test_integers_of_numpy_give_the_same_bytes(integer):
 def test_a_seed_that_is_no_whole_number_is_refused(seed):
     with pytest.raises(UsageError, match="whole number"):
         corrupt(FRAME, FRAME, "gaussian_noise", 3, seed=seed)
+
+
+def test_a_frame_without_pixels_is_refused():
+    empty = np.zeros((0, 8, 3), np.uint8)
+
+    with pytest.raises(DataError, match=r"expected RGB uint8 \(H, W, 3\), got uint8 \(0, 8, 3\)"):
+        corrupt(empty, empty, "fog", 1)
+
+
+def test_a_scale_that_is_no_text_is_refused():
+    with pytest.raises(UsageError, match="unknown severity scale 'None'"):
+        corrupt(np.zeros((8, 8, 3), np.uint8), None, "fog", 1, scale=None)
+
+
+def test_one_severity_for_a_transform_is_refused_with_the_list_to_pass():
+    with pytest.raises(UsageError, match=r"severities is a number, 3: pass a list, \[3\]"):
+        CorruptionTransform(["fog"], severities=3)

@@ -58,7 +58,7 @@ def load_corruption(
     0.08
     """
     if scale not in SCALES:
-        raise unknown_name("severity scale", scale, SCALES)
+        raise unknown_name("severity scale", str(scale), SCALES)
     if isinstance(name, OwnCorruption | Stack):
         return name
     if not isinstance(name, str):

@@ -81,6 +81,8 @@ class CorruptionTransform:
             raise UsageError(f"probability {probability} is out of range: must be from 0 to 1")
         if isinstance(names, str):
             raise UsageError(f"names is a string, '{names}': pass a list, ['{names}']")
+        if isinstance(severities, int):
+            raise UsageError(f"severities is a number, {severities}: pass a list, [{severities}]")
         levels = tuple(sorted({check_severity(severity) for severity in severities}))
         self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
         names = DEFAULT_NAMES if names is None else tuple(names)
