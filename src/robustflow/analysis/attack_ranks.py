@@ -61,7 +61,10 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     if len(named) < 2:
         return []
     unranked = {name: why for name, why in zip(every, exclusions(runs), strict=True) if why}
-    warned = {name: _warnings(run) for name, run in named.items()}
+    warned = {
+        name: {(score.attack, score.severity): set(score.warnings) for score in attack_scores(run)}
+        for name, run in named.items()
+    }
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     common = common_to(named)
     before = common.rows
@@ -91,10 +94,6 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
             Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends, common.remark)
         )
     return predicted
-
-
-def _warnings(run: Run) -> dict[tuple[str, int], set[str]]:
-    return {(score.attack, score.severity): set(score.warnings) for score in attack_scores(run)}
 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:

@@ -91,9 +91,8 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
     except DataError:
         raise
     except _UNREADABLE as error:
-        raise DataError(
-            f"{name} is not a record or is damaged ({_reason(error)}); download it or pack it again"
-        ) from error
+        reason = f"{type(error).__name__}: {str(error)[:80]}"
+        raise DataError(f"{name} is not a record or is damaged ({reason}); download it or pack it again") from error
     # Header fields that readers ignore could contain anything, so one run could have many SHA-256 hashes.
     if container_bytes(entries) != data:
         raise DataError(f"{name}: its zip headers differ from those of 'robustflow pack'; pack the run again")
@@ -122,7 +121,3 @@ def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name:
     directory = sum(_CENTRAL + len(info.filename) for info in infos)
     if file.start_dir != end or size != end + directory + _END or file.comment:
         raise DataError(f"{name}: there are bytes before or after the record")
-
-
-def _reason(error: Exception) -> str:
-    return f"{type(error).__name__}: {str(error)[:80]}"

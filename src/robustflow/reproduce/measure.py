@@ -9,7 +9,6 @@ from typing import Any
 
 from ..api import Result, evaluate
 from ..errors import RobustFlowError
-from ..models import ModelSpec
 from .artefacts import Artefact
 from .plan import Missing, Runnable
 
@@ -44,12 +43,9 @@ def measure_variants(
         try:
             if choice.folder not in done:
                 folder = output / artefact.benchmark / choice.folder
-                done[choice.folder] = evaluate(_on(choice.spec, device), artefact.benchmark, output=folder, **options)
+                spec = choice.spec.on(device) if device is not None and choice.spec.options else choice.spec
+                done[choice.folder] = evaluate(spec, artefact.benchmark, output=folder, **options)
         except RobustFlowError as error:
             yield Missing(choice.variant, f"failed: {error}", "")
         else:
             yield choice, done[choice.folder]
-
-
-def _on(spec: ModelSpec, device: str | None) -> ModelSpec:
-    return spec.on(device) if device is not None and spec.options else spec

@@ -107,12 +107,12 @@ def _nearest(variant: Variant, benchmark: str, entries: Sequence[CheckpointEntry
         for entry in entries
         if entry.model == variant.model and setting_of(training_of_entry(entry), benchmark) == variant.setting
     ]
-    # Of two checkpoints with the same training sets, one fine-tuned on KITTI is further from the paper's.
-    return min(fitting, key=lambda entry: (_distance(entry), entry.checkpoint == "kitti"), default=None)
 
+    def distance(entry: CheckpointEntry) -> tuple[int, bool]:
+        # Of two checkpoints with the same training sets, one fine-tuned on KITTI is further from the paper's.
+        return len({*entry.trained_on.split("+")} ^ _OF_PAPER), entry.checkpoint == "kitti"
 
-def _distance(entry: CheckpointEntry) -> int:
-    return len({*entry.trained_on.split("+")} ^ _OF_PAPER)
+    return min(fitting, key=distance, default=None)
 
 
 def _reason(variant: Variant, benchmark: str, weights: Sequence[FoundWeights]) -> str:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cache
-
-from jinja2 import Environment
 
 from ...sample import Frame
 from ..embed import content_policy, templates
@@ -64,7 +61,7 @@ def _pictures(cells: Iterable[GalleryCell]) -> Iterator[tuple[str, int, Sequence
 def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
     """Return a page with a slider, and with remarks below its title."""
     return (
-        _environment()
+        templates("robustflow.report.gallery")
         .get_template("gallery.html")
         .render(
             title=slider.title,
@@ -75,8 +72,3 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
             policy=content_policy(script()),
         )
     )
-
-
-@cache
-def _environment() -> Environment:
-    return templates("robustflow.report.gallery")

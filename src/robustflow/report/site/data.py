@@ -27,7 +27,8 @@ def page_data(content: Content, pages: Sequence[ModelPage]) -> dict[str, Any]:
         A dictionary with `boards` in order, `models` by page id, `settings` (label, CSS class and explanation by name),
         and `labels` (line labels of shaded tables, which refer to them by index).
     """
-    labels = {label: number for number, label in enumerate(_labels(pages))}
+    every_label = (line.label for page in pages for table in page.tables for line in table.lines)
+    labels = {label: number for number, label in enumerate(dict.fromkeys(every_label))}
     settings = {name for board in content.boards for name, _, _ in board.settings}
     return {
         "boards": [_board(board, content.pages) for board in content.boards],
@@ -125,10 +126,6 @@ def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
         ],
         "facts": page.facts,
     }
-
-
-def _labels(pages: Sequence[ModelPage]) -> list[str]:
-    return list(dict.fromkeys(line.label for page in pages for table in page.tables for line in table.lines))
 
 
 def _shaded_table(table: Table, labels: Mapping[str, int]) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from ...datasets import load_dataset
 from ...digest import digest_of_bytes, digest_of_value
 from ...errors import AssetError, DataError
 from ...runs.staleness import code_digest
-from ...sample import Frame
 from ...sealed import sealed, unsealed
 from ...severity import SEVERITIES
 from ..gallery.page import example_slider
@@ -37,16 +36,13 @@ def embedded_slider() -> Slider | None:
     except AssetError as error:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
         return None
-    source = _source(sample.frames)
+    frames = (digest_of_bytes(frame.tobytes()) for frame in sample.frames)
+    source = digest_of_value([code_digest(), *frames], size=16)
     kept = _read(source)
     if kept is None:
         kept = example_slider(sample.frames[0], gallery(sample, SEVERITIES, classes=DEMO_CLASSES), _TITLE)
         _write(kept, source)
     return kept
-
-
-def _source(frames: tuple[Frame, ...]) -> str:
-    return digest_of_value([code_digest(), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16)
 
 
 def _read(source: str) -> Slider | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from jinja2 import Environment
 from markupsafe import Markup
 
 from ..embed import asset, json_block, templates
@@ -22,7 +21,7 @@ def slider_markup(slider: Slider) -> Markup:
         shown = _first(slider, shots)
         hidden = not slider.together and index > 0
         figures.append({"name": name, "shot": shown, "hidden": hidden})
-    template = _environment().get_template("slider.html")
+    template = templates("robustflow.report.slider").get_template("slider.html")
     return Markup(template.render(slider=slider, figures=figures, data=json_block(_data(slider))))
 
 
@@ -57,8 +56,3 @@ def _data(slider: Slider) -> dict[str, Any]:
         }  # fmt: skip
         corruptions.append({"name": name, "first": first.severity if first else None, "shots": of_severity})
     return {"clean": (None, *slider.clean[1:]), "corruptions": corruptions, "firstFrame": slider.first_frame}
-
-
-@cache
-def _environment() -> Environment:
-    return templates("robustflow.report.slider")
