@@ -169,6 +169,27 @@ def test_a_mistake_of_an_own_attack_stops_with_a_sentence(run, message):
         rf.attack(*FRAMES, _model, wrong, 3)
 
 
+class InOneArray(Noise):
+    """Scores a random pair and then the clean pair in the same array."""
+
+    def run(self, problem, rng):
+        images = self.drawn(problem.ball, rng)
+        scores = [problem.score(images)]
+        images[:] = problem.ball.clean
+        scores.append(problem.score(images))
+        assert scores[0] > scores[1]
+        return problem.best
+
+
+@pytest.mark.torch
+def test_an_attack_that_overwrites_its_images_keeps_the_best_pair():
+    pytest.importorskip("torch", reason="needs the torch extra")
+    from .smooth_net import Given
+
+    model = Given(lambda images1, images2: 30 * ((images1 - images2) * images1)[:, :2])
+    assert rf.attack(*FRAMES, model, InOneArray, 3).linf == 4
+
+
 def test_what_leaves_the_budget_is_brought_back():
     far = type("Outside", (), {"needs_gradients": False, "run": lambda self, problem, rng: 1 - problem.ball.clean})
 

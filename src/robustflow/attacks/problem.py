@@ -61,7 +61,6 @@ class Problem:
         evaluations: number of flows computed for the attack, with and without gradient.
         gradients: number of evaluations with a gradient.
         trace: the loss of each evaluation, without CosPGD's weight.
-        best: the images inside the ball with the highest score so far; initially the clean pair.
         troubles: keys of `result.WARNINGS` for events that make the result doubtful.
     """
 
@@ -74,13 +73,23 @@ class Problem:
     evaluations: int = 0
     gradients: int = 0
     trace: list[float] = field(default_factory=list)
-    best: Images = field(init=False)
     best_score: float = field(init=False)
     troubles: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         score = self.loss.score(self.loss.of(self.clean_flow, weighted=False))
-        self.best, self.best_score = self.ball.clean, score if np.isfinite(score) else -np.inf
+        self._keep(self.ball.clean, score if np.isfinite(score) else -np.inf)
+
+    def _keep(self, images: Images, score: float) -> None:
+        self._best, self._best_copy, self.best_score = images, images.copy(), score
+
+    @property
+    def best(self) -> Images:
+        """The images inside the ball with the highest score so far, even if the attack overwrote the array since;
+        initially the clean pair."""
+        if not np.array_equal(self._best, self._best_copy):
+            self._best = self._best_copy
+        return self._best
 
     def loss_at(self, images: Images) -> float:
         """Return the loss of images without CosPGD's weight; the loss is not recorded, and only computed if it is not
@@ -160,7 +169,7 @@ class Problem:
         self.trace.append(loss)
         score = self.loss.score(loss)
         if score > self.best_score and self.ball.holds(images):
-            self.best, self.best_score = images, score
+            self._keep(images, score)
         return score
 
 
