@@ -52,8 +52,11 @@ def user_path(path: str | Path) -> Path:
     """Return a path from the user with `~` expanded to the home folder.
 
     Raises:
+        UsageError: the path is empty.
         DataError: the user after `~` does not exist, or the path is invalid on this file system.
     """
+    if path == "":
+        raise UsageError("a path is empty, which would be the working folder; give the path of a file or folder")
     try:
         expanded = Path(path).expanduser()
         expanded.exists()

@@ -83,6 +83,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("nowhere/flows", {}, UsageError, "'nowhere/flows': no file, folder or model"),
         ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no file, folder or model"),
         (__file__, {}, UsageError, "is a file but not an exported network .*--checkpoint FILE"),
+        ("", {}, UsageError, "the name of the model is empty"),
         ("diss", {}, UsageError, "did you mean 'dis'"),
         ("dis", {"presset": "fast"}, UsageError, "did you mean 'preset'"),
         ("dis", {"preset": "slow"}, UsageError, "unknown DIS preset 'slow'"),

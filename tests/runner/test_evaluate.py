@@ -144,11 +144,21 @@ def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
 
 @pytest.mark.parametrize(
     "options",
-    [{"workers": 0}, {"timeout": 0.0}, {"timeout": float("nan")}, {"engine": "serial", "workers": 2}, {"limit": 0}],
+    [
+        {"workers": 0},
+        {"timeout": 0.0},
+        {"timeout": float("nan")},
+        {"engine": "serial", "workers": 2},
+        {"limit": 0},
+        {"limit": 1.5},
+        {"limit": float("nan")},
+        {"data": ""},
+        {"output": ""},
+    ],
 )
 def test_options_that_cannot_be_meant(tmp_path, options):
     with pytest.raises(UsageError):
-        _run(tmp_path / "run", **options)
+        rf.evaluate(DIS, **{"output": tmp_path / "run", "corruptions": FAST, "severities": [1], **options})
     assert not (tmp_path / "run").exists()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from typing import Any
 
 from ..attacks.api import AnyAttack, with_controls
@@ -93,8 +94,8 @@ class Benchmark:
         Raises:
             UsageError: a corruption or attack is unknown, a severity is outside 1 to 5, or the limit is below 1.
         """
-        if limit is not None and limit < 1:
-            raise UsageError(f"--limit {limit} leaves no samples: give 1 or more")
+        if limit is not None and not (isinstance(limit, Integral) and limit >= 1):
+            raise UsageError(f"--limit {limit} leaves no samples: give a whole number, 1 or more")
         against = with_controls(_several(attacks or ()))
         asked = (() if against else self.corruptions) if corruptions is None else _several(corruptions)
         chosen = tuple(dict.fromkeys(map(corruption_name, asked)))

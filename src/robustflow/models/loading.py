@@ -55,6 +55,8 @@ def load_model(name: str, **options: Any) -> AnyModel:
     >>> load_model("dis", preset="fast").identity()["preset"]
     'fast'
     """
+    if not name:
+        raise UsageError("the name of the model is empty; give a name (see 'robustflow list models')")
     registered = name in MODELS.names()
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):

@@ -24,6 +24,7 @@ from filelock import FileLock, Timeout
 from ..atomic import TEMPORARY, make_folder, write_json
 from ..digest import digest_of_bytes
 from ..errors import RunError
+from ..layout import user_path
 from ..links import refuse_links
 from ..metrics.rows import CLEAN, rows_frame
 from ..sealed import sealed
@@ -59,7 +60,7 @@ class RunFolder:
     """The folder of one run. Call `lock()` before writing; reading needs no lock."""
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path).expanduser()
+        self.path = user_path(path)
         self._lock: FileLock | None = None
 
     @property
