@@ -25,7 +25,7 @@ def locate(
         DataError: the folder does not exist, is empty, or has a different layout; the message suggests the folder that
             was probably meant.
     """
-    root = Path(root).expanduser()
+    root = user_path(root)
     wanted = expected or " and ".join(f"{marker}/" for marker in markers)
     if not root.exists():
         raise DataError(f"{root}: no such folder; give the folder of {title} that contains {wanted}")

@@ -242,6 +242,16 @@ def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustf
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    "command",
+    ["show X", "run -m dis -o X", "run -m dis -b folder -d X", "leaderboard X.csv", "audit X.json"],
+)
+def test_a_home_of_an_unknown_user_is_refused(robustflow, command):
+    arguments = command.replace("X", "~no-such-user/x").split()
+    assert "~no-such-user/x" in (said := robustflow.refuses(*arguments, code=1))
+    assert "there is no such user" in said
+
+
 def test_a_name_that_is_not_utf_8_is_refused(robustflow):
     """Python reads the Latin-1 byte of an accented e as a lone surrogate, which no JSON file can contain."""
     assert "caf\ufffd is not valid UTF-8: rename" in robustflow.refuses("predict", "caf\udce9")

@@ -19,6 +19,7 @@ from ..bounded_file import read_bounded
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
+from ..layout import user_path
 from ..text import text_cell
 from .model_result import ModelResult, Value, merged
 from .results import AVERAGE, CLEAN, RESULT_METRICS
@@ -59,7 +60,7 @@ def read_results(path: str | Path) -> list[ModelResult]:
     >>> line.benchmark, line.values["epe", "clean"].decimals
     ('kitti-fc', 2)
     """
-    path = Path(path).expanduser()
+    path = user_path(path)
     data = read_bounded(path, _LARGEST_FILE, "give a CSV file of results")
     try:
         text = data.decode("utf-8-sig")

@@ -96,7 +96,7 @@ def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float
 
 
 def _loaded(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
-    chosen = Path(split).expanduser() if split is not None else None
+    chosen = user_path(split) if split is not None else None
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:

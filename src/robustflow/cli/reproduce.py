@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import UsageError
+from ..layout import user_path
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
 
@@ -95,7 +96,7 @@ def reproduce(
         if artefact.table and artefact.instead:
             typer.echo(f"See also: {artefact.instead}")
         return
-    if not data.expanduser().is_dir():
+    if not user_path(data).is_dir():
         raise UsageError(f"--data {data}: no such folder; {data_hint(artefact)}")
     make_folder(output)
     options = {

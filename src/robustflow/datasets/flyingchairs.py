@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
-from ..layout import choice, locate, numbered, partner
+from ..layout import choice, locate, numbered, partner, user_path
 from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import PairDataset, PairFiles
 
@@ -42,7 +42,7 @@ class FlyingChairs(PairDataset):
 
     def __init__(self, root: str | Path, split: str = "all") -> None:
         choice("split", split, ("all", "train", "val"))
-        folder = _data(Path(root).expanduser())
+        folder = _data(user_path(root))
         files = {kind: numbered(folder, rf"(\d{{5}})_{kind}\.{suffix}") for kind, suffix in _SUFFIXES.items()}
         numbers = sorted(set().union(*files.values()))
         for number in numbers:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
-from ..layout import choice, consecutive, folders, locate, numbered, partner
+from ..layout import choice, consecutive, folders, locate, numbered, partner, user_path
 from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import PairDataset, PairFiles
 
@@ -61,7 +61,7 @@ class FlyingThings3D(PairDataset):
         choice("side", side, ("left", "right"))
         choice("direction", direction, ("future", "past"))
         images = f"frames_{render_pass}pass/{split}"
-        part = Path(root).expanduser() / {"TRAIN": "train", "TEST": "val"}[split]
+        part = user_path(root) / {"TRAIN": "train", "TEST": "val"}[split]
         if (part / f"image_{render_pass}").is_dir():
             super().__init__(_subset(part, render_pass, side, direction), part)
             return

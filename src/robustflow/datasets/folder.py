@@ -11,7 +11,7 @@ from pathlib import Path
 from ..errors import DataError, UsageError
 from ..images.folder import IMAGE_SUFFIXES, images_in, natural_order
 from ..images.io import image_size
-from ..layout import VIDEO_SUFFIXES, folders, positive
+from ..layout import VIDEO_SUFFIXES, folders, positive, user_path
 from .facts import DatasetFacts, described
 from .pairs import PairDataset, PairFiles, pairs_at_step
 from .section import Position, position
@@ -82,7 +82,7 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
     Raises:
         DataError: the path does not exist, or is neither a video nor a folder of frames.
     """
-    path = Path(root).expanduser()
+    path = user_path(root)
     if path.is_file():
         return Video(path, step, start, stop)
     if not path.is_dir():

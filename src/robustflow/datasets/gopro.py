@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
-from ..layout import choice, consecutive, folders, locate, numbered, positive
+from ..layout import choice, consecutive, folders, locate, numbered, positive, user_path
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, pairs_at_step
 
@@ -48,7 +48,7 @@ class GoPro(PairDataset):
         choice("split", split, ("all", "train", "test"))
         choice("images", images, _KINDS)
         positive("step", step)
-        root = Path(root).expanduser()
+        root = user_path(root)
         pairs: dict[str, PairFiles] = {}
         for sequence in _sequences(root, split):
             group = sequence.relative_to(root).as_posix()

@@ -17,6 +17,7 @@ from ..corruptions.api import load_corruption
 from ..corruptions.registry import CLIP, FAMILIES
 from ..errors import UsageError
 from ..images.io import read_image
+from ..layout import user_path
 from ..sample import Frame, Sample
 from ..video.cache import FolderCache
 from ..video.open_clip import OpenClip, read_record, record_of_variant
@@ -56,7 +57,7 @@ class GoProFCPrepared(Samples):
     )
 
     def __init__(self, root: str | Path, variant: str = "default", cache: Path | None = None) -> None:
-        self.root = Path(root).expanduser()
+        self.root = user_path(root)
         manifest, self.clips = read_folder(self.root)
         self.variant = variant
         writable = os.access(self.root, os.W_OK)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError, unknown_name
+from ..layout import user_path
 from ..registry import Registry
 from .base import Dataset
 from .facts import DatasetFacts, facts_of
@@ -88,7 +89,7 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
     ({'spring': PosixPath('/data/spring')}, {'step': 2})
     """
     folders = ("depth", *dataset_facts(name).folder_options)
-    return {key: Path(value).expanduser().absolute() if key in folders else value for key, value in options.items()}
+    return {key: user_path(value).absolute() if key in folders else value for key, value in options.items()}
 
 
 def dataset_facts(name: str) -> DatasetFacts:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ..corruptions.on_disk import ROBUSTSPRING
 from ..errors import DataError, UsageError
+from ..layout import user_path
 from ..sample import Frame, Sample
 from .facts import DatasetFacts
 from .pairs import read_frames
@@ -57,7 +58,7 @@ class RobustSpring(Samples):
     )
 
     def __init__(self, root: str | Path, spring: str | Path | None = None) -> None:
-        self.root = Path(root).expanduser()
+        self.root = user_path(root)
         self._clean = {direction: Condition(self.root, CLEAN, direction, spring) for direction in DIRECTIONS}
         self._condition_of = {key: pairs for pairs in self._clean.values() for key in pairs.keys()}  # noqa: SIM118
         self._corrupted = {

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from ..corruptions.on_disk import ROBUSTSPRING
 from ..errors import DataError
-from ..layout import choice, consecutive, folders, locate, numbered
+from ..layout import choice, consecutive, folders, locate, numbered, user_path
 from .pairs import PairDataset, PairFiles
 
 CLEAN = "clean"
@@ -93,8 +93,8 @@ def condition_folder(root: str | Path, condition: str, spring: str | Path | None
         return _folder(root, [condition])
     if spring is not None:
         return locate("Spring", spring, ["test"], expected="test/, which contains 0003/frame_left/") / "test"
-    beside = Path(root).expanduser().absolute().parent / "spring" / "test"
-    if not any((Path(root).expanduser() / name).is_dir() for name in _CLEAN_NAMES) and beside.is_dir():
+    beside = user_path(root).absolute().parent / "spring" / "test"
+    if not any((user_path(root) / name).is_dir() for name in _CLEAN_NAMES) and beside.is_dir():
         return beside
     return _folder(root, _CLEAN_NAMES, "; or give the folder of Spring's frames with -D spring=FOLDER")
 

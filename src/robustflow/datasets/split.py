@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import DataError, UsageError
+from ..layout import user_path
 from ..random.rng import key_of
 from .kitti_drives import drive_groups
 
@@ -125,7 +126,7 @@ def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
         DataError: the file does not exist, contains an unknown or repeated key, has the wrong length, or selects
             nothing.
     """
-    path = Path(path).expanduser()
+    path = user_path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

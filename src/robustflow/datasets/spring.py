@@ -22,7 +22,7 @@ from ..errors import DataError
 from ..extras import require
 from ..flowio import read_flow
 from ..flowio.depth import read_dsp5
-from ..layout import choice, consecutive, folders, locate, numbered, partner
+from ..layout import choice, consecutive, folders, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
 from .depth import check_size, depth_of, present, scene_depth, table_of
@@ -118,7 +118,7 @@ class Spring(PairDataset):
 
 
 def _train(root: Path, expected: str) -> Path:
-    root = root.expanduser()
+    root = user_path(root)
     if any((sequence / f"frame_{side}").is_dir() for sequence in folders(root) for side in ("left", "right")):
         return root
     return locate("Spring", root, ["train"], expected=expected) / "train"

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from ..errors import DataError
 from ..flowio.depth import read_depth_npy, read_npy
-from ..layout import choice, folders, following, locate, numbered, partner
+from ..layout import choice, folders, following, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import relative_motion
 from .depth import present, scene_depth, table_of
@@ -57,7 +57,7 @@ class TartanAir(PairDataset):
 
     def __init__(self, root: str | Path, difficulty: str = "all") -> None:
         choice("difficulty", difficulty, ("all", *_DIFFICULTIES))
-        folder = Path(root).expanduser()
+        folder = user_path(root)
         pairs: dict[str, PairFiles] = {}
         for environment, place in _environments(folder):
             for level in _DIFFICULTIES if difficulty == "all" else (difficulty,):

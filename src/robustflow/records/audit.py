@@ -7,6 +7,7 @@ from pathlib import Path
 from ..analysis.audit import Audit, audit_results, audit_run
 from ..analysis.imported.flowbench_attacks import audit_stored_attacks, read_stored_attacks
 from ..analysis.results_file import read_results
+from ..layout import user_path
 from .load import is_record, load_any_run
 
 
@@ -17,7 +18,7 @@ def audit(path: str | Path) -> Audit:
     Raises:
         DataError, RunError: the file is not one of these kinds, or cannot be read.
     """
-    path = Path(path).expanduser()
+    path = user_path(path)
     if path.is_dir() or is_record(path):
         return audit_run(load_any_run(path), str(path))
     if path.suffix.lower() == ".json":

@@ -10,6 +10,7 @@ from tempfile import mkdtemp
 from typing import TypeVar, overload
 
 from ..errors import RunError
+from ..layout import user_path
 from ..runs.run import Run
 
 AnyRun = TypeVar("AnyRun", bound=Run)
@@ -37,7 +38,7 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
         RunError: the path contains no run, a run that this version cannot read, or a record that fails verification.
         DataError: the file cannot be read.
     """
-    path = Path(path).expanduser()
+    path = user_path(path)
     return _open_record(path, kind) if path.is_file() else kind(path)
 
 
@@ -49,7 +50,7 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
         RunError: a folder contains no run or record.
     """
     found = []
-    for path in (Path(each).expanduser() for each in paths):
+    for path in (user_path(each) for each in paths):
         if not path.is_dir() or (path / "manifest.json").exists():
             found.append(path)
             continue

@@ -10,6 +10,7 @@ import polars as pl
 
 from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
+from ..layout import user_path
 from ..runs.costs import PROFILE, read_cost
 from ..runs.plan import planned_attacks
 from ..sealed import sealed
@@ -58,7 +59,7 @@ def pack(
         DataError: the file cannot be written, or a text is not allowed in a record.
     """
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
-    target = Path(path).expanduser() if path is not None else Path(run.path.absolute().name + SUFFIX)
+    target = user_path(path) if path is not None else Path(run.path.absolute().name + SUFFIX)
     if target.suffix != SUFFIX:
         raise UsageError(f"{target}: the name of a record must end in {SUFFIX}")
     verification = verify_read(Reader(data, str(target)))

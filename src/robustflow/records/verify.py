@@ -10,6 +10,7 @@ from typing import Literal
 
 from ..analysis.audit.run_folder import audit_run
 from ..errors import RobustFlowError, RunError
+from ..layout import user_path
 from ..runs.run import Run
 from ..text import plain
 from ..validated import Frozen
@@ -109,7 +110,7 @@ def verify(
     given = zip(_ON_REQUEST, (frames, predictions, exported), strict=True)
     later = {name: compare for name, compare in given if compare is not None}
     try:
-        data = read_file(Path(path).expanduser())
+        data = read_file(user_path(path))
     except RobustFlowError as error:
         checks = _checks({"container": ("failed", str(error))}, later)
         return Verification(file=str(path), sha256="", facts=None, checks=checks)

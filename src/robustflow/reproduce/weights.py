@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..digest import sha256_of_file
 from ..errors import DataError
+from ..layout import user_path
 from ..models.catalog import CheckpointEntry, checkpoints
 
 SUFFIXES = (".ckpt", ".pth", ".pt", ".tar")
@@ -58,7 +59,7 @@ def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
 
 def _files(folders: Sequence[Path]) -> Iterator[Path]:
     for folder in folders:
-        folder = folder.expanduser()
+        folder = user_path(folder)
         if not folder.is_dir():
             raise DataError(f"{folder}: no such folder; give the folder that contains the checkpoints")
         yield from sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())

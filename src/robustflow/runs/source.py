@@ -20,6 +20,7 @@ from typing import Any
 
 from ..atomic import write_json
 from ..errors import RunError
+from ..layout import user_path
 from ..models.catalog import PTLFLOW, is_in_ptlflow
 from ..models.loading import ModelSpec
 from ..models.registry import MODELS
@@ -45,7 +46,7 @@ class RunSource:
     def write(self, folder: Path) -> None:
         """Write the source into a run's folder."""
         model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
-        data = None if self.data is None else str(self.data.expanduser().absolute())
+        data = None if self.data is None else str(user_path(self.data).absolute())
         options = _plain(self.data_options.items())
         write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
 

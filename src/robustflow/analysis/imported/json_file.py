@@ -9,6 +9,7 @@ from typing import Any
 
 from ...bounded_file import read_bounded
 from ...errors import DataError
+from ...layout import user_path
 from ...text import plain
 
 _LARGEST_FILE = 16 * 2**20
@@ -22,7 +23,7 @@ def read_json_file(path: Path) -> Any:
     Raises:
         DataError: if the file does not exist, exceeds 16 MiB, is not JSON, or contains a name twice.
     """
-    data = read_bounded(path.expanduser(), _LARGEST_FILE, "give a results file")
+    data = read_bounded(user_path(path), _LARGEST_FILE, "give a results file")
     try:
         return json.loads(data.decode(), object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:

@@ -21,6 +21,7 @@ from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
 from ...datasets.released import DISK_NAMES
 from ...errors import DataError, unknown_name
+from ...layout import user_path
 from ...metrics.rows import CLEAN
 from ...severity import SEVERITIES
 from ...text import plain
@@ -79,7 +80,7 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
         if names and all((metric, name) in values for name in names):
             values[metric, AVERAGE] = fsum(values[metric, name] for name in names) / len(names)
     frames = f"Reference code, {benchmark}, {averaged_over(names, benchmark_facts(benchmark).paper_corruptions)}"
-    model = path.expanduser().resolve().parent.name if path.name == "results.json" else path.stem
+    model = user_path(path).resolve().parent.name if path.name == "results.json" else path.stem
     cells = {key: Value(value, source=_SOURCE) for key, value in values.items()}
     return ModelResult(benchmark, frames, OWN_SETTING, plain(model) or "unnamed", NOTE, cells)
 
