@@ -42,7 +42,7 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
     for one in available:
         share = f", {100 * len(one) / places:.1f} % of an epoch" if not missing else ""
         pairs = f"{counted(len(one.keys), 'pair')} x {one.part.times}"
-        lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part)}")
+        lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part, recipe)}")
     for part, why in missing:
         lines.append(f"  missing  {_title(part)}: {why}")
     if not missing:
@@ -121,9 +121,10 @@ def _title(part: Part) -> str:
     return " ".join(words) + (" (the pairs not in KITTI-FC)" if part.keys == "training" else "")
 
 
-def _augmented(part: Part) -> str:
+def _augmented(part: Part, recipe: Recipe) -> str:
     flips = "flips" if part.flip else "no flips"
     if part.augmentation in ("stretched", "cropped"):
-        return f"{part.augmentation} to the crop, {flips}, half of the pairs swapped"
+        swapped = "" if recipe.objective is None else ", half of the pairs swapped"
+        return f"{part.augmentation} to the crop, {flips}{swapped}"
     scale = f"scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}"
     return f"{part.augmentation} augmentation, {scale}, {flips}" + ("" if part.eraser else ", no eraser")

@@ -51,8 +51,8 @@ class Part(Frozen):
         options: options of the dataset.
         keys: "all", or "training" for the training part of the project's split.
         times: number of times that each pair occurs in an epoch.
-        augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
-            crop's size, or "cropped", both of which swap the frames of half of the pairs.
+        augmentation: "dense" or "sparse" (see `augmentation/`), "stretched" to the crop's size, or "cropped"; the last
+            two swap the frames of half of the pairs in training without labels.
         log2_scale: range of the base-2 logarithm of the scale, for "dense" and "sparse".
         flip: whether frames are flipped.
         eraser: whether rectangles in the second frame are erased; for "dense" and "sparse".
