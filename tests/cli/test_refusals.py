@@ -244,12 +244,28 @@ def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustf
 
 @pytest.mark.parametrize(
     "command",
-    ["show X", "run -m dis -o X", "run -m dis -b folder -d X", "leaderboard X.csv", "audit X.json"],
+    [
+        "show X",
+        "run -m dis -o X",
+        "run -m dis -b folder -d X",
+        "leaderboard X.csv",
+        "audit X.json",
+        "corrupt a.png b.png -c fog -o X",
+        "optics show -o X",
+    ],
 )
 def test_a_home_of_an_unknown_user_is_refused(robustflow, command):
     arguments = command.replace("X", "~no-such-user/x").split()
     assert "~no-such-user/x" in (said := robustflow.refuses(*arguments, code=1))
     assert "there is no such user" in said
+
+
+def test_the_home_folder_of_an_output_is_expanded(robustflow, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(name, np.full((8, 8, 3), 90, np.uint8))
+    robustflow.prints("corrupt", "a.png", "b.png", "-c", "contrast", "--output=~/corrupted")
+    assert (tmp_path / "home" / "corrupted" / "contrast_3" / "a.png").is_file()
 
 
 def test_a_name_that_is_not_utf_8_is_refused(robustflow):

@@ -43,11 +43,10 @@ def robust_training(
     from ..atomic import write_bytes
     from ..experiments.findings import findings
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment
-    from ..layout import user_path
     from .interrupt import Interrupted, stopped
 
     experiment = TrainingExperiment(
-        user_path(output),
+        output,
         evaluation_sets(data or [], shapes, size),
         seeds=seeds,
         steps=steps,

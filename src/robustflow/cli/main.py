@@ -8,6 +8,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -16,6 +17,7 @@ from typer.core import TyperCommand, TyperOption
 from .. import __version__
 from ..errors import RobustFlowError, UsageError, plain_warning
 from ..figure_style import ignore_local_settings
+from ..layout import user_path
 from ..safe_path import SAFE_PATH
 from .app import app as local_app
 from .audit import audit
@@ -120,7 +122,16 @@ class _Command(TyperCommand):
                 raise UsageError(
                     f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
                 )
-        return super().parse_args(ctx, args)
+        rest = super().parse_args(ctx, args)
+        ctx.params.update({name: _expanded(value) for name, value in ctx.params.items()})
+        return rest
+
+
+def _expanded(value: Any) -> Any:
+    """Expand `~` in paths: of `--output=~/run`, a shell leaves it as it is."""
+    if isinstance(value, list):
+        return [_expanded(each) for each in value]
+    return user_path(value) if isinstance(value, Path) else value
 
 
 def _listed(description: str | None) -> Callable[[], None]:

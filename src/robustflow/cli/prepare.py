@@ -115,31 +115,29 @@ def digests(
       robustflow prepare digests --data ~/kitti
     """
     from ..errors import DataError
-    from ..layout import user_path
     from ..progress_bar import ProgressBar
     from ..runs.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
-    folder = user_path(data)
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; give the folder of the dataset")
-    before = read_list(folder) if not overwrite and (folder / DIGEST_LIST).exists() else None
-    names = listed_files(folder)
+    if not data.is_dir():
+        raise DataError(f"{data}: no such folder; give the folder of the dataset")
+    before = read_list(data) if not overwrite and (data / DIGEST_LIST).exists() else None
+    names = listed_files(data)
     if not names:
-        raise DataError(f"{folder}: contains no files; give the folder of the dataset")
+        raise DataError(f"{data}: contains no files; give the folder of the dataset")
     with ProgressBar() as progress:
-        found = dict(progress.track(digests_in(folder, names), f"{folder}: reading", len(names)))
+        found = dict(progress.track(digests_in(data, names), f"{data}: reading", len(names)))
     if before is None:
-        path = write_list(folder, found)
+        path = write_list(data, found)
         typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
         return
     differing = [name for name, digest in before.items() if found.get(name) != digest]
     if differing:
         state = "has changed" if differing[0] in found else "is missing"
         raise DataError(
-            f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
+            f"{data / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
             "copy the data again, or give --overwrite if the change is intended"
         )
-    typer.echo(f"{counted(len(before), 'file')}: no differences from {folder / DIGEST_LIST}")
+    typer.echo(f"{counted(len(before), 'file')}: no differences from {data / DIGEST_LIST}")
     if added := len(found) - len(before):
         typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 

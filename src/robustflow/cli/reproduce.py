@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import UsageError
-from ..layout import user_path
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
 
@@ -96,7 +95,7 @@ def reproduce(
         if artefact.table and artefact.instead:
             typer.echo(f"See also: {artefact.instead}")
         return
-    if not user_path(data).is_dir():
+    if not data.is_dir():
         raise UsageError(f"--data {data}: no such folder; {data_hint(artefact)}")
     make_folder(output)
     options = {

@@ -29,12 +29,11 @@ def show(
     import warnings
 
     from ..errors import DataError
-    from ..layout import user_path
     from ..records.load import load_any_run
     from ..report.site.write import write_report
     from .tables import as_json_text, print_result
 
-    result, in_folder = load_any_run(run), user_path(run).is_dir()
+    result, in_folder = load_any_run(run), run.is_dir()
     if in_folder:
         try:
             result.write_means()
