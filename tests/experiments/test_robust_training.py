@@ -29,7 +29,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     weights = {arm: (folder / "last.pth").read_bytes() for arm, folder in folders.items()}
     assert run(app, command + _SMALL).exit_code == 0
     assert {arm: (folder / "last.pth").read_bytes() for arm, folder in folders.items()} == weights
-    longer = run(app, [*command, *_SMALL, "--steps", "3"])
+    longer = run(app, [*command, "--steps", "3", *_SMALL[2:]])
     assert isinstance(longer.exception, RunError)
     assert "contains an experiment with different --steps" in str(longer.exception)
     with claimed(folders["plain"]) as mine, claimed(folders["plain"]) as others:
