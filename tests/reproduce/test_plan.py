@@ -108,7 +108,7 @@ def test_the_addresses_are_those_of_the_libraries():
     known = {
         weights.url for kind in (optical_flow.Raft_Large_Weights, optical_flow.Raft_Small_Weights) for weights in kind
     }
-    for name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
-        known |= {*ptlflow.get_model_reference(name).pretrained_checkpoints.values()}
+    for name in ptlflow.get_model_names():
+        known |= {*getattr(ptlflow.get_model_reference(name), "pretrained_checkpoints", {}).values()}
     published = {entry.address for entry in checkpoints() if not entry.model.startswith("ptlflow:")}
     assert published <= known
