@@ -27,6 +27,15 @@ def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
     return clean if longest is None or len(clean) <= longest else clean[: longest - 1] + "…"
 
 
+def is_utf8(name: str) -> bool:
+    """Return whether the name of a file, as Python decoded it, is valid UTF-8; other bytes are lone surrogates.
+
+    >>> is_utf8("café"), is_utf8("caf\\udce9")
+    (True, False)
+    """
+    return not any("\ud800" <= letter <= "\udfff" for letter in name)
+
+
 def counted(number: int, singular: str, plural: str | None = None) -> str:
     """Return a number with its noun.
 

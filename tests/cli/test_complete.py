@@ -15,6 +15,7 @@ from robustflow.cli.main import app
         ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),
         ("robustflow run --benchmark kitti", {"kitti-fc"}),
         ("robustflow run -c fog -c snow --benchmark kitti", {"kitti-fc"}),
+        ("robustflow run --output=~no-such-user/x --benchmark kitti", {"kitti-fc"}),
     ],
 )
 def test_a_tab_in_bash(typed, offered):

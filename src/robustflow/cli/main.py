@@ -19,6 +19,7 @@ from ..errors import RobustFlowError, UsageError, plain_warning
 from ..figure_style import ignore_local_settings
 from ..layout import user_path
 from ..safe_path import SAFE_PATH
+from ..text import is_utf8, plain
 from .app import app as local_app
 from .audit import audit
 from .calibrate import calibrate
@@ -108,17 +109,19 @@ class _Command(TyperCommand):
                 option.rich_help_panel = None
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if ctx.resilient_parsing:  # a shell asks for completions
+            return super().parse_args(ctx, args)
         for text in args:
-            if any("\ud800" <= letter <= "\udfff" for letter in text):  # how Python represents such bytes
+            if not is_utf8(text):
                 raise UsageError(f"{text} is not valid UTF-8: rename the file or folder")
         values, _, given = self.make_parser(ctx).parse_args(list(args))
         for parameter in self.params:
             value = values.get(parameter.name)
-            if "" in (value if isinstance(value, list | tuple) else (value,)) and not ctx.resilient_parsing:
+            if "" in (value if isinstance(value, list | tuple) else (value,)):
                 raise UsageError(f"{parameter.opts[0]} is empty: give a value, or omit it")
         for option, times in Counter(given).items():
             once = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
-            if once and times > 1 and not ctx.resilient_parsing:  # that is how a shell asks for completions
+            if once and times > 1:
                 raise UsageError(
                     f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
                 )
@@ -175,8 +178,6 @@ def main() -> None:
     except (RobustFlowError, OSError) as error:
         if debug:
             traceback.print_exception(error)
-        from ..text import plain
-
         known = isinstance(error, RobustFlowError)
         line = str(error) if known else f"{error}; check the file or device, or use --debug for the full traceback"
         print(f"robustflow: {plain(line, None)}", file=sys.stderr)

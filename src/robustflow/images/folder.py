@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from ..errors import DataError
+from ..text import is_utf8
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 """Extensions of the files that are treated as images when a folder is listed."""
@@ -20,7 +21,7 @@ def images_in(folder: Path) -> list[Path]:
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
     ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
     for path in ordered:
-        if any("\ud800" <= letter <= "\udfff" for letter in str(path)):  # how Python represents other bytes
+        if not is_utf8(str(path)):
             raise DataError(f"{path}: the name is not valid UTF-8; rename the file or folder")
     return ordered
 
