@@ -7,6 +7,7 @@ import json
 import shutil
 from collections import Counter
 from decimal import Decimal
+from statistics import fmean
 
 import polars as pl
 import pytest
@@ -130,6 +131,25 @@ def test_a_planted_error_is_found(metric):
     check = {"cre": "cre", "crer": "crer", "rcre": "bound"}[metric]
     assert ("saturate", 0.31) in [(f.corruption, f.given) for f in found if f.check == check]
     assert (AVERAGE, metric) in [(f.corruption, f.metric) for f in found if f.check == "average"]
+
+
+@pytest.mark.parametrize(
+    ("corruptions", "averaged", "fits"),
+    [
+        ("fog elastic_transform raw_noise", "fog elastic_transform raw_noise", True),
+        ("fog elastic_transform raw_noise", "fog", True),
+        ("fog elastic_transform raw_noise", "fog raw_noise", False),
+        ("brightness zoom_blur", "brightness zoom_blur", True),
+        ("brightness zoom_blur", "zoom_blur", False),
+    ],
+)
+def test_an_average_is_over_all_corruptions_of_a_line_or_over_the_papers(corruptions, averaged, fits):
+    errors = {name: 2.0**number for number, name in enumerate(corruptions.split())}
+    errors[AVERAGE] = fmean(errors[name] for name in averaged.split())
+    table = _csv({("A", "rcre", name): f"{value:.4f}" for name, value in errors.items()})
+    found = audit_results(table).findings
+    assert [f.check for f in found] == ([] if fits else ["average"])
+    assert all(f"the mean over {len(errors) - 1} corruptions is" in f.message for f in found)
 
 
 def test_swapped_rows_are_found_in_any_table():

@@ -18,10 +18,10 @@ from ...analysis.labels import (
 )
 from ...analysis.model_result import ModelResult, ValueKey
 from ...analysis.published.tables import method_of
-from ...analysis.results import AVERAGE
+from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.run_results import comparison_note
 from ...benchmarks import benchmark_facts
-from ...corruptions.names import ORDER
+from ...corruptions.names import ordered
 from ...runs.costs import read_cost
 from ...runs.plan import left_out_sentence
 from ...text import plain
@@ -174,7 +174,7 @@ def _sentences(line: ModelResult) -> tuple[str, ...]:
     """Name the corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
         numbers = line.numbers(metric)
-        values = {name: numbers[name] for name in ORDER if name in numbers}
+        values = {name: numbers[name] for name in ordered(numbers.keys() - {CLEAN, AVERAGE})}
         if len(values) < 2:
             continue
         order = sorted(values, key=lambda name: -values[name])
@@ -213,10 +213,11 @@ def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
 
 
 def _settings_table(title: str, results: Sequence[ModelResult]) -> Table:
-    shown = [(m, r) for m in _METRICS for r in results if any((m, name) in r.values for name in ORDER)]
-    tops = {metric: scale_top(r.number(metric, name) for _, r in shown for name in ORDER) for metric in _METRICS}
+    names = ordered({name for r in results for m, name in r.values if m in _METRICS} - {CLEAN, AVERAGE})
+    shown = [(m, r) for m in _METRICS for r in results if any((m, name) in r.values for name in names)]
+    tops = {metric: scale_top(r.number(metric, name) for _, r in shown for name in names) for metric in _METRICS}
     lines = []
-    for name in [name for name in ORDER if any((m, name) in r.values for m, r in shown)] + [AVERAGE]:
+    for name in [*names, AVERAGE]:
         cells = tuple(TableCell(r.values[m, name].text if (m, name) in r.values else "–") for m, r in shown)
         lines.append(Line("Average" if name == AVERAGE else long_label(name), cells))
     columns = [Column(f"{METRIC_LABELS[m]} {setting_words(r.setting)}", strongest=tops[m]) for m, r in shown]
