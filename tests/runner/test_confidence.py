@@ -19,6 +19,7 @@ from robustflow.report.confidence_table import confidence_table
 from robustflow.report.figures.sparsification_curves import sparsification_curves
 from robustflow.report.site import render_site, run_content
 from robustflow.testing import TexturePairs
+from tests.made_rows import made_run
 
 from .models_for_tests import Sure
 
@@ -131,6 +132,15 @@ def test_scores_are_means_over_images_by_family_and_severity(whole):
     assert score.rejected == pytest.approx(100 * (rows["rejected_count"] / rows["n_all"]).mean(), rel=1e-12)
     assert score.by_confidence[2] == pytest.approx(score.error_80)
     assert score.by_error[0] == score.by_confidence[0] == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+
+
+def test_scores_weight_corruptions_with_fewer_severities_as_the_summary_does(whole):
+    run = made_run(whole, whole.rows.filter((pl.col("corruption") != "contrast") | (pl.col("severity") != 4)))
+    (average,) = (score for score in confidence_scores(run) if score.family == "average")
+    assert average.by_confidence[0] == pytest.approx(run.summary.epe, rel=1e-12)
+    ause = run.rows.group_by("corruption", "severity").agg(pl.col("ause").mean())
+    of_corruptions = [ause.filter(corruption=name)["ause"].mean() for name in FAST]
+    assert average.ause == pytest.approx(np.mean(of_corruptions), rel=1e-12)
 
 
 def test_table_figure_and_page_show_the_confidence(whole):

@@ -1,10 +1,10 @@
-"""Measure how well a model's confidence predicts its errors: means over images, by corruption family and severity."""
+"""Measure how well a model's confidence predicts its errors, by corruption family and severity."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from statistics import fmean
 
 import polars as pl
 
@@ -17,7 +17,7 @@ from .results import AVERAGE
 
 @dataclass(frozen=True)
 class ConfidenceScore:
-    """Scores of a model's confidence under one condition, averaged over images.
+    """Scores of a model's confidence under one condition, averaged over images, then severities, then corruptions.
 
     Attributes:
         family: name of the corruption family; "clean" for the clean frames, `results.AVERAGE` for all corruptions.
@@ -64,30 +64,34 @@ def _conditions(rows: pl.DataFrame) -> Iterator[tuple[str, int | None, pl.DataFr
 
 
 def _score(family: str, severity: int | None, rows: pl.DataFrame) -> ConfidenceScore:
-    measured = rows.filter(pl.col("ause").is_not_null()).with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
-    curves = (
-        [
-            tuple(_mean(measured[name]) or 0.0 for name in ("epe", *(f"{curve}_at_{share}" for share in COVERAGES)))
-            for curve in ("error", "oracle")
-        ]
-        if measured.height
-        else [(), ()]
-    )
-    wrong = measured.filter(pl.col("epe") > 0)
+    epe = pl.col("epe_sum") / pl.col("n_valid")
+    curves = [
+        tuple(
+            mean
+            for value in (epe, *(pl.col(f"{curve}_at_{share}") for share in COVERAGES))
+            if (mean := _mean(rows.filter(pl.col("ause").is_not_null()), value)) is not None
+        )
+        for curve in ("error", "oracle")
+    ]
     return ConfidenceScore(
         family=family,
         severity=severity,
-        ause=_mean(measured["ause"]),
-        ause_normalised=_mean(wrong["ause"] / wrong["epe"]),
-        error_80=_mean(measured["error_at_80"]),
-        error_50=_mean(measured["error_at_50"]),
-        spearman=_mean(measured["confidence_spearman"]),
-        rejected=_mean(100 * rows["rejected_count"] / rows["n_all"]),
+        ause=_mean(rows, pl.col("ause")),
+        ause_normalised=_mean(rows, pl.col("ause") / epe),
+        error_80=_mean(rows, pl.col("error_at_80")),
+        error_50=_mean(rows, pl.col("error_at_50")),
+        spearman=_mean(rows, pl.col("confidence_spearman")),
+        rejected=_mean(rows, 100 * pl.col("rejected_count") / pl.col("n_all")),
         by_confidence=curves[0],
         by_error=curves[1],
     )
 
 
-def _mean(values: pl.Series) -> float | None:
-    known = values.drop_nulls().drop_nans()
-    return math.fsum(known) / len(known) if len(known) else None
+def _mean(rows: pl.DataFrame, value: pl.Expr) -> float | None:
+    """Average over images, then severities, then corruptions, as in a run's summary; images without a finite value are
+    left out."""
+    known = rows.select("corruption", "severity", value=value).filter(pl.col("value").is_finite())
+    of_corruption: dict[str, list[float]] = {}
+    for corruption, _, values in known.group_by("corruption", "severity").agg("value").iter_rows():
+        of_corruption.setdefault(corruption, []).append(fmean(values))
+    return fmean(map(fmean, of_corruption.values())) if of_corruption else None
