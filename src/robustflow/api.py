@@ -174,7 +174,7 @@ def evaluate(
         engine: the execution engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and
             `timeout` by default.
         address: address of the Ray cluster: "auto", "host:port" or "ray://host:port"; None starts a local cluster.
-        timeout: time limit for a single prediction or batch, in seconds.
+        timeout: time limit for a single prediction, batch or attack, in seconds.
         allow_invalid: True to omit and count predicted pixels that are NaN or infinite instead of failing.
         confidence: the source of confidence estimates to evaluate (docs/confidence.md): "forward-backward" consistency,
             which needs one more prediction per cell, or the "model" itself (`predict_with_confidence`).

@@ -9,6 +9,8 @@ import pytest
 import robustflow as rf
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import ModelError, UsageError
+from robustflow.runner.predict_stage import PredictionRequest, PredictStage
+from robustflow.runner.seconds import no_seconds
 from robustflow.testing import TexturePairs
 
 
@@ -72,3 +74,27 @@ def test_a_batch_that_is_not_an_answer(tmp_path, answer, says):
 
     with pytest.raises(ModelError, match=says):
         run(Wrong(), tmp_path / "run", batch_size=3)
+
+
+@pytest.mark.parametrize(
+    ("confidence", "draws", "batch", "calls"),
+    [(None, 1, 1, 1), (None, 3, 2, 6), ("forward-backward", 1, 1, 2), ("forward-backward", 1, 2, 2), ("model", 1, 2, 2)],
+)
+def test_each_call_of_the_model_is_announced_so_that_a_time_limit_holds_for_it_alone(confidence, draws, batch, calls):
+    events: list[str] = []
+
+    class Confident(Batched):
+        def predict_batch(self, frames1, frames2):
+            events.append("call")
+            return super().predict_batch(frames1, frames2)
+
+        def predict_with_confidence(self, frame1, frame2):
+            return self.predict(frame1, frame2), np.zeros(frame1.shape[:2], np.float32)
+
+    frames = np.random.default_rng(0).integers(0, 255, (2 * draws, 16, 24, 3)).astype(np.uint8)
+    requests = [PredictionRequest((f"{number}", "fog", 3), tuple(frames), draws=draws) for number in range(batch)]
+    stage = PredictStage(Confident(), confidence, no_seconds(), lambda what: events.append(what or "end"))
+    stage.predict(requests)
+    assert events.count("call") == calls
+    assert [event if event in ("call", "end") else "start" for event in events] == ["start", "call", "end"] * calls
+    assert events[0].startswith("sample '0'")

@@ -142,7 +142,7 @@ def run(
     ] = None,
     timeout: Annotated[
         float | None,
-        typer.Option(help="Time limit for a single prediction, in seconds.", rich_help_panel=HOW),
+        typer.Option(help="Time limit for a single prediction, batch or attack, in seconds.", rich_help_panel=HOW),
     ] = None,
     allow_invalid: Annotated[
         bool,

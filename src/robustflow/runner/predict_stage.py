@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -85,21 +86,27 @@ class PredictStage:
                 array (H, W, 2).
         """
         with timed(self._seconds, "predict"):
-            self._on_predict(describe_cells([request.cell for request in requests]))
             if requests[0].draws > 1:
                 answers = list(map(self._over_draws, requests))
             elif self._confidence == OF_MODEL:
-                assert isinstance(self._model, ConfidentModel)
-                answers = [
-                    predict_with_confidence_checked(self._model, one.frames, describe_cell(*one.cell))
-                    for one in requests
-                ]
+                answers = list(map(self._with_confidence, requests))
             else:
                 answers = self._flows(requests)
             if self._confidence == FORWARD_BACKWARD:
                 answers = list(map(with_back, answers, self._flows_back(requests, answers)))
-            self._on_predict(None)
             return answers
+
+    @contextmanager
+    def _announced(self, *requests: PredictionRequest) -> Iterator[None]:
+        """Wrap one call of the model."""
+        self._on_predict(describe_cells([request.cell for request in requests]))
+        yield
+        self._on_predict(None)
+
+    def _with_confidence(self, request: PredictionRequest) -> Answer:
+        assert isinstance(self._model, ConfidentModel)
+        with self._announced(request):
+            return predict_with_confidence_checked(self._model, request.frames, describe_cell(*request.cell))
 
     def _over_draws(self, request: PredictionRequest) -> Answer:
         """Return the flow of the first draw, with the spread over all draws; draws with the same frames as the first
@@ -116,7 +123,8 @@ class PredictStage:
     def _flows(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
         if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):
             cells = [request.cell for request in requests]
-            return predict_batch_checked(self._model, [request.frames for request in requests], cells)
+            with self._announced(*requests):
+                return predict_batch_checked(self._model, [request.frames for request in requests], cells)
         return [self._one(request) for request in requests]
 
     def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
@@ -127,8 +135,9 @@ class PredictStage:
         return [flow if same else next(back) for flow, same in zip(flows, known, strict=True)]
 
     def _one(self, request: PredictionRequest) -> Flow:
-        if request.index is not None:
-            assert isinstance(self._model, ClipModel)
-            return predict_clip_checked(self._model, request.frames, request.index, *request.cell)
-        assert isinstance(self._model, FlowModel | FlowLookup)
-        return predict_checked(self._model, request.frames, *request.cell)
+        with self._announced(request):
+            if request.index is not None:
+                assert isinstance(self._model, ClipModel)
+                return predict_clip_checked(self._model, request.frames, request.index, *request.cell)
+            assert isinstance(self._model, FlowModel | FlowLookup)
+            return predict_checked(self._model, request.frames, *request.cell)
