@@ -78,7 +78,13 @@ def test_a_batch_that_is_not_an_answer(tmp_path, answer, says):
 
 @pytest.mark.parametrize(
     ("confidence", "draws", "batch", "calls"),
-    [(None, 1, 1, 1), (None, 3, 2, 6), ("forward-backward", 1, 1, 2), ("forward-backward", 1, 2, 2), ("model", 1, 2, 2)],
+    [
+        (None, 1, 1, 1),
+        (None, 3, 2, 6),
+        ("forward-backward", 1, 1, 2),
+        ("forward-backward", 1, 2, 2),
+        ("model", 1, 2, 2),
+    ],
 )
 def test_each_call_of_the_model_is_announced_so_that_a_time_limit_holds_for_it_alone(confidence, draws, batch, calls):
     events: list[str] = []

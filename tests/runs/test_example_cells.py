@@ -52,5 +52,10 @@ def test_worst_and_median(errors, truth):
     assert scores == ((value, value - 1, value + 3) if truth else (None, None, value))
 
 
+def test_cre_of_a_cell_is_over_the_pixels_that_both_flows_have():
+    rows = rows_frame([row("a", n=4, epe=2.0), row("a", "fog", 1, n=2, epe=3.0, rcre=4.0, clean_epe_sum=1.0)])
+    assert [one.scores.cre for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
+
+
 def test_nothing_measured_nothing_chosen():
     assert example_cells(rows_frame([])) == []

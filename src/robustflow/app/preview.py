@@ -149,7 +149,7 @@ def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) 
     regions = Regions.of(sample) if sample.flow is not None else None
     before = measure(clean, clean, sample, regions)
     row = measure(flow, clean, sample, regions, corruption=name, severity=severity)
-    scores, clean_scores = cell_scores(row, before), cell_scores(before, before)
+    scores, clean_scores = cell_scores(row), cell_scores(before)
     return {
         "numbers": {
             "epe_clean": clean_scores.epe,

@@ -13,7 +13,6 @@ import polars as pl
 from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
 from ..errors import DataError, RunError, UsageError, unknown_name
 from ..images.io import jpeg_bytes, shrunk
-from ..metrics.rows import CLEAN
 from ..models.base import describe_cell
 from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH, are_current, drop_examples, example_list
@@ -109,8 +108,8 @@ def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Lit
     from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
 
     key, corruption, severity = cell
-    row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))
-    scores = cell_scores(row, clean)
+    row = _row(rows, cell)
+    scores = cell_scores(row)
     view = worker.inspect_cell(*cell)
     _check_same(view, row, scores)
     numbers = numbers_line(scores.epe, scores.cre, scores.rcre)
@@ -145,7 +144,7 @@ def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
     where = describe_cell(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
         raise RunError(f"the frames of {where} differ from those of the run; use the data of the run")
-    again = cell_scores(view.row, None)
+    again = cell_scores(view.row)
     for name in ("epe", "rcre"):
         before, now = getattr(scores, name), getattr(again, name)
         if before is None and now is None:

@@ -14,9 +14,11 @@ from typing import Any, Literal, TypeVar
 import polars as pl
 
 from ..metrics.robustness import cre as cre_of
-from ..metrics.rows import CLEAN
+from ..metrics.rows import CLEAN, ROW_KEY
 
 Kind = Literal["worst", "median"]
+
+_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
 
 T = TypeVar("T", bound=tuple[Any, ...])
 
@@ -48,14 +50,8 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     For an even number of samples, the lower median is used. Ties are resolved by the order of keys, corruptions and
     severities. The result is empty if nothing was measured.
     """
-    columns = ("sample", "corruption", "severity", "epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
-    clean, cells = {}, {}
-    for row in rows.select(columns).sort("sample", "corruption", "severity").iter_rows(named=True):
-        if row["corruption"] == CLEAN:
-            clean[row["sample"]] = row
-        else:
-            cells[row["sample"], row["corruption"], row["severity"]] = row
-    scored = {cell: cell_scores(row, clean.get(cell[0])) for cell, row in cells.items()}
+    cells = rows.filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY).iter_rows(named=True)
+    scored = {(row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells}
     metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
     values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
     if not values:
@@ -73,13 +69,11 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     return chosen
 
 
-def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> CellScores:
-    """Compute EPE, CRE and RCRE of one row from the row and its sample's clean row."""
-    epe = _mean(row["epe_sum"], row["n_valid"])
-    before = _mean(clean["epe_sum"], clean["n_valid"]) if clean else None
-    rcre = (
-        _mean(row["rcre_all_sum"], row["n_all"]) if row["n_valid"] is None else _mean(row["rcre_sum"], row["n_valid"])
-    )
+def cell_scores(row: dict[str, Any]) -> CellScores:
+    """Compute EPE, CRE and RCRE of one row."""
+    n = row["n_valid"]
+    epe, before = _mean(row["epe_sum"], n), _mean(row["clean_epe_sum"], n)
+    rcre = _mean(row["rcre_all_sum"], row["n_all"]) if n is None else _mean(row["rcre_sum"], n)
     return CellScores(epe, cre_of(epe, before), rcre)
 
 

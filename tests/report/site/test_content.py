@@ -186,7 +186,9 @@ def test_the_page_of_a_model_shows_corruptions_that_the_paper_does_not_have():
     errors = {"fog": 2, "brightness": 9, "elastic_transform": 1, "average": 4}
     lines = "".join(f"OOD,A,rcre,{name},{value}.00,\n" for name, value in errors.items())
     (page,) = model_pages(whole_content([], [("flowbench.csv", _file(lines))], published=False), {})
-    assert page.sentences[0].endswith("Brightness (9.00 px), Fog (2.00 px); the mildest is Elastic transform (1.00 px).")
+    assert page.sentences[0].endswith(
+        "Brightness (9.00 px), Fog (2.00 px); the mildest is Elastic transform (1.00 px)."
+    )
     cells = {line.label: [cell.text for cell in line.cells] for line in page.tables[0].lines}
     assert cells == {"Fog": ["2.00"], "Brightness": ["9.00"], "Elastic transform": ["1.00"], "Average": ["4.00"]}
     assert page.tables[0].columns[0].strongest == 9.0
