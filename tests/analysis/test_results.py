@@ -1,5 +1,7 @@
 """Results files are read, and invalid ones are rejected."""
 
+from dataclasses import replace
+
 import pytest
 
 from robustflow.analysis.model_result import Value
@@ -29,6 +31,13 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     assert number_text(value.number, value.decimals) == shown
     path.write_text(results_csv([line]))
     assert list(map(vars, read_results(path))) == [vars(line)]
+
+
+@pytest.mark.parametrize("number", [0.0, 0.5, 12.0, 1e-5, 0.1 + 0.2, 1e8 + 0.125])
+def test_a_number_that_was_never_rounded_comes_back_as_such_however_short_it_is(number):
+    (line,) = parse_results(f"{_HEAD}OOD,Mine,rcre,fog,1.00\n", "mine.csv", "mine")
+    (again,) = parse_results(results_csv([replace(line, values={("rcre", "fog"): Value(number)})]), "mine.csv", "mine")
+    assert again.values["rcre", "fog"] == Value(number)
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,12 @@ def results_csv(results: Iterable[ModelResult]) -> str:
     for line in results:
         for key, value in line.values.items():
             texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note)
-            number = repr(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
+            number = _unrounded(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
             writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked]])
     return out.getvalue()
+
+
+def _unrounded(number: float) -> str:
+    """Write a number with enough decimals to be read as unrounded."""
+    text = repr(number)
+    return text if _number(text, "")[1] is None else f"{number:.{_MOST_PRINTED + 1}f}"
