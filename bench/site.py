@@ -21,11 +21,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-import polars as pl
 from synthetic_runs import synthetic_runs
 
+from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
@@ -37,20 +38,17 @@ _TIMING = """() => {
 _QUIET = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
 
 
-def many_models(count: int) -> pl.DataFrame:
+def many_models(count: int) -> list[ModelResult]:
     """Results of `count` models: copies of a published model, each slightly worse than the previous one and with a
     different name."""
-    source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
-    settings = ("OOD", "ID", "own")
-    return pl.concat(
-        source.with_columns(
-            model=pl.lit(f"Model {index:03d}"),
-            setting=pl.lit(settings[index % 3]),
-            value=pl.col("value") * (1 + 0.01 * index),
-            sample_set=pl.lit("file"),
-        )
-        for index in range(count)
-    )
+    of_raft = ("kitti-fc", "ID", "RAFT")
+    (raft,) = (line for line in published_results() if (line.benchmark, line.setting, line.name) == of_raft)
+    models = []
+    for index in range(count):
+        values = {key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in raft.values.items()}
+        setting = ("OOD", "ID", "own")[index % 3]
+        models.append(replace(raft, name=f"Model {index:03d}", setting=setting, frames="file", values=values))
+    return models
 
 
 def seconds(make: Callable[[], str]) -> tuple[str, float]:

@@ -10,7 +10,7 @@ device; half precision needs less memory.
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 import torch
@@ -68,9 +68,16 @@ def row(method: str) -> str:
     return ",".join([method, str(learning), str(rest), *(f"{value:.6g}" if value > 1e-9 else "0" for value in solved)])
 
 
-if __name__ == "__main__":
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("methods", nargs="*", metavar="METHOD", help="by default all that are trained with labels only")
+    methods = parser.parse_args().methods
     torch.set_num_threads(1)
     print("method,learning,frozen,pixel,pixel_pair,iteration_pixel,iteration_pixel_pair")
     labelled = [name for name in trained_methods() if all(one.objective is None for one in recipes_of(name).values())]
-    for name in sys.argv[1:] or labelled:
+    for name in methods or labelled:
         print(row(name), flush=True)
+
+
+if __name__ == "__main__":
+    main()
