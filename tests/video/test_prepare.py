@@ -9,6 +9,7 @@ from copy import copy
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
 
@@ -121,6 +122,26 @@ def test_a_segment_damaged_between_stop_and_continuation_is_made_again(source, s
         segment.write_bytes(data)
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert contents(tmp_path / "stopped") == contents(straight.folder)
+
+
+def test_a_clip_prepared_twice_at_the_same_time_is_made_once(long_source, tmp_path):
+    began, second, finished = Event(), Event(), []
+
+    def first_frame(clip: str, what: str, done: int, total: int) -> None:
+        if not began.is_set():
+            began.set()
+            second.wait(0.3)  # without a lock, the second call replaces the file under the first
+
+    def first() -> None:
+        finished.append(prepare_clip(long_source, tmp_path / "out", PLAIN, first_frame).manifest)
+
+    thread = Thread(target=first)
+    thread.start()
+    assert began.wait(30)
+    later = prepare_clip(long_source, tmp_path / "out", PLAIN, lambda clip, what, done, total: finished.append("again"))
+    second.set()
+    thread.join()
+    assert finished == [later.manifest]
 
 
 def test_workers_do_not_matter(tmp_path):

@@ -52,11 +52,11 @@ class FolderCache:
         make_folder(self.root)
         entry = self.root / name
         while True:
-            with self._lock(f"{name}.lock"):
+            with locked(self.root / f".{name}.lock"):
                 if not _is_intact(entry):
                     shutil.rmtree(entry, ignore_errors=True)
                     self._make(entry, make)
-            with self._lock("all.lock"):
+            with locked(self.root / ".all.lock"):
                 if entry.is_dir():  # another process may have evicted the entry in the meantime
                     os.utime(entry)
                     return read(entry)
@@ -75,7 +75,7 @@ class FolderCache:
         self._evict(keep=entry)
 
     def _evict(self, keep: Path) -> None:
-        with self._lock("all.lock"):
+        with locked(self.root / ".all.lock"):
             entries = sorted((e for e in self.entries() if e != keep), key=lambda e: e.stat().st_mtime)
             used = _size(keep) + sum(map(_size, entries))
             for entry in entries:
@@ -89,20 +89,24 @@ class FolderCache:
             return []
         return sorted(entry for entry in self.root.iterdir() if entry.is_dir() and not entry.name.startswith("."))
 
-    @contextmanager
-    def _lock(self, name: str) -> Iterator[None]:
-        """Hold a file lock while the context is active."""
-        try:
-            # The operating system releases this lock when the process dies, whereas a plain lock file remains after a
-            # kill.
-            lock = FileLock(self.root / f".{name}", fallback_to_soft=False)
-            lock.acquire()
-        except OSError as error:
-            raise DataError(f"cannot write {self.root}: {error.strerror or error}; check its owner") from error
-        try:
-            yield
-        finally:
-            lock.release()
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock on a file while the context is active; wait while another process holds it.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    try:
+        # The operating system releases this lock when the process dies, whereas a plain lock file remains after a kill.
+        lock = FileLock(path, fallback_to_soft=False)
+        lock.acquire()
+    except OSError as error:
+        raise DataError(f"cannot write {path.parent}: {error.strerror or error}; check its owner") from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _is_intact(entry: Path) -> bool:

@@ -20,6 +20,7 @@ from ..digest import digest_of_value, quick_digest_of_file, sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.io import write_image
 from ..sealed import sealed
+from .cache import locked
 from .clip import ClipFile, read_pictures, write_clip
 from .codec import encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
@@ -113,7 +114,7 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
 def prepare_clip(
     source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
-    """Prepare one clip in `folder`; resume if an earlier call was interrupted.
+    """Prepare one clip in `folder`; resume if an earlier call was interrupted, and wait if another process prepares it.
 
     Raises:
         DataError: the source cannot be read to its end, or the folder contains the same clip prepared with different
@@ -140,10 +141,15 @@ def prepare_clip(
         encoder=encoder_versions(),
         master_sha256="",
     )
-    done = _finished(folder, wanted)
-    if done is not None:
-        return done
     make_folder(folder / KEY_FRAMES)
+    with locked(folder.with_name(f".{folder.name}.lock")):
+        return _finished(folder, wanted) or _made(source, folder, wanted, interpolator, progress)
+
+
+def _made(
+    source: Source, folder: Path, wanted: ClipManifest, interpolator: Interpolator | None, progress: Progress
+) -> PreparedClip:
+    """Write the clip in a locked folder."""
     work = folder / f".segments-{digest_of_value(wanted.model_dump())}"
     if interpolator is None:
         pictures: Iterable[I420] = map(rgb_to_i420, source.frames())
@@ -151,10 +157,10 @@ def prepare_clip(
         pictures = _segments(source, work, wanted, interpolator, progress)
     written = _with_key_frames(pictures, folder, wanted, progress)
     size = (wanted.height, wanted.width)
-    master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
-    if master.count != timing.count:
+    master = write_clip(folder / MASTER, written, size, Fraction(wanted.fps), lossless(wanted.preset))
+    if master.count != wanted.count:
         raise DataError(
-            f"{source.name}: {master.count} frames were produced, but {timing.count} were expected; check the file"
+            f"{source.name}: {master.count} frames were produced, but {wanted.count} were expected; check the file"
         )
     manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, sealed(manifest.model_dump()))
