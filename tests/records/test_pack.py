@@ -1,6 +1,7 @@
 """A record contains the run, but nothing that identifies a machine."""
 
 import json
+import os
 import platform
 import shutil
 import sys
@@ -195,6 +196,11 @@ def test_what_is_not_a_run(run, packed, tmp_path):
         load_any_run(tmp_path / "a.txt")
     with pytest.raises(RunError, match=r"manifest\.json"):
         load_any_run(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with open(tmp_path / "pipe", "rb+", buffering=0) as pipe:
+        pipe.write(packed[:64])
+        assert not is_record(tmp_path / "pipe")
+        assert pipe.read(64) == packed[:64]  # left for the next reader
     bad = tmp_path / "bad.robustflow"
     bad.write_bytes(with_json(packed, "summary.json", lambda summary: summary.update(cre=0.0)))
     assert is_record(bad)

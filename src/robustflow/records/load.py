@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import weakref
 from collections.abc import Iterable
@@ -63,6 +64,8 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
 
 def is_record(path: str | Path) -> bool:
     """Return whether a path looks like a record: a zip file whose first entry is `record.json`."""
+    if not os.path.isfile(path):  # reading a pipe would block, or take the bytes from the next reader
+        return False
     try:
         with open(path, "rb") as file:
             head = file.read(64)
