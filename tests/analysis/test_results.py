@@ -45,6 +45,7 @@ def test_a_number_that_was_never_rounded_comes_back_as_such_however_short_it_is(
     [
         ("model,value\nA,1\n", "no column 'setting'"),
         ("", "no column"),
+        (_HEAD.strip() + ",value\nOOD,A,epe,fog,1,2\n", "the column 'value' appears twice"),
         (_HEAD + "OOD,A,epe,fog,nan\n", "not a finite number"),
         (_HEAD + "OOD,A,epe,fog,inf\n", "not a finite number"),
         (_HEAD + "OOD,A,epe,fog,1e99\n", "not a finite number"),

@@ -78,9 +78,11 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
     lines without a sample set."""
     reader = csv.DictReader(io.StringIO(text), strict=True)
     try:
-        absent = [column for column in _REQUIRED if column not in (reader.fieldnames or [])]
-        if absent:
+        names = reader.fieldnames or ()
+        if absent := [column for column in _REQUIRED if column not in names]:
             raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
+        if twice := [column for column in _WRITTEN if names.count(column) > 1]:
+            raise DataError(f"{name}: the column '{twice[0]}' appears twice; remove one of the two")
         return merged((_one(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
