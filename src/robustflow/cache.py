@@ -7,6 +7,9 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from .errors import DataError
+from .layout import user_path
+
 CACHE_VARIABLE = "ROBUSTFLOW_CACHE"
 """Environment variable that overrides the folder of the whole cache."""
 
@@ -16,6 +19,16 @@ def cache_folder(part: str) -> Path:
 
     >>> cache_folder("frost").name
     'frost'
+
+    Raises:
+        DataError: the user has no home folder, or `ROBUSTFLOW_CACHE` is not a valid path.
     """
-    named = os.environ.get(CACHE_VARIABLE)
-    return (Path(named).expanduser() if named else user_cache_path("robustflow", appauthor=False)) / part
+    if named := os.environ.get(CACHE_VARIABLE):
+        return user_path(named) / part
+    try:
+        folder = user_cache_path("robustflow", appauthor=False)
+    except RuntimeError:
+        folder = Path("~")
+    if folder.parts[0] == "~":  # older versions of platformdirs do not raise
+        raise DataError(f"this user has no home folder for cached files; set {CACHE_VARIABLE} to a folder")
+    return folder / part

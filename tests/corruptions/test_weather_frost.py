@@ -14,8 +14,10 @@ import pytest
 from robustflow.cache import CACHE_VARIABLE, cache_folder
 from robustflow.corruptions.weather import frost, frost_assets
 from robustflow.corruptions.weather.frost import Frost, enlarged_shape, enlarged_texture, photograph, resize_cubic
-from robustflow.errors import AssetError
+from robustflow.errors import AssetError, DataError
 from robustflow.random.rng import Rng
+
+from ..refusals import refused
 
 
 @pytest.fixture
@@ -117,6 +119,27 @@ def test_a_wheel_with_another_picture_is_refused_and_nothing_is_kept(invented, p
     with pytest.raises(AssetError, match=r"frost3\.png in the wheel .* wrong SHA-256"):
         frost_assets.read_texture(0)
     assert list(cache_folder("frost").iterdir()) == []
+
+
+@pytest.mark.parametrize(("offset", "value"), [(8, 1), (10, 8)], ids=["encrypted", "not deflated"])
+def test_a_wheel_whose_entries_cannot_be_read_is_one_sentence(invented, tmp_path, offset, value):
+    wheel_of(invented, tmp_path / "it.whl")
+    data = bytearray((tmp_path / "it.whl").read_bytes())
+    data[data.index(b"PK\x01\x02") + offset] = value
+    (tmp_path / "it.whl").write_bytes(data)
+    with refused(AssetError, "the wheel downloaded by pip .* is not usable"):
+        frost_assets._unpack(tmp_path / "it.whl")
+
+
+@pytest.mark.parametrize("places", [{CACHE_VARIABLE: "~no_such_user/cache"}, {}])
+def test_a_cache_without_a_home_folder_is_one_sentence(monkeypatch, places):
+    for name in ("HOME", "XDG_CACHE_HOME", CACHE_VARIABLE):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in places.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)  # as for a user id without a name in a container
+    with refused(DataError, "there is no such user" if places else f"no home folder.*set {CACHE_VARIABLE}"):
+        cache_folder("frost")
 
 
 def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch):

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -149,7 +150,7 @@ def _unpack(wheel: Path) -> dict[str, bytes]:
             for name in TEXTURES:
                 with archive.open(f"{_INSIDE}/{name}") as member:
                     contents[name] = member.read(8 << 20)
-    except (zipfile.BadZipFile, KeyError) as error:
+    except (zipfile.BadZipFile, KeyError, RuntimeError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
         raise AssetError(f"the wheel downloaded by pip for {WHEEL} is not usable ({error}); {_REMEDY}") from error
     for name, content in contents.items():
         if not _is_genuine(name, content):
