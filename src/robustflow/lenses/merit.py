@@ -140,7 +140,7 @@ def aim(
     miss, unbounded = np.zeros(4 * fields), np.full(curvature.size, np.inf)
     for step in range(8):
         rays = _launch(x, y, tangent)
-        propagate(curvature, conic, thickness, index, unbounded, 0, stop, rays, no_path)
+        propagate(curvature[:stop], conic, thickness, index, unbounded, rays, no_path)
         at_x, at_y = _at_plane(rays)
         for f in range(4 * fields):
             side = f >= 3 * fields
@@ -179,13 +179,13 @@ def landing(
             y[j * columns + i] = middle + half * ((2 * j + 1.0) / rows - 1.0)
     no_path = np.empty((0, 3, 0))
     rays = _launch(x, y, np.full(x.size, tangent))
-    propagate(curvature, conic, thickness, index, clear, 0, stop, rays, no_path)
+    propagate(curvature[:stop], conic, thickness, index, clear, rays, no_path)
     at_x, at_y = _at_plane(rays)
     weight = np.empty(x.size)
     for i in range(x.size):
         r = np.sqrt(at_x[i] * at_x[i] + at_y[i] * at_y[i]) / radius
         weight[i] = min(max((1.0 + 0.5 * ramp - r) / ramp, 0.0), 1.0)
-    propagate(curvature, conic, thickness, index, clear, stop, curvature.size, rays, no_path)
+    propagate(curvature[stop:], conic[stop:], thickness[stop:], index[stop:], clear[stop:], rays, no_path)
     sx, sy = _at_plane(rays)
     return sx, sy, weight * rays[6], weight
 

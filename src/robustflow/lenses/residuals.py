@@ -7,15 +7,16 @@ before the residuals are computed.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from ..compiled import inner, njit
-from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, aim, blur_statistics, landing
+from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, Goal, Limits, aim, blur_statistics, landing
 from .paraxial import first_order
 from .prescription import PIXEL
-from .trace import propagate
+from .trace import Array, propagate
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
@@ -70,7 +71,7 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     rays = (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
     path = np.zeros((curvature.size, 3, x.size))
-    propagate(curvature, conic, thickness, index, np.full(curvature.size, np.inf), 0, curvature.size, rays, path)
+    propagate(curvature, conic, thickness, index, np.full(curvature.size, np.inf), rays, path)
     radii = np.zeros(curvature.size)
     for k in range(curvature.size):
         for i in range(x.size):
@@ -101,7 +102,8 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
     clear = radii.copy()
     clear[stop] = np.inf
     samples = (index.shape[0] - 1) // 3
-    rays = GRID_X * GRID_Y
+    columns, rows = np.int64(GRID_X), np.int64(GRID_Y)  # for constants, `landing` would be compiled once more
+    rays = columns * rows
     sx, sy, weight = np.empty((3, samples * rays)), np.empty((3, samples * rays)), np.empty((3, samples * rays))
     t, re, s = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5))
     rms, mean = np.empty(3), np.empty(3)
@@ -110,7 +112,7 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
         for w in range(3 * samples):
             px, py, kept, asked = landing(
                 curvature, conic, thickness, index[w], clear, stop, radius, tangents[f],
-                y[2 * count + f], y[count + f], x[3 * count + f], GRID_X, GRID_Y, 0.12, 1.06,
+                y[2 * count + f], y[count + f], x[3 * count + f], columns, rows, 0.12, 1.06,
             )  # fmt: skip
             colour, place = w // samples, (w % samples) * rays
             for i in range(rays):
@@ -155,58 +157,48 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
     return True
 
 
-@njit(cache=True)
 def residual_count(fields: int, surfaces: int) -> int:
     """Return the number of residuals computed by `fill_residuals`."""
     return fields * 51 + 2 + 4 * surfaces - 1
 
 
-@njit(cache=True, error_model="numpy")
-def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, iterations: int) -> Any:
+def damped_least_squares(
+    free: Array, index: Array, stop: int, fields: Array, goal: Goal, limits: Limits, iterations: int
+) -> tuple[Array, float]:
     """Run Levenberg-Marquardt with forward differences; return the parameters and the sum of squared residuals."""
     rows, columns = residual_count(fields.size, index.shape[1] - 1), free.size
     base, trial, jacobian = np.zeros(rows), np.zeros(rows), np.zeros((columns, rows))
     best = free.copy()
     if not fill_residuals(best, index, stop, fields, goal, limits, base):
-        return best, np.inf
-    cost = (base * base).sum()
+        return best, math.inf
+    cost = _ordered_sum(base * base)
     damping = 1e-2
-    normal, gradient = np.zeros((columns, columns)), np.zeros(columns)
     for _ in range(iterations):
         for j in range(columns):
-            jacobian[j, :] = 0.0
             moved = best.copy()
             moved[j] += STEP
-            if fill_residuals(moved, index, stop, fields, goal, limits, trial):
-                for i in range(rows):
-                    jacobian[j, i] = (trial[i] - base[i]) / STEP
-        for a in range(columns):
-            for b in range(a + 1):
-                value = 0.0
-                for i in range(rows):
-                    value += jacobian[a, i] * jacobian[b, i]
-                normal[a, b] = normal[b, a] = value
-            value = 0.0
-            for i in range(rows):
-                value += jacobian[a, i] * base[i]
-            gradient[a] = value
-        accepted = False
+            filled = fill_residuals(moved, index, stop, fields, goal, limits, trial)
+            jacobian[j] = (trial - base) / STEP if filled else 0.0
+        normal, gradient = _ordered_sum(jacobian[:, None] * jacobian), _ordered_sum(jacobian * base)
         for _ in range(6):
-            change = solve_damped(normal, gradient, damping)
-            moved = best - change
-            if fill_residuals(moved, index, stop, fields, goal, limits, trial):
-                new = (trial * trial).sum()
-                if new < cost:
-                    gain = 1.0 - new / cost
-                    best, cost = moved, new
-                    base[:] = trial
-                    damping = max(damping * 0.2, 1e-9)
-                    accepted = True
-                    break
+            moved = best - solve_damped(normal, gradient, damping)
+            filled = fill_residuals(moved, index, stop, fields, goal, limits, trial)
+            if filled and (new := _ordered_sum(trial * trial)) < cost:
+                break
             damping *= 5.0
-        if not accepted or gain < 1e-4:
+        else:
             break
-    return best, cost
+        gain = 1.0 - new / cost
+        best, cost, base, trial = moved, new, trial, base
+        damping = max(damping * 0.2, 1e-9)
+        if gain < 1e-4:
+            break
+    return best, float(cost)
+
+
+def _ordered_sum(values: Array) -> Array:
+    """Sum along the last axis, from first to last; the order of `np.sum` depends on the machine."""
+    return np.asarray(np.cumsum(values, axis=-1)[..., -1])
 
 
 @njit(cache=True, error_model="numpy")

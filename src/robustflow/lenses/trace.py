@@ -37,17 +37,15 @@ class Rays(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def propagate(
-    curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, first: int, last: int, rays: Any, path: Any
-) -> None:
-    """Propagate rays, in place, from the vertex plane of surface `first` through the surfaces first to last - 1.
+def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, rays: Any, path: Any) -> None:
+    """Propagate rays, in place, from the vertex plane of the first surface in `curvature` (K,) through all of them.
 
-    On return, positions are relative to the vertex of surface `last` (the sensor if `last` is the number of surfaces).
-    Rays that hit a surface outside its radius `clear` (K,) are blocked. Unless `path` is empty, the intersections with
-    each surface are written to `path` (last - first, 3, R).
+    On return, positions are relative to the next vertex, or to the sensor. The arrays of surfaces may be longer than
+    `curvature`. Rays that hit a surface outside its radius `clear` are blocked. Unless `path` is empty, the
+    intersections with each surface are written to `path` (K, 3, R).
     """
     x, y, z, l, m, n, alive = rays  # noqa: E741
-    for k in range(first, last):
+    for k in range(curvature.size):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
         widest = clear[k] * clear[k]
         # Branch-free, so that the compiler can vectorise the loop.
@@ -74,7 +72,9 @@ def propagate(
             z[i] = pz - gap if good else 0.0
             alive[i] = 1.0 if good else 0.0
         if path.shape[0] > 0:
-            path[k - first, 0], path[k - first, 1], path[k - first, 2] = x, y, z + gap
+            at = path[k]
+            for i in range(x.size):  # assignments of whole arrays would take three seconds longer to compile
+                at[0, i], at[1, i], at[2, i] = x[i], y[i], z[i] + gap
 
 
 _NO_PATH = np.empty((0, 3, 0))
@@ -119,9 +119,9 @@ def _traced(lens: Lens, rays: Rays, wavelength: float, last: int, clip: bool, pa
     """Return the rays in the vertex plane of surface `last`, and write their intersections to `path`."""
     carried = Rays(*(np.array(part, np.float64) for part in rays))
     propagate(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
+        lens.column("curvature")[:last], lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
         lens.column("semi_diameter") if clip else np.full(len(lens.surfaces), np.inf),
-        0, last, tuple(carried), path,
+        tuple(carried), path,
     )  # fmt: skip
     to_plane = -carried.z / np.where(carried.n > 0.0, carried.n, 1.0)
     return carried._replace(

@@ -166,7 +166,8 @@ def _expose(
                 n += np.int32((r if below else r >> np.uint32(3)) & np.uint32(7))
                 counts[i] = np.float32(n) if means[i] * electrons < exact else photons[i]
         else:
-            counts[:] = photons
+            for i in range(size):  # assigning the array would take three seconds longer to compile
+                counts[i] = photons[i]
         for i in range(size):
             value = np.rint(np.float32(BLACK) + level * counts[i] + read * read_out[i])
             o[i] = np.uint16(np.int32(min(max(value, np.float32(0.0)), np.float32(WHITE))))
