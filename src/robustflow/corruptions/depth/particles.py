@@ -112,8 +112,8 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
     box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
     kept = _draw(keys, numbers, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
-    parts = [table[:kept, first : first + 3] for first in (0, 3, 6, 9)]
-    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12], lenses, motion)
+    parts = [table[:kept, first : first + 3].copy() for first in (0, 3, 6, 9)]  # contiguous, as when they are unpickled
+    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
 
 
 def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float, float]:

@@ -35,7 +35,7 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
     widths, taps, rim, rim_weights = disk_parts(radius, smoothing)
     tallest = int(rim[:, 1::2].max()) + 2 if len(rim) else 0
     for x in range(0, width, _STRIP):
-        _convolve(source, x, widths, taps, rim, rim_weights, tallest, offset, out[:, 3 * x : 3 * (x + _STRIP)])
+        _convolve(source, x, widths, taps, rim, rim_weights, tallest, offset, out)
     return out.reshape(frame.shape)
 
 
@@ -197,10 +197,8 @@ def _convolve(
     offset: Any,
     out: Any,
 ) -> None:
-    """Compute a strip `out` of columns that starts at column `x0` of `source`; the rim requires `tallest` rows of
-    sums.
-    """
-    height, n = out.shape
+    """Compute the strip of columns that starts at column `x0`; the rim requires `tallest` rows of sums."""
+    height, n = out.shape[0], min(3 * _STRIP, out.shape[1] - 3 * x0)
     g = len(taps) - 1
     reach = len(widths) - 1 + g
     window = 2 * reach + 1
@@ -235,6 +233,6 @@ def _convolve(
             tap = taps[j] if j > 0 else taps[j] * np.float32(0.5)
             for i in range(n):
                 total[i] += tap * (a[i] + b[i])
-        target = out[y]
+        target = out[y, 3 * x0 : 3 * x0 + n]
         for i in range(n):
             target[i] = np.uint8(np.rint(min(max(total[i] + offset, np.float32(0)), np.float32(255))))
