@@ -99,6 +99,17 @@ def test_a_small_checkpoint_that_would_take_much_memory_is_refused_before_it_doe
         read_progress(small.with_name("bomb.pth"))
 
 
+def test_the_checkpoint_of_a_network_that_holds_a_module_under_two_names_resumes(tmp_path):
+    layer = torch.nn.Linear(200, 200).requires_grad_(False)
+    net = torch.nn.ModuleDict({"encoder": layer, "backbone": layer, "head": torch.nn.Linear(200, 2)})
+    optimizer, path = torch.optim.AdamW(net["head"].parameters()), tmp_path / "last.pth"
+    scaler = torch.amp.GradScaler("cpu", enabled=False)
+    save_training(path, net.state_dict(), TrainingProgress(7, {}), None, optimizer, scaler)
+    content, progress = read_progress(path)
+    assert progress.updates == 7
+    assert torch.equal(content["model"]["backbone.weight"], layer.weight)
+
+
 @pytest.mark.parametrize("name", ["validation", "metrics.jsonl", "last.pth"])
 def test_a_link_in_the_folder_of_a_training_is_refused(request_for, tmp_path, name):
     request = request_for()

@@ -23,6 +23,7 @@ import robustflow as rf  # noqa: E402
 from robustflow.benchmarks.setting import setting_of  # noqa: E402
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
 from robustflow.models.provenance import training_of  # noqa: E402
+from robustflow.models.torch.raft_net import TorchvisionRaft  # noqa: E402
 from robustflow.runner.named_model import name_model  # noqa: E402
 from robustflow.runs.run import Run  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
@@ -186,6 +187,24 @@ def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_che
     with pytest.raises(ModelError, match=r"the (loss|gradient) is (nan|inf) at update \d, on flyingchairs 0000\d, fly"):
         run_training(request)
     assert (request.output / "last.pth").exists()
+
+
+def test_a_crop_that_the_network_cannot_see_and_a_seed_that_pytorch_does_not_have_are_refused(request_for):
+    with pytest.raises(UsageError, match="crop 64x64: below 121 pixels per side, raft_small returns NaN or fails"):
+        run_training(request_for(crop=(64, 64)))
+    for seed in (-1, 2**63):
+        with pytest.raises(UsageError, match=f"--seed {seed}: give a number from 0 to"):
+            request_for(seed=seed)
+
+
+def test_a_network_that_fails_in_training_is_named_with_its_crop(request_for, monkeypatch):
+    def fail(*images):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(TorchvisionRaft, "predictions", fail)
+    says = r"raft_small fails at update 0 on crops of 128x144 \(OutOfMemoryError: .*use a smaller --batch-size"
+    with pytest.raises(ModelError, match=says):
+        run_training(request_for())
 
 
 def test_another_training_in_the_folder_is_not_overwritten_and_not_resumed(request_for):

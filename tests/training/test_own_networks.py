@@ -10,9 +10,10 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 import robustflow as rf  # noqa: E402
-from robustflow.errors import UsageError  # noqa: E402
+from robustflow.errors import ModelError, UsageError  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
+from robustflow.training.request import Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
 from .progress import lines, weights  # noqa: E402
@@ -52,6 +53,107 @@ def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
     assert state["norm.num_batches_tracked"] == own.recipe.updates == len(lines(own.output))  # in training mode
     model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(OPTIONS))
     assert torch.equal(model.net.module.last.weight, state["last.weight"])
+
+
+SEVERAL_OUTPUTS = """
+import torch
+from torch import nn
+
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.last = nn.Conv2d(6, 2, 3, padding=1)
+
+    def forward(self, image1, image2):
+        there, back = self.last(torch.cat([image1, image2], 1)), self.last(torch.cat([image2, image1], 1))
+        return RETURNED
+"""
+
+
+@pytest.mark.parametrize(
+    ("returned", "output", "count"),
+    [
+        ('{"back": back, "flows": [there / 2, there]}', None, 2),
+        ('{"flow": there, "back": back}', "flow", 1),
+        ("(there, back)", 0, 1),
+        ("([there / 2, there], there[:, :1])", 0, 2),
+        ("(there / 2, there)", None, 2),
+    ],
+)
+def test_training_uses_the_output_that_a_prediction_uses(tmp_path, monkeypatch, returned, output, count):
+    name = f"several_outputs_{len(returned)}"
+    (tmp_path / f"{name}.py").write_text(SEVERAL_OUTPUTS.replace("RETURNED", returned))
+    monkeypatch.syspath_prepend(tmp_path)
+    options = dict(OPTIONS) | ({} if output is None else {"output": output})
+    model, network = load_network(
+        load_recipe("raft_small", "chairs").changed(method=f"{name}:Net"), "random", "cpu", options
+    )
+    images = [255 * torch.rand(2, 3, 128, 128) for _ in range(2)]
+    flows = network(*images)
+    assert len(flows) == count
+    assert torch.allclose(flows[-1], model.net(*(image / 127.5 - 1 for image in images)), atol=1e-4)
+
+
+FAILING = """
+import torch
+from torch import nn
+
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.last = nn.Conv2d(6, 2, 3, padding=1)
+
+    def forward(self, image1, image2):
+        return self.last(torch.cat([image1, image2], 1)) * (1 if self.training else float("nan"))
+
+class Cut(Net):
+    def forward(self, image1, image2):
+        return super().forward(image1, image2).detach()
+
+class Full(Net):
+    def forward(self, image1, image2):
+        if self.training:
+            raise torch.OutOfMemoryError("CUDA out of memory")
+        return super().forward(image1, image2)
+
+class NoEntry(Net):
+    def loss(self, batch):
+        return batch["disparity"]
+
+class Text(Net):
+    def loss(self, batch):
+        return self(batch["image1"], batch["image2"]).mean(), {"remark": "fine"}
+
+class Epoch(Net):
+    def get_extra_state(self):
+        return {"epoch": 3}
+
+    def set_extra_state(self, state):
+        pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "error", "says"),
+    [
+        ("Net", ModelError, r"after 1 update, the network returns NaN or infinity in the validation;"),
+        ("Cut", ModelError, "the loss does not depend on any trained weight"),
+        ("Full", ModelError, "out of memory .*; use fewer pairs at once"),
+        ("NoEntry", ModelError, r"fails at update 0 .*KeyError: 'disparity' \(at .*failing_nets\.py:\d+\)"),
+        ("Text", UsageError, "values for the log that are not numbers"),
+        ("Epoch", UsageError, "'_extra_state' in its state_dict is not a tensor"),
+    ],
+)
+def test_a_network_that_cannot_be_trained_is_named_in_a_sentence(
+    request_for, chairs, tmp_path, monkeypatch, kind, error, says
+):
+    (tmp_path / "failing_nets.py").write_text(FAILING)
+    monkeypatch.syspath_prepend(tmp_path)
+    validation = Validation("flyingchairs", chairs / "FlyingChairs_release", every=1, limit=1)
+    request = request_for(options=OPTIONS, steps=1, validation=validation)
+    with pytest.raises(error, match=says) as caught:
+        run_training(replace(request, recipe=request.recipe.changed(method=f"failing_nets:{kind}")))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net", "arflow", "upflow", "brightflow"])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,8 @@ import torch
 from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
-from ..errors import ModelError
+from ..errors import ModelError, RobustFlowError
+from ..models.traceback_hint import traceback_hint
 from ..progress_bar import ProgressBar
 from ..random.rng import key_of
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
@@ -29,6 +30,7 @@ from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
 from .processes import Process
+from .recipe import Recipe
 from .request import Request
 from .schedules import rate_of
 from .unsupervised.objective import TrainingStep
@@ -124,14 +126,17 @@ def _update(
     for part in range(recipe.accumulate):
         number = update * recipe.accumulate + part
         positions = share.positions(number)
-        batch = prepared(next(stream).to(device), recipe, seed, number, positions)
+        batch = next(stream)
         torch.manual_seed(key_of(seed, "network", number, share.rank) % 2**63)
         step = TrainingStep(seed, number, tuple(positions), update / recipe.updates)
         last = part == recipe.accumulate - 1
-        with nullcontext() if last or share.world == 1 else called.no_sync():
+        with nullcontext() if last or share.world == 1 else called.no_sync(), _computing(recipe, update):
+            batch = prepared(batch.to(device), recipe, seed, number, positions)
             loss, numbers = called(batch, step)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
+            if not loss.requires_grad:
+                raise ModelError("the loss does not depend on any trained weight; compute it from the network's output")
             state.scaler.scale(loss / recipe.accumulate).backward()
         for name, value in numbers.items():
             total[name] = total.get(name, 0.0) + value / recipe.accumulate
@@ -143,6 +148,24 @@ def _update(
     state.scaler.step(state.optimizer)
     state.scaler.update()
     return {**total, "gradient_norm": norm.item()}
+
+
+@contextmanager
+def _computing(recipe: Recipe, update: int) -> Iterator[None]:
+    """Raise a ModelError for any error of the network or its loss."""
+    try:
+        yield
+    except RobustFlowError:
+        raise
+    except Exception as error:  # any operator can fail
+        advice = "correct the network or its loss, or try a larger --crop"
+        if isinstance(error, torch.OutOfMemoryError):
+            advice = "use a smaller --batch-size (with --accumulate), a smaller --crop or --precision bf16"
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}{traceback_hint(error)}"
+        raise ModelError(
+            f"{recipe.method} fails at update {update} on crops of {recipe.crop[0]}x{recipe.crop[1]} ({reason}); the "
+            f"last checkpoint is kept: {advice}"
+        ) from error
 
 
 def _check_finite(what: str, value: float, update: int, batch: Batch) -> None:

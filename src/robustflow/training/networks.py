@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ..errors import UsageError
+from ..errors import UsageError, first_line
 from ..models import load_model
 from ..models.catalog import PTLFLOW
 from ..models.registry import MODELS
@@ -65,6 +65,11 @@ class TrainedNetwork(nn.Module):
                 f"model '{model.name}' cannot be trained without labels: its network has no method both(image1, "
                 "image2) that returns the flows of both directions"
             )
+        if min(recipe.crop) < model.convention.smallest:
+            raise UsageError(
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: below {model.convention.smallest} pixels per side, "
+                f"{model.name} returns NaN or fails; use a larger --crop"
+            )
         self.net = model.net
         for name, value in self.net.named_parameters():
             value.requires_grad_(not name.startswith(recipe.frozen))
@@ -75,6 +80,11 @@ class TrainedNetwork(nn.Module):
         self.corrector: nn.Module | None = None
         if isinstance(recipe.objective, BrightflowObjective):
             self.corrector = _seeded_corrector(seed).to(model.device)
+        other = next((name for name, value in self._inner.state_dict().items() if not isinstance(value, Tensor)), None)
+        if other is not None:
+            raise UsageError(
+                f"model '{model.name}' cannot be trained: '{other}' in its state_dict is not a tensor; remove it"
+            )
 
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Set training or evaluation mode; normalisation layers frozen by the recipe remain in evaluation mode."""
@@ -180,7 +190,13 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
             f"the network's method loss(batch) returned {type(returned).__name__}; return a scalar tensor, or a scalar "
             "tensor and a dictionary of numbers for the log"
         )
-    return loss.reshape(()), {str(name): float(torch.as_tensor(value).detach()) for name, value in numbers.items()}
+    try:
+        return loss.reshape(()), {str(name): torch.as_tensor(value).item() for name, value in numbers.items()}
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise UsageError(
+            f"the network's method loss(batch) returned values for the log that are not numbers ({first_line(error)}); "
+            "return one number for each name"
+        ) from error
 
 
 def _seeded_corrector(seed: int) -> Corrector:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..corruptions.transforms.transform import CorruptionTransform
 from ..errors import UsageError
+from ..random.rng import check_seed
 from .recipe import Recipe
 
 PAIRS_OF_VALIDATION = 20
@@ -113,6 +114,10 @@ class Request:
     options: tuple[tuple[str, Any], ...] = ()
     checkpoints: Checkpoints = field(default_factory=Checkpoints)
     validation: Validation | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= check_seed(self.seed) < 2**63:
+            raise UsageError(f"--seed {self.seed}: give a number from 0 to {2**63 - 1}, the seeds of PyTorch")
 
     @property
     def validate_every(self) -> int | None:

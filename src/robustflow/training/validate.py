@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError
+import numpy as np
+
+from ..errors import ModelError, UsageError
 from ..models.torch.model import NetworkModel
 from ..runner.compute_missing import compute_missing
 from ..runner.engines.serial import SERIAL
@@ -17,6 +19,7 @@ from ..runner.setup import open_benchmark, set_up
 from ..runs.run import Run
 from ..runs.store import RunFolder
 from ..sample import Flow, Frame
+from ..text import counted
 from .request import Validation
 
 
@@ -31,7 +34,13 @@ class _AtUpdate:
         return {**self.model.identity(), "checkpoint": f"after {self.updates} updates"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        return self.model.predict(frame1, frame2)
+        flow = self.model.predict(frame1, frame2)
+        if not np.isfinite(flow).all():
+            raise ModelError(
+                f"after {counted(self.updates, 'update')}, the network returns NaN or infinity in the validation; "
+                "the last checkpoint is kept: try a lower --learning-rate, or check the network in evaluation mode"
+            )
+        return flow
 
 
 def validator(model: NetworkModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:

@@ -58,10 +58,14 @@ class ModuleNet(nn.Module):
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return all flows in the module's output, the final one last."""
+        """Return all flows in the chosen output, the final one last; without a choice, a list of outputs is a list of
+        flows.
+        """
         returned = self.returned(image1, image2)
-        chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
-        several = chosen if isinstance(chosen, list | tuple) else [chosen]
+        if isinstance(returned, dict) or self.output not in (None, -1):
+            chosen_output(returned, self.output)  # raises an error for an output that is not a flow
+            returned = _chosen(returned, self.output)[1]
+        several = returned if isinstance(returned, list | tuple) and returned else [returned]
         return [as_flow(chosen_output(one, None), image1) for one in several]
 
     def returned(self, image1: Tensor, image2: Tensor) -> Any:
@@ -79,9 +83,12 @@ class ModuleNet(nn.Module):
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])
+            advice = "set its input layout, or the multiple that its height and width need (-O layout=, -O multiple=)"
+            if isinstance(error, torch.OutOfMemoryError):
+                advice = "use fewer pairs at once, smaller frames or crops, or the CPU"
             raise ModelError(
                 f"the network failed on {what}: {type(error).__name__}: {reason.strip()[:200]}{traceback_hint(error)}; "
-                "set its input layout, or the multiple that its height and width need (-O layout=, -O multiple=)"
+                f"{advice}"
             ) from error
 
     def _inputs(self, image1: Tensor, image2: Tensor) -> list[Any]:
@@ -119,17 +126,22 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
     Raises:
         ModelError: the output is not a tensor.
     """
+    name, flow = _chosen(returned, output)
+    while isinstance(flow, list | tuple) and flow:
+        flow = flow[-1]
+    if not isinstance(flow, Tensor):
+        known = ", ".join(outputs_of(returned)) or f"none ({type(returned).__name__})"
+        raise ModelError(f"output '{name}' of the network is not a flow; its outputs are {known[:200]}")
+    return flow
+
+
+def _chosen(returned: Any, output: Any) -> tuple[str, Any]:
+    """Return the name and value of the chosen output, None if it does not exist."""
     outputs = outputs_of(returned)
     if isinstance(output, int) and output < 0 and len(outputs) >= -output:
         output = list(outputs)[output]
     name = str(output) if output is not None else (list(outputs)[-1] if outputs else "")
-    flow = outputs.get(name)
-    while isinstance(flow, list | tuple) and flow:
-        flow = flow[-1]
-    if not isinstance(flow, Tensor):
-        known = ", ".join(outputs) or f"none ({type(returned).__name__})"
-        raise ModelError(f"output '{name}' of the network is not a flow; its outputs are {known[:200]}")
-    return flow
+    return name, outputs.get(name)
 
 
 def outputs_of(returned: Any) -> dict[str, Any]:
