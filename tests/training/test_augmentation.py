@@ -134,13 +134,42 @@ def test_sparse_points_move_as_in_a_naive_loop():
     np.testing.assert_allclose(moved, expected, rtol=1e-6)
 
 
-def test_a_frame_smaller_than_the_crop_is_always_enlarged():
+def test_a_dense_frame_smaller_than_the_crop_is_always_enlarged():
     for number in range(200):
-        geometry = draw_geometry(Rng.of("small", number), (96, 128), CROP, (-0.4, 0.0), True, number % 2 == 0)
+        geometry = draw_geometry(Rng.of("small", number), (96, 128), CROP, (-0.4, 0.0), True, sparse=False)
         assert geometry.scale is not None
         width, height = scaled_size((96, 128), geometry.scale)
         assert 0 <= geometry.top <= height - CROP[0]
         assert 0 <= geometry.left <= width - CROP[1]
+
+
+def test_a_sparse_pair_smaller_than_the_crop_gets_black_rows_without_ground_truth_before_it_is_scaled():
+    """FlowFormer's crop of 432x960 is taller than KITTI's frames of 375x1242; here, both are a quarter of that."""
+    shape, crop = (94, 310), (108, 240)
+    part = Part(data="kitti2015", augmentation="sparse", log2_scale=(-0.2, 0.4), flip=False, eraser=False)
+    every = [draw_augmentation(Rng.of("padded", n), part, shape, crop) for n in range(DRAWS)]
+    scales = [one.geometry.scale for one in every]
+    assert share(scales.count(None), 0.2)
+    least = (crop[0] + 1) / crop[0]
+    assert share(scales.count((least, least)), 0.8 * (0.2 + np.log2(least)) / 0.6)
+    frame, flow = np.full((*shape, 3), 200, np.uint8), np.full((*shape, 2), 3, np.float32)
+    for one in every[:40]:
+        (first, second), moved, valid = apply_augmentation((frame, frame), flow, np.ones(shape, bool), one)
+        assert first.shape == second.shape == (*crop, 3)
+        scale = (one.geometry.scale or (1, 1))[0]
+        end = round(shape[0] * scale) - one.geometry.top
+        assert (second[: end - 2] > 0).all()
+        assert valid[2 : end - 2].any()
+        assert not second[end + 2 :].any()
+        assert not valid[end + 2 :].any()
+        assert np.allclose(moved[valid], 3 * scale)
+
+
+def test_a_dense_frame_of_the_crops_size_is_its_own_crop_where_it_is_not_scaled():
+    drawn = [draw_geometry(Rng.of("equal", n), CROP, CROP, (-0.1, 1.0), True, sparse=False) for n in range(DRAWS)]
+    plain = [one for one in drawn if one.scale is None]
+    assert share(len(plain), 0.2)
+    assert {(one.top, one.left) for one in plain} == {(0, 0)}
 
 
 @pytest.mark.parametrize("augmentation", ["dense", "sparse"])

@@ -11,7 +11,16 @@ from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 from ..recipe import Part
 from .eraser import Rectangle, draw_eraser, erase
-from .geometry import Geometry, draw_geometry, scaled_size, warp_dense, warp_frame, warp_sparse
+from .geometry import (
+    Geometry,
+    draw_geometry,
+    padded,
+    padding_for,
+    scaled_size,
+    warp_dense,
+    warp_frame,
+    warp_sparse,
+)
 from .jitter import DENSE, SPARSE, Jitter, apply_jitter, draw_jitter
 
 _ASYMMETRIC = 0.2
@@ -30,6 +39,8 @@ class Augmentation:
         geometry: scale, flips and crop position.
         crop: size (H, W) of the crop, in pixels.
         sparse: whether the flow is scaled as sparse ground truth.
+        padding: number of rows and columns of zeros added at the bottom and on the right, before scaling, to sparse
+            pairs smaller than the crop (FlowFormer; the crops of the other methods are smaller than the frames).
         swapped: whether the frames are swapped at the end, which leaves the pair without ground truth.
     """
 
@@ -38,6 +49,7 @@ class Augmentation:
     geometry: Geometry
     crop: tuple[int, int]
     sparse: bool
+    padding: tuple[int, int] = (0, 0)
     swapped: bool = False
 
 
@@ -53,12 +65,14 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
     sparse = part.augmentation == "sparse"
     strength = SPARSE if sparse else DENSE
     jitters = 2 if not sparse and rng.uniform() < _ASYMMETRIC else 1
+    rows, columns = padding = padding_for(shape, crop) if sparse else (0, 0)
     return Augmentation(
         tuple(draw_jitter(rng, strength) for _ in range(jitters)),
         draw_eraser(rng, shape) if part.eraser else (),
-        draw_geometry(rng, shape, crop, part.log2_scale, part.flip, sparse),
+        draw_geometry(rng, (shape[0] + rows, shape[1] + columns), crop, part.log2_scale, part.flip, sparse),
         crop,
         sparse,
+        padding,
     )
 
 
@@ -78,7 +92,8 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
             )
         top, left = margin + rng.integer(0, free[0] + 1), margin + rng.integer(0, free[1] + 1)
     mirrored = part.flip and rng.uniform() < _EVEN
-    return Augmentation((), (), Geometry(scale, mirrored, False, top, left), crop, False, rng.uniform() < _EVEN)
+    geometry, swapped = Geometry(scale, mirrored, False, top, left), rng.uniform() < _EVEN
+    return Augmentation((), (), geometry, crop, sparse=False, swapped=swapped)
 
 
 def apply_augmentation(
@@ -95,21 +110,13 @@ def apply_augmentation(
     Returns:
         Frames, flow and mask of the crop's size, as new arrays.
     """
-    first, second = _jittered(frames, drawn.jitters)
-    second = erase(second, drawn.rectangles)
-    warp = warp_sparse if drawn.sparse else warp_dense
-    flow, valid = warp(flow, valid, drawn.geometry, drawn.crop)
-    return (
-        (warp_frame(first, drawn.geometry, drawn.crop), warp_frame(second, drawn.geometry, drawn.crop)),
-        flow,
-        valid,
-    )
+    first, second = (warp_frame(frame, drawn.geometry, drawn.crop) for frame in _recoloured(frames, drawn))
+    return (first, second), *_warped(flow, valid, drawn)
 
 
 def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
     """Augment the frames of a pair without cropping; the crop starts at `top` and `left` of the geometry."""
-    first, second = _jittered(frames, drawn.jitters)
-    second = erase(second, drawn.rectangles)
+    first, second = _recoloured(frames, drawn)
     shape = first.shape[:2]
     if drawn.geometry.scale is not None:
         width, height = scaled_size(shape, drawn.geometry.scale)
@@ -121,9 +128,19 @@ def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[F
 
 def augmented_truth(flow: Flow, valid: Mask, drawn: Augmentation) -> tuple[Flow, Mask]:
     """Return the crop's flow and mask; no pixel is valid if the frames were swapped."""
-    warp = warp_sparse if drawn.sparse else warp_dense
-    flow, valid = warp(flow, valid, drawn.geometry, drawn.crop)
+    flow, valid = _warped(flow, valid, drawn)
     return flow, np.zeros_like(valid) if drawn.swapped else valid
+
+
+def _warped(flow: Flow, valid: Mask, drawn: Augmentation) -> tuple[Flow, Mask]:
+    warp = warp_sparse if drawn.sparse else warp_dense
+    return warp(padded(flow, drawn.padding), padded(valid, drawn.padding), drawn.geometry, drawn.crop)
+
+
+def _recoloured(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
+    """Return the frames after jitter, eraser and padding."""
+    first, second = _jittered(frames, drawn.jitters)
+    return padded(first, drawn.padding), padded(erase(second, drawn.rectangles), drawn.padding)
 
 
 def _jittered(frames: tuple[Frame, Frame], jitters: tuple[Jitter, ...]) -> tuple[Frame, Frame]:

@@ -52,8 +52,8 @@ def draw_geometry(
 ) -> Geometry:
     """Draw the geometry as in RAFT, for dense or sparse ground truth.
 
-    Frames smaller than the crop are always scaled; the original code never encounters such frames and would fail on
-    them.
+    Dense frames smaller than the crop are always scaled; the original code never encounters such frames and would fail
+    on them. Sparse frames have at least the crop's size (see `padded`).
 
     Args:
         rng: random number generator.
@@ -72,7 +72,7 @@ def draw_geometry(
         x *= 2.0 ** rng.uniform(-_STRETCH, _STRETCH)
         y *= 2.0 ** rng.uniform(-_STRETCH, _STRETCH)
     scale = None
-    if rng.uniform() < _SCALED or height <= crop[0] or width <= crop[1]:
+    if rng.uniform() < _SCALED or height < crop[0] or width < crop[1]:
         scale = (max(x, least), max(y, least))
         width, height = scaled_size(shape, scale)
     mirrored = flip and rng.uniform() < _FLIPPED[0]
@@ -83,8 +83,20 @@ def draw_geometry(
         columns = rng.integer(-_OVERHANG[1], free[1] + _OVERHANG[1])
         top, left = min(max(rows, 0), free[0]), min(max(columns, 0), free[1])
     else:
-        top, left = rng.integer(0, free[0]), rng.integer(0, free[1])
+        top, left = (rng.integer(0, max(rows_or_columns, 1)) for rows_or_columns in free)
     return Geometry(scale, mirrored, upside_down, top, left)
+
+
+def padding_for(shape: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
+    """Return the number of rows and columns that `shape` (H, W) lacks compared with `crop` (H, W)."""
+    return max(crop[0] - shape[0], 0), max(crop[1] - shape[1], 0)
+
+
+def padded(array: Any, padding: tuple[int, int]) -> Any:
+    """Add rows of zeros at the bottom and columns of zeros on the right of a frame, flow or mask (H, W, ...)."""
+    if not any(padding):
+        return array
+    return np.pad(array, ((0, padding[0]), (0, padding[1]), (0, 0))[: array.ndim])
 
 
 def scaled_size(shape: tuple[int, int], scale: tuple[float, float]) -> tuple[int, int]:
