@@ -1,14 +1,19 @@
 """Corrupted benchmarks are written as files, resumed, and read back with the same rows."""
 
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
 import robustflow as rf
+from robustflow.analysis.run_results import comparison_note
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
+from robustflow.benchmarks.setting import setting_of
 from robustflow.cli.main import app
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.models.provenance import Training
+from tests.made_rows import made_run
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -33,6 +38,21 @@ def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
     direct = rf.evaluate(DIS, benchmark, output=tmp_path / "direct", seed=5)
     assert released.rows.equals(direct.rows)
     assert released.summary.regions["occ"].epe_clean is not None
+
+
+def test_an_export_is_not_mistaken_for_the_frames_that_the_authors_released(kitti, tmp_path):
+    direct = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 2)
+    list(export(direct, tmp_path / "fc", seed=5, severity_scale="calibrated"))
+    run = rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "run")
+    eighty = made_run(
+        run, pl.concat(run.rows.with_columns(sample=pl.col("sample") + f" copy {number}") for number in range(40))
+    )
+    assert comparison_note(eighty).startswith("80 pairs, not the paper's 80; ")
+    assert comparison_note(eighty).endswith("; calibrated severities, not the paper's")
+    protocol = run.manifest.identity.frames.protocol
+    assert protocol["seed"] == 5
+    trained = Training(("kitti2015:train",), "declared")
+    assert setting_of(trained, "kitti-fc", direct.keys, protocol) == setting_of(trained, "kitti-fc", direct.keys)
 
 
 def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):

@@ -6,7 +6,6 @@ clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -24,8 +23,7 @@ from ..flowio import write_flow
 from ..images.io import write_image
 from ..sample import Frame, Sample, SceneDepth
 from .base import Benchmark
-
-EXPORT_FILE = "export.json"
+from .released import EXPORT_FILE, export_settings
 
 
 @dataclass(frozen=True)
@@ -119,14 +117,9 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 def _claim(output: Path, settings: dict[str, object]) -> None:
     """Record the settings of the export in its folder; raise if the folder contains a different export."""
     make_folder(output)
-    record = output / EXPORT_FILE
-    if record.exists():
-        try:
-            on_disk = json.loads(record.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            on_disk = None
-        if on_disk != settings:
-            raise RunError(
-                f"{output} contains a different export ({record.name}: {on_disk}); choose another folder with --output"
-            )
-    write_json(record, settings)
+    on_disk = export_settings(output)
+    if on_disk is not None and on_disk != settings:
+        raise RunError(
+            f"{output} contains a different export ({EXPORT_FILE}: {on_disk}); choose another folder with --output"
+        )
+    write_json(output / EXPORT_FILE, settings)

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
+from ..bounded_file import read_bounded
 from ..corruptions import PAPER_ORDER, SEVERITIES
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
 from .base import Benchmark
 from .facts import BenchmarkFacts
 
+EXPORT_FILE = "export.json"
+"""Name of the file in which `export` records the settings of the frames that it wrote."""
+_LARGEST = 1 << 20
+_RECORDED = ("seed", "variant", "severity_scale", "common_draws")
+
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
-    """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the
-    fly."""
+    """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the fly.
+    Its protocol distinguishes the authors' frames from an export by this package."""
     by_corruption = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
     by_corruption = {corruption: levels for corruption, levels in by_corruption.items() if levels}
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
@@ -20,7 +30,25 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
             f"{dataset.root}: contains clean frames, but no severity that all corruptions share; expected folders "
             "such as fog_3 next to clean"
         )
-    protocol = {"frames": "released"}
+    protocol: dict[str, Any] = {"frames": "released"}
+    if (made := export_settings(dataset.root)) is not None:
+        protocol = {
+            "frames": "exported",
+            **{key: made[key] for key in _RECORDED if isinstance(made.get(key), str | int)},
+        }
     return Benchmark(
         name, dataset, tuple(keys), tuple(by_corruption), severities, protocol=protocol, closed=True, facts=facts
     )
+
+
+def export_settings(folder: Path) -> dict[str, Any] | None:
+    """Return the settings with which this package wrote the frames in a folder: empty if they cannot be read, None for
+    a folder that was written by others."""
+    record = folder / EXPORT_FILE
+    if not record.is_file():
+        return None
+    try:
+        settings = json.loads(read_bounded(record, _LARGEST, "restore it"))
+    except (DataError, ValueError, RecursionError):
+        return {}
+    return settings if isinstance(settings, dict) else {}
