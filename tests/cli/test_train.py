@@ -29,11 +29,17 @@ def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
 
 
 def test_the_plan_counts_what_is_there(shared):
-    text = plan_text(load_recipe("raft", "kitti").changed(steps=6), DataPlan([shared("data")]))
+    recipe = load_recipe("raft", "kitti").changed(steps=7, batch=2)
+    text = plan_text(recipe, DataPlan([shared("data")]))
     pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
     title = dataset_facts("kitti2015").title
     assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; sparse augmentation" in text
-    assert f"{pairs} pairs per epoch; 6 updates are {6 * 6 / pairs:.2f} epochs" in text
+    assert f"{pairs} pairs per epoch; 7 updates are {7 / (pairs // 2):.2f} epochs" in text  # the rest is left out
+    large = plan_text(recipe.changed(batch=pairs + 1), DataPlan([shared("data")]))
+    assert large.endswith(
+        f"training cannot start: {pairs} pairs are too few for one update ({pairs + 1}); use more data, "
+        "or a smaller --batch-size"
+    )
 
 
 def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ..datasets import dataset_facts
-from ..errors import RobustFlowError
+from ..errors import RobustFlowError, UsageError
 from ..text import counted
 from .data.find import OpenPart, open_part
+from .data.order import Order
 from .memory import expected_memory
 from .recipe import Part, Recipe, mix_parts
 from .request import DataPlan
@@ -45,15 +46,17 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
         lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part, recipe)}")
     for part, why in missing:
         lines.append(f"  missing  {_title(part)}: {why}")
+    obstacle = "training cannot start until the missing data are available" if missing else ""
     if not missing:
-        epochs = recipe.updates * recipe.pairs / places
-        lines.append(f"{places} pairs per epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
+        try:
+            epochs = recipe.updates / Order(places, recipe.pairs, seed=0).updates
+            lines.append(f"{places} pairs per epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
+        except UsageError as error:
+            obstacle = f"training cannot start: {error}"
     for name, remarks in (("not verified", recipe.unverified), ("paper, original and this recipe", recipe.differs)):
         if remarks:
             lines += [f"{name}:", *(f"  {remark}" for remark in remarks)]
-    if missing:
-        lines.append("training cannot start until the missing data are available")
-    return "\n".join(lines)
+    return "\n".join([*lines, obstacle] if obstacle else lines)
 
 
 def _changes(recipe: Recipe, original: Recipe) -> list[str]:

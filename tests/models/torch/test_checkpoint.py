@@ -43,6 +43,8 @@ LAYOUTS = {
     "lightning": lambda state: {"state_dict": {f"model.{key}": value for key, value in state.items()}},
     "ptlflow's csflow": lambda state: {"state_dict": {f"_model.{key}": value for key, value in state.items()}},
     "two wrappers": lambda state: {f"module.model.{key}": value for key, value in state.items()},
+    "nested": lambda state: {"epoch": 7, "model": {"state_dict": state}},
+    "compiled": lambda state: {f"module._orig_mod.{key}": value for key, value in state.items()},
     "beside numbers": lambda state: {"state_dict": state, "best": np.float64(1.5), "args": argparse.Namespace(lr=1)},
 }
 
@@ -57,6 +59,14 @@ def test_layouts_of_the_authors(path, state, layout, zipped, kind):
         assert torch.equal(found, expected)
     assert cast is None
     assert read.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_file_that_contains_itself_is_refused(path):
+    content: dict = {"epoch": 7}
+    content["model"] = content
+    torch.save(content, path)
+    with pytest.raises(ModelError, match="entry 'epoch' is int, not a tensor"):
+        load(path)
 
 
 def test_only_the_networks_own_entries_of_a_training_runner(path, state):

@@ -140,9 +140,9 @@ def _load(path: Path, file: BinaryIO) -> Any:
 
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:
-    for name in HELD_AS:
-        if isinstance(content, dict) and isinstance(content.get(name), dict):
-            content = content[name]
+    for _ in HELD_AS:  # a file may contain itself, so the depth is limited
+        held = content if isinstance(content, dict) else {}
+        content = next((held[name] for name in HELD_AS if isinstance(held.get(name), dict)), content)
     if not isinstance(content, dict) or not content:
         raise ModelError(
             f"{path}: contains {type(content).__name__}, not named weights; save the network's state_dict()"

@@ -10,8 +10,10 @@ from torch import Tensor, nn
 from ...errors import ModelError
 from .checkpoint import Checkpoint
 
-PREFIXES = ("module.", "_model.", "model.")
-"""Prefixes that wrappers such as data-parallel training, ptlflow and Lightning add to a network's parameter names."""
+PREFIXES = ("module.", "_model.", "model.", "_orig_mod.")
+"""Prefixes that wrappers such as data-parallel training, ptlflow, Lightning and `torch.compile` add to a network's
+parameter names.
+"""
 
 
 def bare_name(key: str) -> str:

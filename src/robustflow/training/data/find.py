@@ -19,7 +19,7 @@ _FOLDERS = {
     "flyingchairs": ("flyingchairs", "flyingchairsrelease", "chairs"),
     "flyingthings3d": ("flyingthings3d", "flyingthings3dsubset", "flyingthings", "things"),
     "sintel": ("sintel", "mpisintel", "mpisintelcomplete"),
-    "hd1k": ("hd1k", "hd1kfull"),
+    "hd1k": ("hd1k", "hd1kfullpackage"),
     "kitti2015": ("kitti2015", "kitti", "kittisceneflow", "datasceneflow"),
     "kitti2012": ("kitti2012", "datastereoflow"),
     "kitti_multiview": ("kittimultiview", "datasceneflowmultiview", "kitti2015", "kitti"),

@@ -25,6 +25,9 @@ class Order:
         block: number of pairs of one update.
         seed: seed of the shuffle.
 
+    Attributes:
+        updates: number of updates per epoch.
+
     Raises:
         UsageError: there are fewer places than one update needs.
 
@@ -41,7 +44,8 @@ class Order:
             )
         self.count = count
         self.seed = seed
-        self._each = count - count % block
+        self.updates = count // block
+        self._each = self.updates * block
 
     def epoch(self, position: int) -> int:
         """Return the epoch of a position."""
