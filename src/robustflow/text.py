@@ -81,7 +81,7 @@ def text_cell(text: str) -> str:
     >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
     ("'=HYPERLINK(1)", 'RAFT')
     """
-    clean = plain(text, 300)
+    clean = plain(text, 600)
     return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean
 
 

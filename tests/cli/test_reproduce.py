@@ -1,6 +1,7 @@
 """Test the `reproduce` command."""
 
 import csv
+from dataclasses import replace
 
 import pytest
 
@@ -8,9 +9,10 @@ from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate, load_run
 from robustflow.reproduce.artefacts import ARTEFACTS
 from robustflow.reproduce.plan import choose
-from robustflow.reproduce.side_by_side import run_beside_paper
+from robustflow.reproduce.side_by_side import comparison_csv, paper_alone, run_beside_paper
 from robustflow.reproduce.variants import paper_variants
 from tests.datasets.layouts import flow, picture
+from tests.video import clips
 
 SAME = ("the published average is over the same corruptions", "the published values are over all five severities")
 NARROW = ("--models", "dis,farneback", "--corruptions", "contrast,jpeg_compression", "--severities", "1")
@@ -64,6 +66,46 @@ def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published
         assert both.here["crer", family] == pytest.approx(scores[corruption].crer)
     # the paper's averages exclude elastic_transform
     assert both.here["epe", "average"] == pytest.approx((scores["contrast"].epe + scores["fog"].epe) / 2)
+    # the printed CRE of BrightFlow is that of UPFlow (`robustflow audit`), and the printed EPE is its own
+    (brightflow,) = paper_variants("kitti-fc", ["brightflow"])
+    stand_in = replace(runnable, variant=brightflow, weights="stand-in " + "with a long name " * 10)
+    both = run_beside_paper(ARTEFACTS["tab3"], stand_in, run)
+    clean, contrast, fog = (_published("BrightFlow", name) for name in ("clean", "contrast", "fog"))
+    assert both.published["crer", "average"] == pytest.approx(((contrast + fog) / 2 - clean) / clean)
+    assert len(both.note) > 300
+    assert both.note.replace("  ", " ") in comparison_csv(ARTEFACTS["tab3"], [both])
+
+
+def test_methods_that_table_3_omits_have_no_published_crer():
+    values = {v: paper_alone(ARTEFACTS["tab3"], v).published for v in paper_variants("kitti-fc")}
+    without = {variant.method for variant, published in values.items() if ("crer", "average") not in published}
+    assert without == {"Farneback", "DIS", "FlowDiffuser"}
+    raft = next(value for variant, value in values.items() if (variant.method, variant.setting) == ("RAFT", "OOD"))
+    assert raft["crer", "average"] == 1.22
+
+
+def test_a_video_is_data_for_gopro_fc(robustflow, tmp_path):
+    video = clips.clip(tmp_path / "walk.mp4", 8).path
+    assert "too few for one pair of key frames" in robustflow.refuses("reproduce", "tab4", "--data", video, code=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--corruptions", "nonsense"), "unknown corruption 'nonsense'"),
+        (("--corruptions", "fog,elastic_transform"), "no values for elastic_transform on kitti-fc"),
+        (("--limit", "0"), "leaves no samples"),
+    ],
+)
+def test_options_with_which_no_variant_can_run_are_refused(robustflow, data, tmp_path, options, reason):
+    assert reason in robustflow.refuses("reproduce", "tab2", "--data", data, "--models", "dis,farneback", *options)
+    assert not (tmp_path / "reproduced").exists()
+
+
+def test_data_of_a_different_layout_are_refused(robustflow, tmp_path):
+    (tmp_path / "empty").mkdir()
+    error = robustflow.refuses("reproduce", "tab2", "--data", tmp_path / "empty", code=1)
+    assert "expected image_2/ and flow_occ/" in error
 
 
 def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
@@ -111,5 +153,5 @@ def test_what_the_paper_does_not_have(robustflow):
 def test_data_that_is_not_there_is_refused_before_anything_is_printed(robustflow):
     code, out, err = robustflow("reproduce", "tab2", "--data", "nowhere")
     assert (code, out) == (2, "")
-    assert "--data nowhere: no such folder" in err
+    assert "--data nowhere: no such file or folder" in err
     assert err.count("\n") == 1

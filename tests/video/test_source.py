@@ -95,7 +95,9 @@ def test_odd_sizes(tmp_path):
 def test_variable_frame_rate_needs_a_decision(tmp_path):
     frames = clips.frames(8)
     path = video(tmp_path / "a.mp4", frames, times=[0, 1, 2, 4, 5, 9, 10, 11])
-    with pytest.raises(DataError, match=r"variable frame rate \(33.3 to 133.3 ms .*--fps"):
+    with pytest.raises(
+        DataError, match=r"variable frame rate \(33.3 to 133.3 ms .*robustflow prepare gopro-fc the option --fps"
+    ):
         VideoFile(path)
     source = VideoFile(path, evenly=True)
     assert len(list(source.frames())) == source.count == 8

@@ -95,19 +95,30 @@ def reproduce(
         if artefact.table and artefact.instead:
             typer.echo(f"See also: {artefact.instead}")
         return
-    if not data.is_dir():
-        raise UsageError(f"--data {data}: no such folder; {data_hint(artefact)}")
+    if not data.exists():
+        raise UsageError(f"--data {data}: no such file or folder. {data_hint(artefact)}")
+    part: dict[str, Any] = {"limit": limit, "corruptions": names(corruptions), "severities": numbers(severities)}
+    _check(artefact, data, part)
     make_folder(output)
-    options = {
-        "data": data,
-        "limit": limit,
-        "corruptions": names(corruptions),
-        "severities": numbers(severities),
-        "workers": workers,
-        "batch_size": batch_size,
-    }
+    options = {"data": data, "workers": workers, "batch_size": batch_size, **part}
     measured = _measured(artefact, choices, output, device, options)
     _show(artefact, measured, output, format)
+
+
+def _check(artefact: "Artefact", data: Path, part: dict[str, Any]) -> None:
+    """Raise before the first run if no variant could run, or if the paper has no values to compare with."""
+    from warnings import catch_warnings, simplefilter
+
+    from ..benchmarks import load_benchmark
+
+    with catch_warnings():
+        simplefilter("ignore")  # every run repeats them
+        chosen = load_benchmark(artefact.benchmark, data).narrowed(**part)
+    published = chosen.facts.paper_corruptions
+    if others := [name for name in chosen.corruptions if name not in published]:
+        raise UsageError(
+            f"the paper has no values for {', '.join(others)} on {chosen.name}; choose from {', '.join(published)}"
+        )
 
 
 def _measured(

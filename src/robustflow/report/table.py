@@ -15,7 +15,7 @@ from ..runs.run import Run
 DASH = "-"
 """Text of a cell without a number."""
 
-LONGEST_NOTE = 300
+LONGEST_NOTE = 600
 """Maximum number of characters of a printed note."""
 
 

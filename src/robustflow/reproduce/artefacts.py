@@ -37,7 +37,7 @@ class Artefact:
 
 
 _ALL = (
-    Artefact("tab1", "The 15 evaluated methods", instead="robustflow list models"),
+    Artefact("tab1", "The 15 evaluated methods", instead="robustflow list models, without encoders and decoders"),
     Artefact("tab2", "EPE on KITTI-FC", "kitti-fc", "epe", table="epe"),
     Artefact(
         "tab3",
@@ -48,15 +48,16 @@ _ALL = (
         instead="its parameters and FLOPs next to ours: robustflow profile --paper",
     ),
     Artefact("tab4", "RCRE on GoPro-FC", "gopro-fc", "rcre", table="gopro-rcre"),
-    Artefact("tab5", "Training of the supervised OOD models", instead="robustflow list recipes"),
-    Artefact("tab6", "Training of the supervised ID models", instead="robustflow list recipes"),
+    Artefact("tab5", "Training of the supervised OOD models", instead="robustflow train MODEL --recipe ood --plan"),
+    Artefact("tab6", "Training of the supervised ID models", instead="robustflow train MODEL --recipe id --plan"),
     Artefact("tab7", "CRE on KITTI-FC", "kitti-fc", "cre", table="cre"),
     Artefact("tab8", "RCRE on KITTI-FC", "kitti-fc", "rcre", table="rcre"),
-    Artefact("fig1", "The benchmarks, as a drawing", instead="a drawing; docs/design explains its content"),
+    Artefact("fig1", "The benchmarks, as a drawing", instead="no command, as it is a drawing"),
     Artefact(
         "fig2",
         "The 24 corruptions at severity 5",
-        instead="robustflow gallery --output gallery",
+        instead="robustflow gallery --severity 5, which shows 20 of them; --clip CLIP adds the video corruptions "
+        "(object_motion_blur needs intermediate frames)",
     ),
     Artefact(
         "fig3",
@@ -67,7 +68,7 @@ _ALL = (
     Artefact("fig5", "CREr by corruption class", "kitti-fc", "families", figure="crer_by_family"),
     Artefact("fig6", "SAM's segmentation of the frames", instead="no command, as it contains no flow measurements"),
     Artefact("fig7", "The PSFs of psf_blur", instead="robustflow optics show"),
-    Artefact("fig8", "Distribution of flow magnitudes", instead="robustflow displacement"),
+    Artefact("fig8", "Distribution of flow magnitudes", instead="robustflow displacement BENCHMARK --data DATA"),
     Artefact("fig9", "Scatter plots of clean EPE, EPE, CRE and RCRE", "kitti-fc", "means", figure="relations"),
 )
 

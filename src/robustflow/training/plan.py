@@ -85,7 +85,9 @@ def _settings(recipe: Recipe) -> list[str]:
     clip = f"gradients clipped at {optimizer.clip:g}" if optimizer.clip is not None else "no clipping"
     steps = f" in {recipe.accumulate} steps" if recipe.accumulate > 1 else ""
     iterations = f", {counted(recipe.iterations, 'iteration')}" if recipe.iterations is not None else ""
-    norms = {"none": "norms learn", "batchnorm": "BatchNorm frozen", "all": "all norms frozen"}[recipe.frozen_norms]
+    norms = {"none": "norms learn", "batchnorm": "BatchNorm frozen", "all": "all norms in evaluation mode"}[
+        recipe.frozen_norms
+    ]
     ahead = f", {counted(recipe.schedule_ahead, 'update')} ahead" if recipe.schedule_ahead else ""
     noise = f", noise up to {recipe.noise:g} grey levels" if recipe.noise else ""
     return [

@@ -90,9 +90,9 @@ class VideoFile:
         if self.variable and not evenly:
             low, high = self.variable
             raise DataError(
-                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); use --fps "
-                f"{float(self.fps or 30):.4g} to treat its frames as evenly spaced, or convert it to a constant rate: "
-                f"{resample_command(path, self.fps)}"
+                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give "
+                f"robustflow prepare gopro-fc the option --fps {float(self.fps or 30):.4g} to treat its frames as "
+                f"evenly spaced, or convert it to a constant rate: {resample_command(path, self.fps)}"
             )
         first = next(self.frames(), None)
         if first is None:
