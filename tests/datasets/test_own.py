@@ -64,6 +64,20 @@ class Broken(Noise):
     def load(self, key):
         raise RuntimeError("no disk")
 
+class BreaksLater(Noise):
+    def load(self, key):
+        return super().load(key) if key == "0" else {}["no disk"]
+
+class SwapsLater(Noise):
+    def load(self, key):
+        return Sample("0", super().load(key).frames)
+
+class FlowLater(Noise):
+    def load(self, key):
+        sample = super().load(key)
+        truth = np.zeros((*sample.shape, 2), np.float32), np.ones(sample.shape, bool)
+        return sample if key == "0" else Sample(key, sample.frames, *truth)
+
 class Taken(Noise):
     name = "sintel"
 
@@ -197,6 +211,39 @@ def test_an_edited_source_never_continues_a_run(module):
     module.write_text(MODULE.replace("SHIFT = 1", "SHIFT = 0 # other frames"))
     with pytest.raises(RunError, match=r"differs in: protocol|contains a different run"):
         rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen)
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("BreaksLater", r"the dataset 'noise' failed in load\('1'\): KeyError: 'no disk'"),
+        ("SwapsLater", r"load\('1'\) returned the sample '0'"),
+        ("FlowLater", "has_flow is False, but sample '1' has ground truth"),
+    ],
+)
+def test_a_dataset_that_fails_at_a_later_sample_is_named_and_the_rows_before_are_kept(module, name, match):
+    with pytest.raises(UsageError, match=match):
+        rf.evaluate(ZeroFlow(), data=f"own_noise:{name}", corruptions="contrast", severities=1, output="run")
+    assert set(rf.load_run("run").rows["sample"]) == {"0"}
+
+
+@pytest.mark.parametrize(
+    ("keys", "match"),
+    [((), "the benchmark 'mine' lists no samples"), (("0", "7"), "'mine' lists the sample '7', which its dataset")],
+)
+def test_a_benchmark_object_without_samples_or_with_an_unknown_one_is_refused(module, keys, match):
+    import own_noise
+
+    with pytest.raises(UsageError, match=match):
+        rf.evaluate(ZeroFlow(), rf.Benchmark("mine", own_noise.Noise(), keys, ("fog",)), output="run")
+
+
+def test_options_for_opening_a_benchmark_are_refused_with_an_open_one(module):
+    import own_noise
+
+    opened = rf.Benchmark("mine", own_noise.Noise(), ("0",), ("fog",))
+    with pytest.raises(UsageError, match="the benchmark 'mine' is already open: omit split, data_options"):
+        rf.evaluate(ZeroFlow(), opened, split="keys.txt", data_options={"count": 3}, output="run")
 
 
 def test_a_video_alone_is_a_folder(tmp_path):

@@ -40,11 +40,23 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
     if made.name in reserved:
         raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it a different name")
     check_members(made.dataset, f"the dataset of {target}")
-    gone = [key for key in made.keys if key not in set(made.dataset.keys())]
-    if gone or not made.keys:
-        raise UsageError(f"{target} lists no samples, or a sample that its dataset does not contain: {gone[:1]}")
+    check_keys(made, target)
     source = {"benchmark": target, "source": own_source(target, made.dataset)}
     return replace(made, protocol={**made.protocol, "own": source})
+
+
+def check_keys(benchmark: Benchmark, what: str) -> None:
+    """Check that a user's benchmark lists samples, and only samples of its dataset.
+
+    Raises:
+        UsageError: it does not; `what` names the benchmark.
+    """
+    if not benchmark.keys:
+        raise UsageError(f"{what} lists no samples: keys must contain at least one key of its dataset")
+    known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
+    for key in benchmark.keys:
+        if key not in known:
+            raise UsageError(f"{what} lists the sample {key!r:.60}, which its dataset does not contain")
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:

@@ -61,12 +61,16 @@ def check_members(dataset: Any, what: str) -> None:
     check_sample(dataset, keys[0], what)
 
 
-def check_sample(dataset: Any, key: str, what: str) -> Sample:
+def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
     """Load one sample and check it against the dataset's declarations.
 
+    Args:
+        what: name of the dataset in messages; the dataset's `name` by default.
+
     Raises:
-        UsageError: the check failed.
+        UsageError: the dataset raised an exception, or the check failed.
     """
+    what = what or f"the dataset '{dataset.name}'"
     sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
         raise UsageError(f"{what}: load('{key}') returned {type(sample).__name__}; it must return a Sample")
@@ -75,6 +79,16 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
     if (sample.flow is not None) != bool(dataset.has_flow):
         state = "has ground truth" if sample.flow is not None else "has no ground truth"
         raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
+    return sample
+
+
+def check_sample(dataset: Any, key: str, what: str) -> Sample:
+    """Load one sample, see `load_checked`, and check its files.
+
+    Raises:
+        UsageError: a check failed.
+    """
+    sample = load_checked(dataset, key, what)
     files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
         raise UsageError(f"{what}: files('{key}') must return the paths of existing files, not {files!r:.80}")

@@ -10,6 +10,7 @@ from ..corruptions.base import Corruption
 from ..corruptions.own import register_custom
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
+from ..datasets.own import load_checked
 from ..errors import DataError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
@@ -64,9 +65,10 @@ class FrameStage:
 
         Raises:
             DataError: a file is damaged, or the ground truth has no valid pixel.
+            UsageError: see `load_checked`.
         """
         with timed(self._seconds, "load"):
-            sample = self._dataset.load(key)
+            sample = load_checked(self._dataset, key)
             if self._context is not None:
                 sample = self._context.add(sample)
             if sample.valid is not None and not sample.valid.any():

@@ -10,6 +10,7 @@ from typing import Any
 from ..attacks.own import own_attacks_among
 from ..benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..benchmarks.facts import check_still, is_still, moving_name
+from ..benchmarks.own import check_keys
 from ..corruptions import load_corruption
 from ..corruptions.base import BGR, VARIANTS
 from ..corruptions.on_disk import on_disk
@@ -220,11 +221,17 @@ def open_benchmark(
     to clips, or use the frames without motion (`Benchmark.still`).
 
     Raises:
-        UsageError, DataError: see `load_benchmark` and `Benchmark.still`.
+        UsageError, DataError: see `load_benchmark`, `check_keys` and `Benchmark.still`.
     """
     if still and isinstance(benchmark, str):
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
-    chosen = load_benchmark(benchmark, data, split, options) if isinstance(benchmark, str) else benchmark
+    if isinstance(benchmark, str):
+        chosen = load_benchmark(benchmark, data, split, options)
+    else:
+        chosen = benchmark
+        if given := [name for name, value in {"data": data, "split": split, "data_options": options}.items() if value]:
+            raise UsageError(f"the benchmark '{chosen.name}' is already open: omit {', '.join(given)}")
+        check_keys(chosen, f"the benchmark '{chosen.name}'")
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     return chosen.still() if still else chosen
