@@ -45,6 +45,20 @@ def test_regions():
     assert (region.share, region.scores.cre, region.scores.crer, region.broken) == (10, 16, 4, 0)
 
 
+@pytest.mark.parametrize("lacking", ["pixels", "rows"])
+def test_outliers_are_not_compared_with_those_of_other_pixels_or_images(lacking):
+    other = row("b", n=100, epe=9.0, fl_count=90)
+    clean, fog = _row(epe=2.0, fl_count=5), _row("fog", 1, epe=2.0, fl_count=5)
+    if lacking == "pixels":
+        clean, fog, other = clean | {"n_truth": 100}, fog | {"n_valid": 50, "n_truth": 100}, row("b", "fog", 1, n=100)
+        rows = [clean, fog, row("b", n=100), other]
+    else:
+        rows = [clean, fog, other]
+    summary = _summary(*rows)
+    assert summary.clean.fl is not None
+    assert [part.broken for part in error_parts(summary)] == [None]
+
+
 def test_without_ground_truth_nothing_is_made_up():
     rows = rows_frame([_row(epe=2.0), _row("fog", 1, epe=8.0)])
     of_truth = ("n_valid", "epe_sum", "rcre_sum", "fl_count")

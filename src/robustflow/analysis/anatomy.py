@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..corruptions.names import MEMBERS
-from ..metrics.summary import Scores, Summary
+from ..metrics.summary import Scores, Summary, has_gaps
 
 REGION_LABELS = {
     "noc": "not occluded",
@@ -37,7 +37,8 @@ class ErrorPart:
             paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
             family has a negative contribution, the others add up to more than 100 %.
         scores: means as in the run's summary.
-        broken: net percentage of the pixels that became Fl outliers.
+        broken: net percentage of the pixels that became Fl outliers; None if the clean and the corrupted frames were not
+            measured over the same images and pixels.
     """
 
     label: str
@@ -49,16 +50,22 @@ class ErrorPart:
 
 def error_parts(summary: Summary) -> list[ErrorPart]:
     """Return the parts of the error: image regions in the order of `metrics.regions.REGIONS`, then families."""
+    whole = summary.complete and not has_gaps(summary)
+
+    def broken(after: float | None, before: float | None) -> float | None:
+        return after - before if whole and after is not None and before is not None else None
+
     parts = [
-        ErrorPart(REGION_LABELS[region], of.share, None, of, _minus(of.fl, of.fl_clean))
+        ErrorPart(REGION_LABELS[region], of.share, None, of, broken(of.fl, of.fl_clean))
         for region, of in summary.regions.items()
     ]
     averaged = summary.averaged_over
     for family, scores in summary.families.items():
         count = sum(name in averaged for name in MEMBERS[family])
         contribution = None if scores.cre is None else scores.cre * count / len(averaged)
-        broken = _minus(scores.fl, summary.clean.fl)
-        parts.append(ErrorPart(f"{family} corruptions", None, contribution, scores, broken))
+        parts.append(
+            ErrorPart(f"{family} corruptions", None, contribution, scores, broken(scores.fl, summary.clean.fl))
+        )
     return parts
 
 
@@ -73,7 +80,3 @@ def severity_slopes(summary: Summary, metric: str) -> dict[str, float]:
             levels, values = np.array(known, np.float64).T
             slopes[name] = float(np.polyfit(levels, values, 1)[0])
     return slopes
-
-
-def _minus(after: float | None, before: float | None) -> float | None:
-    return None if after is None or before is None else after - before
