@@ -37,7 +37,7 @@ class ErrorPart:
             paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
             family has a negative contribution, the others add up to more than 100 %.
         scores: means as in the run's summary.
-        broken: net percentage of the pixels that became Fl outliers; None if the clean and the corrupted frames were not
+        broken: net percentage of the pixels that became Fl outliers; None unless clean and corrupted frames were
             measured over the same images and pixels.
     """
 
