@@ -87,6 +87,22 @@ def test_labels_do_not_hide_each_other():
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
+def test_a_name_nearest_to_a_different_bubble_is_connected_with_its_own():
+    figure = clean_against_cre(_KITTI)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        bubbles = [c for c in axes.collections if c.get_sizes()[0] > 10]
+        places = np.concatenate([bubble.get_offsets() for bubble in bubbles])
+        centres = axes.transData.transform(places)
+        radii = [np.sqrt(bubble.get_sizes()[0] / np.pi) * figure.dpi / 72 for bubble in bubbles]
+        connected = {tuple(np.round(line.get_xydata()[0], 6)) for line in axes.lines}
+        for index, text in enumerate(axes.texts):
+            box = text.get_window_extent()
+            nearest = np.clip(centres, (box.x0, box.y0), (box.x1, box.y1))
+            gaps = np.linalg.norm(centres - nearest, axis=1) - radii
+            assert gaps.argmin() == index or tuple(np.round(places[index], 6)) in connected, text.get_text()
+
+
 def test_families_by_hand():
     """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
     families = {(line.setting, line.name): line.family_crer for line in _KITTI}

@@ -76,6 +76,20 @@ def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
         np.testing.assert_array_equal(cell.frames[:2], pair)
 
 
+def test_a_still_picture_shows_an_exposed_frame(video, tmp_path):
+    """Exposure changes every second frame, and the seed decides whether the first of them changes."""
+    part = ClipPart(video, shown=2)
+    shown = list(part.frames(part.shown))
+    stills = set()
+    for seed in range(6):
+        (cell,) = clip_cells(part, shown, [5], ["over_exposure"], tmp_path, seed=seed, key="walk")
+        assert cell.frames[cell.still].mean() > shown[cell.still].mean() + 20
+        assert cell.ssim < 0.95
+        assert ("frame 2" in cell.caption) == (cell.still == 1)
+        stills.add(cell.still)
+    assert stills == {0, 1}
+
+
 def test_the_codec_really_ran(video, tmp_path):
     """Higher severities look coarser, frames are in order, and a stream too short for bit errors remains undamaged."""
     part = ClipPart(video, shown=3)

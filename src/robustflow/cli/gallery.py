@@ -241,7 +241,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
     which = "middle" if start is None else "first"
     remarks = [
         f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
-        "corrupted at full size; the SSIM is that of the first frame.",
+        "corrupted at full size; the SSIM is that of the first frame that the corruption changes.",
         *remarks,
     ]
     _write(shown, frames[0], at, title, page_of(slider, remarks))

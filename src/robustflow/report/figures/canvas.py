@@ -26,6 +26,8 @@ _NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0
 """Cost of two overlapping names."""
+_MISREAD = 4.0
+"""Cost of a name that is nearer to a different marker than to its own."""
 
 _Place = tuple[float, float, Literal["left", "center", "right"]]
 
@@ -102,7 +104,8 @@ def set_heading(figure: MarkedFigure, text: str) -> None:
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
     """Place names next to their points, choosing the position with the least overlap with names and points already
-    placed. With more than `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
+    placed. A line connects a name with its point if a different marker is nearer. With more than
+    `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
 
     Args:
         axes: axes with final limits, in a figure with a final layout (`files.settle_layout`).
@@ -115,16 +118,18 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     centres = np.array(dots)
+    radii = radii or [4.0] * len(points)
+    edges = np.array(radii) * per_point
     placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each name drawn so far
     shown = 0
     texts = []
-    for (x, y, label), dot, radius in zip(points, dots, radii or [4.0] * len(points), strict=True):
+    for index, ((x, y, label), dot, radius) in enumerate(zip(points, dots, radii, strict=True)):
         text = axes.annotate(
             name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
         )
         with any_script():
             size = text.get_window_extent()
-        best: tuple[float, _Place, tuple[float, float, float, float]] | None = None
+        best: tuple[float, _Place, tuple[float, float, float, float], bool] | None = None
         for rank, (dx, dy, side) in enumerate(_places(radius)):
             x0 = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
             y0 = dot[1] + dy * per_point - size.height / 2
@@ -134,9 +139,13 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
             covered = (centres >= (x0, y0)).all(axis=1) & (centres <= (x1, y1)).all(axis=1)
             cost = _OVERLAP * int(overlaps.sum()) + 0.1 * rank
             cost += 3.0 * int(covered.sum())
-            cost += 20.0 * (x0 < axes.bbox.x0 or x1 > axes.bbox.x1)
+            inside = axes.bbox.x0 <= x0 and x1 <= axes.bbox.x1 and axes.bbox.y0 <= y0 and y1 <= axes.bbox.y1
+            cost += 20.0 * (not inside)
+            gaps = np.hypot(*(centres - np.clip(centres, (x0, y0), (x1, y1))).T) - edges
+            misread = bool(gaps.min() < gaps[index])
+            cost += _MISREAD * misread + min(3, int((gaps < 0).sum()))
             if best is None or cost < best[0]:
-                best = (cost, (dx, dy, side), (x0, y0, x1, y1))
+                best = (cost, (dx, dy, side), (x0, y0, x1, y1), misread)
         assert best is not None
         text.set_position(best[1][:2])
         text.set_horizontalalignment(best[1][2])
@@ -146,6 +155,10 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         else:
             placed[shown] = best[2]
             shown += 1
+            if best[3]:
+                end = np.clip(dot, best[2][:2], best[2][2:])
+                ends = axes.transData.inverted().transform((dot, end)).T
+                axes.plot(*ends, color=text.get_color(), linewidth=0.5, scalex=False, scaley=False)
     return texts
 
 
@@ -153,7 +166,7 @@ def _places(radius: float) -> list[_Place]:
     """List candidate positions of a name around a marker, best first: offset (right, up) in points, and the
     alignment."""
     places: list[_Place] = []
-    for reach in (radius + 3, radius + 11, radius + 20):
+    for reach in (radius + 3, radius + 11, radius + 20, radius + 32):
         slant = 0.8 * reach
         places += [(reach, 0.0, "left"), (-reach, 0.0, "right"), (0.0, reach + 2, "center")]
         places += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]

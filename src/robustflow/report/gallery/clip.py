@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from ...datasets.folder import open_folder
 from ...errors import UsageError
 from ...sample import Frame
 from ...video.short_clip import ShortClip, frame_rate
-from .pictures import GalleryCell
+from .pictures import GalleryCell, first_changed, frame_remark
 
 if TYPE_CHECKING:
     from ...datasets.folder import FrameFolder
@@ -123,7 +124,7 @@ def clip_cells(
         seed, key: seed and key of the random draws; the frames are equal to those from `corrupt_clip`.
         scale: severity scale, "paper" or "calibrated".
     """
-    similarity = Ssim(shown[0])
+    similarity = cache(lambda index: Ssim(shown[index]))
     encoded: ShortClip | None = None
     for name in corruptions:
         for severity in severities:
@@ -138,4 +139,6 @@ def clip_cells(
                 remark = "" if changed else "no bit errors"
             else:
                 frames = list(corrupt_clip(shown, name, severity, seed, key, scale=scale))
-            yield GalleryCell(name, severity, frames, similarity(frames[0]), remark)
+            frame, still = first_changed(frames, shown)
+            remark = ", ".join(filter(None, (frame_remark(still), remark)))
+            yield GalleryCell(name, severity, frames, similarity(still)(frame), remark, still)

@@ -41,7 +41,9 @@ def draw_figure(clean: Frame, cells: Sequence[GalleryCell], title: str, form: st
     figure.text(0.006, 1 - _CAPTION_IN / height, title, va="center", fontsize=11)
     absent = clean * 0 + 236
     shown = [("clean", clean)]
-    shown += [(f"{cell.name}  {cell.caption}".rstrip(), cell.frames[0] if cell.frames else absent) for cell in cells]
+    shown += [
+        (f"{cell.name}  {cell.caption}".rstrip(), cell.frames[cell.still] if cell.frames else absent) for cell in cells
+    ]
     for index, (caption, frame) in enumerate(shown):
         row, column = divmod(index, columns)
         left, top = _GAP_IN + column * (width + _GAP_IN), _CAPTION_IN + row * step + _CAPTION_IN

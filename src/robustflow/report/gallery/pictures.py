@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -23,8 +23,9 @@ class GalleryCell:
         name: name of the corruption.
         severity: severity, 1 to 5.
         frames: RGB uint8 (H, W, 3) each; empty if the scale does not have this severity.
-        ssim: mean SSIM between the first of these frames and its clean frame; None for a map of the depth.
+        ssim: mean SSIM between the frame at `still` and its clean frame; None for a map of the depth.
         remark: remark in the caption.
+        still: index of the frame that a still picture shows.
     """
 
     name: str
@@ -32,6 +33,7 @@ class GalleryCell:
     frames: Sequence[Frame] = ()
     ssim: float | None = None
     remark: str = ""
+    still: int = 0
 
     @property
     def caption(self) -> str:
@@ -79,17 +81,25 @@ def gallery(
     for corruption in chosen:
         for severity in severities:
             if severity in levels_of(corruption.name, tuple(severities), scale):
-                frame, index = _changed(sample, corruption, severity, seed)
-                remark = "frame 2" if index else ""
-                yield GalleryCell(corruption.name, severity, [frame], similarity[index](frame), remark)
+                clean = sample.frames[:2]
+                frames = corrupt_clip(clean, corruption, severity, seed, sample.key, depth=sample.depth)
+                frame, index = first_changed(frames, clean)
+                yield GalleryCell(corruption.name, severity, [frame], similarity[index](frame), frame_remark(index))
             else:
                 yield GalleryCell(corruption.name, severity)
 
 
-def _changed(sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, int]:
-    """Return the first frame that the corruption changed, because some corruptions change only one of them; frame 1 if
-    neither changed."""
-    clean = sample.frames[:2]
-    frames = corrupt_clip(clean, corruption, severity, seed, sample.key, depth=sample.depth)
+def first_changed(frames: Iterable[Frame], clean: Sequence[Frame]) -> tuple[Frame, int]:
+    """Return the first frame that differs from its clean frame, and its index, because some corruptions change only
+    some of them; the first frame if none differs."""
     changed = ((frame, index) for index, frame in enumerate(frames) if not np.array_equal(frame, clean[index]))
     return next(changed, (clean[0], 0))
+
+
+def frame_remark(index: int) -> str:
+    """Return the remark that a still picture shows the frame at `index`; "" for the first frame.
+
+    >>> frame_remark(1), frame_remark(0)
+    ('frame 2', '')
+    """
+    return f"frame {index + 1}" if index else ""
