@@ -33,6 +33,10 @@ FLOW_FORMATS = ("flo", "png", "pfm", "flo5")
 """File formats for flow; "png" is KITTI's 16-bit format."""
 
 
+class _Images(PairDataset):
+    has_flow = False
+
+
 @dataclass(frozen=True)
 class Predicted:
     """One finished pair.
@@ -65,7 +69,7 @@ def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
         f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: PairFiles((first, second), group="frames")
         for index, (first, second) in enumerate(pairwise(paths))
     }
-    return PairDataset(pairs, paths[0].parent)
+    return _Images(pairs, paths[0].parent)
 
 
 def predict_flows(
