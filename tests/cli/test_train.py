@@ -76,6 +76,7 @@ def test_recipes_are_listed(robustflow):
         ("raft --recipe ood --data x --validate-data x", "--validate-data needs --validate BENCHMARK"),
         ("raft --recipe ood --data x --validate-every 5", "--validate-every needs --validate BENCHMARK"),
         ("raft --recipe ood --data x --validate-corruptions fog", "--validate-corruptions needs --validate BENCHMARK"),
+        ("a:Net --like raft --recipe ood --iterations 6", "--iterations: a:Net sets its iterations itself; omit it"),
         ("raft --recipe ood --data x --loaders -1", "--loaders must be at least 0; got -1"),
         ("raft --recipe ood --data . --save-every 0", "--save-every must be at least 1; got 0"),
         ("raft --recipe ood --data . --keep-every -1", "--keep-every must be at least 1; got -1"),
@@ -123,6 +124,9 @@ def test_the_command_after_training_repeats_the_options_of_the_model(robustflow,
 
     monkeypatch.setattr(session, "run_training", lambda request, stop: request.output / "last.pth")
     given = ["-O", "scaling=minus_one_one", "-O", "order=bgr", "-O", "note=two words"]
+    assert "changed: iterations none instead of 12" in robustflow.prints(
+        "train", "my.nets:Net", "--like", "raft", "--recipe", "kitti", "-d", tmp_path, "--plan"
+    )
     train = ("train", "my.nets:Net", "--like", "tiny", "--recipe", "shapes")
     command = shlex.split(robustflow.prints(*train, *given, "-o", tmp_path).partition("measure it with: ")[2])
     assert command == ["robustflow", "run", "--model", "my.nets:Net", *given, "--checkpoint", f"{tmp_path}/last.pth"]

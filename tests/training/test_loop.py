@@ -12,12 +12,15 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
+
+from torch import distributed  # noqa: E402
 
 import robustflow as rf  # noqa: E402
 from robustflow.benchmarks.setting import setting_of  # noqa: E402
@@ -27,6 +30,8 @@ from robustflow.models.torch.raft_net import TorchvisionRaft  # noqa: E402
 from robustflow.runner.named_model import name_model  # noqa: E402
 from robustflow.runs.run import Run  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
+from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
@@ -238,6 +243,26 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
     things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
     with pytest.raises(UsageError, match="starts from the weights of its stage 'chairs'"):
         run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
+
+
+def test_data_without_ground_truth_are_refused_before_training(request_for, chairs):
+    frames = f"folder={chairs / 'FlyingChairs_release' / 'data'}"
+    with pytest.raises(UsageError, match="folder has no ground truth to train on; choose a different mix"):
+        run_training(request_for(mix="frames", sources=[frames], skip_bad=True))
+
+
+def test_iterations_of_a_network_that_has_none_are_refused():
+    with pytest.raises(UsageError, match="tiny has no iterations; omit --iterations"):
+        load_network(load_recipe("tiny", "small").changed(iterations=5), "random")
+
+
+def test_processes_wait_for_each_other_as_long_as_a_validation_may_take(monkeypatch):
+    joined = {}
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.setattr(distributed, "init_process_group", lambda backend, timeout: joined.update(timeout=timeout))
+    monkeypatch.setattr(distributed, "destroy_process_group", lambda: None)
+    with this_process("cpu"):
+        assert joined["timeout"] > timedelta(hours=12)
 
 
 def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):

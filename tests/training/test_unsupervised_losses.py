@@ -158,7 +158,7 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
 def test_brightflow_gets_the_frames_also_in_their_own_colours_and_without_their_border(chairs):
     objective = load_recipe("brightflow", "sintel").objective
     part = Part(data="flyingchairs", augmentation="dense", log2_scale=(0.0, 0.4), flip=True, eraser=False)
-    opened = open_part(part, [chairs])
+    opened = open_part(part, [chairs], labelled=False)
 
     def pairs(objective: Objective) -> TrainingPairs:
         return TrainingPairs([opened], Order(len(opened), 1, 0), (96, 128), 5, objective=objective)

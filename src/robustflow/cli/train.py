@@ -112,8 +112,12 @@ def train(
     from ..size import parse_size
 
     require("torch", "training")
+    from ..models.catalog import PTLFLOW
     from ..training.recipe import load_recipe
 
+    own = like is not None and not method.startswith(PTLFLOW)
+    if own and iterations is not None:
+        raise UsageError(f"--iterations: {method} sets its iterations itself; omit it, or give its own option with -O")
     original = load_recipe(like or method, recipe)
     chosen = original.changed(
         method=method if like else None,
@@ -122,7 +126,7 @@ def train(
         batch=batch_size,
         crop=parse_size(crop, 8) if crop is not None else None,
         learning_rate=learning_rate,
-        iterations=iterations,
+        iterations="none" if own else iterations,
         accumulate=accumulate,
         precision=precision,
     )

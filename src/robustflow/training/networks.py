@@ -227,7 +227,9 @@ def load_network(
     """
     given = {**(options or {}), "device": device}
     own = ":" in recipe.method and not recipe.method.startswith(PTLFLOW)
-    if recipe.iterations is not None and not own and _takes_iterations(recipe.method):
+    if recipe.iterations is not None and not own:
+        if not _takes_iterations(recipe.method):
+            raise UsageError(f"{recipe.method} has no iterations; omit --iterations")
         given["iterations"] = recipe.iterations
     if not (own and str(start) == RANDOM):  # a user's module keeps its initial weights
         given["checkpoint"] = str(start)

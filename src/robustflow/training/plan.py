@@ -36,7 +36,7 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
     missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
         try:
-            available.append(open_part(part, data.sources))
+            available.append(open_part(part, data.sources, recipe.objective is None))
         except RobustFlowError as error:
             missing.append((part, str(error)))
     places = sum(map(len, available))
@@ -77,6 +77,8 @@ def _corrupted(data: DataPlan) -> list[str]:
 
 
 def _written(value: object) -> str:
+    if value is None:
+        return "none"
     return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 

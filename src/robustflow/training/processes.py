@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import timedelta
 
 import torch
 from torch import distributed
@@ -57,7 +58,8 @@ def this_process(device: str) -> Iterator[Process]:
             raise UsageError(f"{world} processes for {torch.cuda.device_count()} GPUs; start one process per GPU")
         device = f"cuda:{local}"
     chosen = find_device(device)
-    distributed.init_process_group("nccl" if chosen.type == "cuda" else "gloo")
+    # The others wait while process 0 validates, which may take longer than the 10 minutes that NCCL waits by default.
+    distributed.init_process_group("nccl" if chosen.type == "cuda" else "gloo", timeout=timedelta(days=1))
     try:
         yield Process(rank, world, chosen)
     finally:

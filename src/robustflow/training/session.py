@@ -45,7 +45,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         RunError: there is no training run to resume, or it is not the requested one.
     """
     recipe, folder = request.recipe, user_path(request.output)
-    parts = [open_part(part, request.data.sources) for part in mix_parts(recipe.mix)]
+    parts = [open_part(part, request.data.sources, recipe.objective is None) for part in mix_parts(recipe.mix)]
     order = Order(sum(map(len, parts)), recipe.batch * recipe.accumulate, request.seed)
     pairs = TrainingPairs(
         parts,

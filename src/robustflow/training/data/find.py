@@ -59,16 +59,17 @@ def needs_data(recipe: Recipe) -> bool:
     return any(needs_folder(part.data) for part in mix_parts(recipe.mix))
 
 
-def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
+def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPart:
     """Find and open a part's dataset.
 
     Args:
         part: part of a mix.
         data: folders of datasets or their parent folders, or "NAME=FOLDER" for one dataset.
+        labelled: whether training needs ground truth.
 
     Raises:
         DataError: the dataset is not found, or its layout is not as expected; the message names the expected folders.
-        UsageError: the name in "NAME=FOLDER" is not a dataset.
+        UsageError: the name in "NAME=FOLDER" is not a dataset, or the dataset has no ground truth.
     """
     named, roots = _parted(data)
     folder = named.get(part.data)
@@ -76,6 +77,10 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         dataset = _search(part, roots)
     else:
         dataset = load_dataset(part.data, folder, **part.options)
+    if labelled and not dataset.has_flow:
+        raise UsageError(
+            f"{part.data} has no ground truth to train on; choose a different mix, or a recipe without labels"
+        )
     keys = dataset.keys()
     if part.keys == "training":
         keys = kitti_split(keys).training
