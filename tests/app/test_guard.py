@@ -129,7 +129,7 @@ def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
 
 def test_half_sent_requests_do_not_shut_others_out(tmp_path):
     """When more clients connect than allowed, the extra connections are closed, and the page remains available."""
-    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 3.0"
+    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 1.0"
     with running_app(tmp_path, start=after(limit)) as app, ExitStack() as stack:
         host, port = app.host.split(":")
         sockets = []

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.benchmarks import Benchmark
 from robustflow.errors import AssetError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.store import RunFolder
-from robustflow.testing import ZeroFlow
+from robustflow.testing import TexturePairs, ZeroFlow
 
 from .conftest import FAST
 from .processes import check_stopped_by_ctrl_c, descendants, start_run, still_running
@@ -45,9 +46,10 @@ def _folder(tmp_path_factory, monkeypatch):
 def test_equal_to_serial_and_nothing_stays(tmp_path):
     """The record of where each row was computed is kept when the run is resumed with a different engine."""
     before = signal.getsignal(signal.SIGTERM)
+    benchmark = Benchmark("drawn", TexturePairs(1, (48, 64)), ("0",), FAST, (1, 2, 4))
     attacked = SETTING | {"attacks": ["square:queries=3"]}
-    whole = rf.evaluate(DIS, output=tmp_path / "serial", **attacked)
-    result = rf.evaluate(DIS, output=tmp_path / "ray", engine="ray", workers=2, **attacked)
+    whole = rf.evaluate(DIS, benchmark, output=tmp_path / "serial", **attacked)
+    result = rf.evaluate(DIS, benchmark, output=tmp_path / "ray", engine="ray", workers=2, **attacked)
     assert result.rows.equals(whole.rows)
     assert result.attack_rows.equals(whole.attack_rows)
     assert result.attack_rows.filter(corruption="square:queries=3").height == len(SETTING["severities"])
@@ -58,7 +60,7 @@ def test_equal_to_serial_and_nothing_stays(tmp_path):
     assert not sys.modules["ray"].is_initialized()
     assert not list(Path(os.environ["TMPDIR"]).iterdir())
     places = result.manifest.places
-    more = rf.evaluate(DIS, output=tmp_path / "ray", **{**SETTING, "severities": [2]})
+    more = rf.evaluate(DIS, benchmark, output=tmp_path / "ray", **{**SETTING, "severities": [2]})
     assert more.rows.height > whole.rows.height
     assert more.manifest.places == places
 
