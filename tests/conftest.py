@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
+from pathlib import Path
 
 for _name in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_name}_NUM_THREADS", "1")
@@ -23,6 +24,7 @@ import skimage
 from PIL import Image
 
 from .command_line import CommandLine
+from .corruptions.rain import forget, write_rain
 from .prepared_processes import get_context, prepare
 from .shared_data import shared_folder
 from .small_demo import write_small_demo
@@ -50,6 +52,16 @@ def robustflow(monkeypatch, capsys, tmp_path) -> CommandLine:
     """The command line in the working folder `tmp_path`."""
     monkeypatch.chdir(tmp_path)
     return CommandLine(monkeypatch, capsys)
+
+
+@pytest.fixture
+def rain_package(tmp_path, monkeypatch) -> Iterator[Path]:
+    """The working folder `tmp_path`, with a user's corruption in `rain_module` and a module that it imports."""
+    write_rain(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    forget()
 
 
 @pytest.fixture(scope="session")

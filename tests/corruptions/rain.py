@@ -1,6 +1,8 @@
 """A user-defined rain corruption with a parameter defined in a second module."""
 
+import sys
 import textwrap
+from pathlib import Path
 
 RAIN = textwrap.dedent(
     """
@@ -23,3 +25,15 @@ RAIN = textwrap.dedent(
             return np.maximum(frame, rng.spawn("frame", index).integer(1, 9) * depth).astype(np.uint8)
     """
 )
+
+
+def write_rain(folder: Path) -> None:
+    """Write the module `rain_module` and the module `rain_depth` that it imports."""
+    (folder / "rain_module.py").write_text(RAIN)
+    (folder / "rain_depth.py").write_text("DEPTH = 4\n")
+
+
+def forget() -> None:
+    """Let both modules be imported once more."""
+    for name in ("rain_module", "rain_depth"):
+        sys.modules.pop(name, None)

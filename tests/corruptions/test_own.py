@@ -14,7 +14,7 @@ from robustflow.errors import UsageError
 from robustflow.testing import check_corruption
 
 from .pictures import plane, scene, seen
-from .rain import RAIN
+from .rain import RAIN, forget
 
 FRAME = np.indices((24, 36)).sum(0)[..., None].repeat(3, 2).astype(np.uint8)
 
@@ -59,28 +59,12 @@ class NearGrey:
         return np.where((state[index] < 10)[..., None], np.uint8(128), frame)
 
 
-@pytest.fixture
-def package(tmp_path, monkeypatch):
-    """Create a user's module, and a module that it imports, in the working folder of the command."""
-    (tmp_path / "rain_module.py").write_text(RAIN)
-    (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    yield tmp_path
-    forget()
-
-
-def forget():
-    for name in ("rain_module", "rain_depth"):
-        sys.modules.pop(name, None)
-
-
 def reimported():
     forget()
     return load_corruption(corruption_name("rain_module:Rain")).source
 
 
-def test_a_module_a_class_and_an_object_are_corruptions(package):
+def test_a_module_a_class_and_an_object_are_corruptions(rain_package):
     from_module = rf.corrupt(FRAME, FRAME, "rain_module:Rain", 3, seed=1)
     again = rf.corrupt(FRAME, FRAME, "rain", 3, seed=1)
     assert all((a == b).all() for a, b in zip(from_module, again, strict=True))
@@ -91,7 +75,7 @@ def test_a_module_a_class_and_an_object_are_corruptions(package):
     assert (rf.corrupt(FRAME, FRAME, Veil, 3)[0] == first).all()
 
 
-def test_it_stands_in_stacks(package):
+def test_it_stands_in_stacks(rain_package):
     assert corruption_name("fog+rain_module:Rain:2 + rain_module:Rain") == "fog+rain:2+rain"
     whole = rf.corrupt(FRAME, FRAME, "fog+rain_module:Rain", 3)
     assert whole[0].shape == FRAME.shape
@@ -100,7 +84,7 @@ def test_it_stands_in_stacks(package):
 
 
 @pytest.mark.parametrize("name", ["os:system", "fog:x", "rain_module:Rain"])
-def test_reading_a_name_imports_nothing(package, name):
+def test_reading_a_name_imports_nothing(rain_package, name):
     """Names in run folders and records are untrusted."""
     for read in (parse_stack, load_corruption):
         with pytest.raises(UsageError):
@@ -148,7 +132,7 @@ def test_severities_in_an_array_are_used_as_a_tuple():
         (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],
 )
-def test_what_is_not_a_corruption_is_refused(package, spec, message):
+def test_what_is_not_a_corruption_is_refused(rain_package, spec, message):
     with pytest.raises(UsageError, match=message):
         rf.corrupt(FRAME, FRAME, spec, 1)
 
@@ -177,12 +161,12 @@ def test_check_corruption_passes_every_shipped_one_tried():
     assert [check_corruption(name) for name in ("contrast", "snow", "glass_blur")] == ["contrast", "snow", "glass_blur"]
 
 
-def test_the_source_names_files_and_attributes(package):
+def test_the_source_names_files_and_attributes(rain_package):
     before = reimported()
     assert before == reimported() != ""
-    (package / "rain_depth.py").write_text("DEPTH = 5\n")
+    (rain_package / "rain_depth.py").write_text("DEPTH = 5\n")
     imported = reimported()
-    (package / "rain_module.py").write_text(RAIN + "# edited\n")
+    (rain_package / "rain_module.py").write_text(RAIN + "# edited\n")
     assert len({before, imported, reimported()}) == 3
     assert load_corruption(Veil(3)).source == load_corruption(Veil(3)).source != load_corruption(Veil(4)).source
     assert load_corruption("fog").source == ""

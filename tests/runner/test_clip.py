@@ -24,6 +24,8 @@ from tests.video import clips
 from .conftest import FAST, FRAMES
 from .models_for_tests import FiveFrames
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 MODEL = "tests.runner.models_for_tests:FiveFrames"
 
 

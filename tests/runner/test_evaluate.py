@@ -16,7 +16,10 @@ from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 MODELS = "tests.runner.models_for_tests"
+HEIGHT, WIDTH = 167, 247
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 
@@ -50,7 +53,7 @@ def test_clean_error_equals_opencv(whole):
 def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, monkeypatch):
     log = tmp_path / "log"
     monkeypatch.setenv("PREDICTION_LOG", str(log))
-    spec = ModelSpec(f"{MODELS}:Logged")
+    spec = ModelSpec(f"{MODELS}:Logged", (("shape", f"{HEIGHT}x{WIDTH}"),))
     first = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
     asked = log.read_text().splitlines()
     assert len(asked) == len({line.split(" ", 1)[1] for line in asked}) == 1 + 2 * len(FAST)
@@ -83,7 +86,7 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
         rf.evaluate(f"{MODELS}:raises", output=folder, corruptions=["contrast"], severities=[1])
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
-    np.save(clean, np.ones((500, 741, 2), np.float32))  # left by a run that was killed before it wrote the cell's row
+    np.save(clean, np.ones((HEIGHT, WIDTH, 2), np.float32))  # left by a run killed before the cell's row
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
     assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"
@@ -166,7 +169,7 @@ def test_options_that_cannot_be_meant(tmp_path, options):
     ("model", "engine", "error", "says"),
     [
         ("with_nan", "serial", ModelError, "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
-        ("wrong_shape", "serial", ModelError, r"returned float32 \(2, 500, 741\)"),
+        ("wrong_shape", "serial", ModelError, rf"returned float32 \(2, {HEIGHT}, {WIDTH}\)"),
         ("ends_the_program", "serial", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
         ("ends_the_program", "processes", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
         ("raises", "serial", ModelError, "raised ValueError on sample 'motorcycle', clean: no weights"),
@@ -226,7 +229,7 @@ def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):
         allow_invalid=True,
     )
     assert run.summary.n_invalid == 2
-    assert run.rows["n_all"].to_list() == [500 * 741 - 1] * 2
+    assert run.rows["n_all"].to_list() == [HEIGHT * WIDTH - 1] * 2
 
 
 def test_a_local_object_needs_the_serial_engine(tmp_path):
@@ -247,7 +250,7 @@ def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
 
 
 def test_a_path_is_as_good_as_its_name(tmp_path):
-    flow = np.zeros((500, 741, 2), np.float32)
+    flow = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     for setting in ("clean", "contrast_1"):
         (tmp_path / "flows" / setting).mkdir(parents=True)
         write_flow(tmp_path / "flows" / setting / "motorcycle.flo", flow)

@@ -9,25 +9,12 @@ import pytest
 import robustflow as rf
 from robustflow.errors import RobustFlowError
 from robustflow.testing import ZeroFlow
-from tests.corruptions.rain import RAIN
+from tests.corruptions.rain import forget
+
+pytestmark = pytest.mark.usefixtures("demo_is_small")
 
 
-@pytest.fixture
-def package(tmp_path, monkeypatch):
-    (tmp_path / "rain_module.py").write_text(RAIN)
-    (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    yield tmp_path
-    forget()
-
-
-def forget():
-    for name in ("rain_module", "rain_depth"):
-        sys.modules.pop(name, None)
-
-
-def test_the_command_line_takes_it_and_an_edit_starts_apart(package, robustflow):
+def test_the_command_line_takes_it_and_an_edit_starts_apart(rain_package, robustflow):
     run = ["run", "--model", "dis", "-O", "preset=ultrafast", "-s", "1", "--no-examples", "--output", "run"]
     own = ["--corruptions", "rain_module:Rain,fog+rain_module:Rain"]
     assert "rain" in robustflow.prints(*run, *own)
@@ -37,7 +24,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, robustflow)
 
     forget()
     robustflow.prints(*run, *own)  # goes on
-    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
+    (rain_package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
     forget()
     assert "the source of the corruption rain has changed since" in robustflow.refuses(*run, *own, code=1)
 
@@ -46,11 +33,11 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, robustflow)
     assert rf.load_run("mine.robustflow").summary == result.summary
 
 
-def test_an_object_runs_in_processes_as_in_this_one(package, quick_workers):
+def test_an_object_runs_in_processes_as_in_this_one(rain_package, quick_workers):
     from rain_module import Rain
 
     runs = [
-        rf.evaluate(ZeroFlow(), output=package / engine, corruptions=["contrast", Rain(2)], severities=[1, 2],
+        rf.evaluate(ZeroFlow(), output=rain_package / engine, corruptions=["contrast", Rain(2)], severities=[1, 2],
                     engine=engine, workers=1)
         for engine in ("serial", "processes")
     ]  # fmt: skip
@@ -58,11 +45,11 @@ def test_an_object_runs_in_processes_as_in_this_one(package, quick_workers):
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
     with pytest.raises(RobustFlowError, match="source of the corruption rain has changed"):
-        rf.evaluate(ZeroFlow(), output=package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
+        rf.evaluate(ZeroFlow(), output=rain_package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 
-def test_common_draws_are_another_run_with_the_same_places(package):
-    folders = {common: package / f"common {common}" for common in (False, True)}
+def test_common_draws_are_another_run_with_the_same_places(rain_package):
+    folders = {common: rain_package / f"common {common}" for common in (False, True)}
     rows = {
         common: rf.evaluate(ZeroFlow(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
         for common, folder in folders.items()
@@ -82,7 +69,7 @@ def test_common_draws_are_another_run_with_the_same_places(package):
     assert len(exposed[False]) == 2
 
 
-def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
+def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(rain_package):
     from rain_module import Rain
 
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
@@ -95,7 +82,7 @@ def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
     assert set(first.rows["severity"]) == {0, 1, 2}
 
 
-def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(package, monkeypatch, robustflow):
+def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_package, monkeypatch, robustflow):
     own = ["--corruptions", "rain_module:Rain"]
     robustflow.prints("run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own)
     forget()
@@ -103,4 +90,4 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(packa
     assert "specify it with --own-corruption MODULE:ATTRIBUTE" in robustflow.refuses("examples", "run", code=1)
     assert "rain_module" not in sys.modules
     robustflow.prints("examples", "run", "--own-corruption", "rain_module:Rain")
-    assert (package / "run" / "examples" / "worst.jpg").is_file()
+    assert (rain_package / "run" / "examples" / "worst.jpg").is_file()

@@ -135,8 +135,8 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
 
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
-    options = {"engine": "ray", "address": two_nodes.address, "workers": 1, "model": {"fault": "hang"}, "timeout": 2.0}
-    words = r"^the model took longer than 2 s on sample '.*', .*; fix it, or allow more time with --timeout$"
+    options = {"engine": "ray", "address": two_nodes.address, "workers": 1, "model": {"fault": "hang"}, "timeout": 0.5}
+    words = r"^the model took longer than 0\.5 s on sample '.*', .*; fix it, or allow more time with --timeout$"
     with pytest.raises(ModelError, match=words):
         _run(tmp_path / "run", frames, **options)
 
