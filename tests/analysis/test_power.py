@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustflow.analysis.uncertainty import compare_rows
 from robustflow.analysis.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
 from robustflow.datasets.kitti_drives import drive_groups
 from robustflow.datasets.split import kitti_split
@@ -69,6 +70,23 @@ def test_plan_has_the_standard_error_of_the_difference_of_the_pairs():
     table = render(power_table(plan, 0.8, 0.95), "csv")
     assert f"{epe['difference']:+.3f},{epe['detectable']:.3f},40,40," in table
     assert "pairs for 0.1 px" in table
+
+
+@pytest.mark.parametrize(("level", "fewest"), [(0.95, 4), (0.99, 5)])
+def test_a_plan_never_relies_on_fewer_images_than_a_comparison_tests(level, fewest):
+    for count in (fewest - 1, fewest):
+        rng = np.random.default_rng(count)
+        clean, corrupted = rng.gamma(4, 1, count), rng.gamma(4, 1, (count, 3))
+        runs = {"a": rows_of(clean, corrupted + 50, corrupted), "b": rows_of(clean, corrupted, corrupted)}
+        tested = compare_rows(*runs.values(), ("a", "b"), level=level).filter(metric="epe", corruption="average")
+        epe = plan_pairs(
+            {**runs, "b": rows_of(clean, corrupted + rng.normal(size=(count, 3)), corrupted)}, 50, level=level
+        )
+        epe = epe.filter(metric="epe").row(0, named=True)
+        assert (tested["p"][0] is None) == (epe["power"] == 0) == (epe["detectable"] is None) == (count < fewest)
+        assert epe["clusters_needed"] == fewest
+    table = render(power_table(plan_pairs(runs, 50, level=level), 0.8, level), "terminal")
+    assert f"a test needs at least {fewest} groups" in " ".join(table.split())
 
 
 def test_plan_without_a_variance_says_so():

@@ -6,8 +6,9 @@ from __future__ import annotations
 import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, metric_label
+from ..analysis.uncertainty.bootstrap import fewest_clusters
 from ..text import plain
-from .table import Column, Line, Section, Table, number_text
+from .table import DASH, Column, Line, Section, Table, number_text
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
@@ -85,7 +86,7 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
                 f"{plain(row['first'])} - {plain(row['second'])}",
                 (
                     f"{row['difference']:+.3f}",
-                    f"{row['detectable']:.3f}",
+                    DASH if row["detectable"] is None else f"{row['detectable']:.3f}",
                     f"{row['images']:,}",
                     f"{row['clusters']:,}",
                     f"{100 * row['power']:.0f} %",
@@ -98,9 +99,9 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
-        f"{100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
-        "pairs assume as many pairs per group as in these runs. They are estimated from the variance of these runs and "
-        "can be far off with few groups."
+        f"{100 * power:g} %; a test needs at least {fewest_clusters(level)} groups. A group is a drive or sequence, or "
+        "a single pair that belongs to none. The numbers of pairs assume as many pairs per group as in these runs. They "
+        "are estimated from the variance of these runs and can be far off with few groups."
     )
     return Table("power", "Pairs required for a comparison", columns, tuple(sections), (about,), "Comparison")
 

@@ -172,13 +172,13 @@ def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
     return clusters > 1 and float(clusters) ** (1 - clusters) < 1 - level
 
 
-def fewest_clusters() -> int:
-    """Return the smallest number of clusters for which a 95 % interval exists.
+def fewest_clusters(level: float = LEVEL) -> int:
+    """Return the smallest number of clusters for which an interval exists.
 
     >>> fewest_clusters()
     4
     """
-    return next(count for count in range(2, 10_000) if enough_clusters(count))
+    return next(count for count in range(2, 10_000) if enough_clusters(count, level))
 
 
 def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:

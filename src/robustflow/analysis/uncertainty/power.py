@@ -20,7 +20,7 @@ import polars as pl
 from ...errors import RunError, UsageError
 from ...runs.comparable import common_rows
 from ...text import counted
-from .bootstrap import LEVEL
+from .bootstrap import LEVEL, enough_clusters
 from .sums import AVERAGE, ClusterSums
 
 POWER = 0.8
@@ -41,18 +41,19 @@ POWER_SCHEMA: dict[str, Any] = {
     "images_needed": pl.Int64,
     "clusters_needed": pl.Int64,
 }
-"""`detectable` is the difference in pixels that these clusters detect with the requested power, `power` the power to
-detect `effect` with these clusters, and `images_needed` and `clusters_needed` the numbers of images and clusters needed
-to detect `effect` with the requested power."""
+"""`detectable` is the difference in pixels that these clusters detect with the requested power (null if they are too
+few for a test), `power` the power to detect `effect` with these clusters, and `images_needed` and `clusters_needed` the
+numbers of images and clusters needed to detect `effect` with the requested power."""
 
 
 def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
-    """Compute the probability that the paired test detects a difference, in either direction.
+    """Compute the probability that the paired test detects a difference, in either direction: 0 if there are too few
+    clusters for a test.
 
     Args:
         effect: true difference, pixels.
         deviation: standard deviation of a cluster's contribution (s in the module's docstring), pixels.
-        clusters: number of clusters (G), at least 2.
+        clusters: number of clusters (G).
         level: confidence level, 1 minus the significance level of the test.
 
     >>> round(power_of(0.5, 1.0, 34), 3)
@@ -60,6 +61,8 @@ def power_of(effect: float, deviation: float, clusters: int, level: float = LEVE
     """
     from scipy.stats import nct, t
 
+    if not enough_clusters(clusters, level):
+        return 0.0
     if deviation == 0:
         return 1.0 if effect else 1 - level
     freedom = clusters - 1
@@ -87,14 +90,17 @@ def clusters_needed(effect: float, deviation: float, power: float = POWER, level
     return many
 
 
-def detectable(deviation: float, clusters: int, power: float = POWER, level: float = LEVEL) -> float:
-    """Find the smallest difference, in pixels, that the test detects with the requested power.
+def detectable(deviation: float, clusters: int, power: float = POWER, level: float = LEVEL) -> float | None:
+    """Find the smallest difference, in pixels, that the test detects with the requested power; None if there are too
+    few clusters for a test.
 
     >>> round(detectable(1.0, 34), 3)
     0.495
     """
     from scipy.optimize import brentq
 
+    if not enough_clusters(clusters, level):
+        return None
     if deviation == 0:
         return 0.0
     scale = deviation / math.sqrt(clusters)
