@@ -100,8 +100,8 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
         f"{100 * power:g} %; a test needs at least {fewest_clusters(level)} groups. A group is a drive or sequence, or "
-        "a single pair that belongs to none. The numbers of pairs assume as many pairs per group as in these runs. They "
-        "are estimated from the variance of these runs and can be far off with few groups."
+        "a single pair that belongs to none. The numbers of pairs assume as many pairs per group as in these runs. "
+        "They are estimated from the variance of these runs and can be far off with few groups."
     )
     return Table("power", "Pairs required for a comparison", columns, tuple(sections), (about,), "Comparison")
 
