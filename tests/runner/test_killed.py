@@ -21,8 +21,9 @@ from .processes import check_stopped_by_ctrl_c, finished, start_run
 WORKERS = 2
 
 
-def _start(folder: Path, log: Path) -> subprocess.Popen[str]:
-    options = ["-O", "pause=0.02", "--corruptions", ",".join(FAST), "--workers", str(WORKERS)]
+def _start(folder: Path, log: Path, frames: Path) -> subprocess.Popen[str]:
+    options = ["-O", "shape=48x64", "-O", "pause=0.1", "--corruptions", ",".join(FAST), "--workers", str(WORKERS)]
+    options += ["--benchmark", "folder", "--data", str(frames), "--limit", "2"]
     return start_run(folder, "Logged", *options, PREDICTION_LOG=str(log))
 
 
@@ -32,9 +33,9 @@ def _rows_so_far(folder: Path) -> pl.DataFrame:
 
 
 @pytest.mark.slow
-def test_killed_at_twenty_moments(tmp_path):
-    kills = 20
-    undisturbed = _start(tmp_path / "whole", tmp_path / "whole.log")
+def test_killed_at_ten_moments(tmp_path, clip_folder):
+    kills = 10
+    undisturbed = _start(tmp_path / "whole", tmp_path / "whole.log", clip_folder)
     started = time.monotonic()
     finished(undisturbed)
     length = time.monotonic() - started
@@ -42,11 +43,11 @@ def test_killed_at_twenty_moments(tmp_path):
     moments = random.Random(1)
     killed = 0
     while killed < kills:
-        run = _start(tmp_path / "killed", tmp_path / "killed.log")
+        run = _start(tmp_path / "killed", tmp_path / "killed.log", clip_folder)
         deadline = time.monotonic() + moments.uniform(0.3, 1.1) * length
         while run.poll() is None and time.monotonic() < deadline:
             _rows_so_far(tmp_path / "killed")
-            time.sleep(0.01)
+            time.sleep(0.1)
         if run.poll() is not None:  # the run finished before it was killed, so check it and start again
             finished(run)
             _compare(tmp_path, killed)
@@ -57,7 +58,7 @@ def test_killed_at_twenty_moments(tmp_path):
             os.kill(run.pid, signal.SIGKILL)
             run.wait()
             killed += 1
-    last = _start(tmp_path / "killed", tmp_path / "killed.log")
+    last = _start(tmp_path / "killed", tmp_path / "killed.log", clip_folder)
     finished(last)
     _compare(tmp_path, kills)
 
@@ -76,8 +77,8 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert not list((tmp_path / "killed").rglob(".partial-*"))
 
 
-def test_interrupted_run_says_what_is_kept(tmp_path):
-    run = _start(tmp_path / "run", tmp_path / "log")
+def test_interrupted_run_says_what_is_kept(tmp_path, clip_folder):
+    run = _start(tmp_path / "run", tmp_path / "log", clip_folder)
     while not (tmp_path / "log").exists():
         assert run.poll() is None, run.stderr.read()
         time.sleep(0.02)
