@@ -69,9 +69,9 @@ def verified(data: bytes) -> Verification:
     return verify_read(Reader(data, "test.robustflow"))
 
 
-def failure(data: bytes) -> tuple[str, str]:
+def failure(data: bytes | Verification) -> tuple[str, str]:
     """Return the first check that fails and its message, which must be a single printable line."""
-    found = verified(data)
+    found = verified(data) if isinstance(data, bytes) else data
     assert not found.ok
     check = next(check for check in found.checks if check.status == "failed")
     for one in found.checks:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -32,9 +33,14 @@ HEIGHT, WIDTH = 96, 128
 SEQUENCES = {"0003": 3, "0028": 2}
 
 
+@cache
+def _whole() -> np.ndarray:
+    return load_dataset("motorcycle").load("motorcycle").frames[0]
+
+
 def _clean(sequence: str, side: str, number: int) -> np.ndarray:
     """A sequence of crops that move across a real frame."""
-    whole = load_dataset("motorcycle").load("motorcycle").frames[0]
+    whole = _whole()
     top, left = 60 + 3 * number, 80 + 5 * number + 8 * (side == "right") + 150 * (sequence == "0028")
     return np.ascontiguousarray(whole[top : top + HEIGHT, left : left + WIDTH])
 

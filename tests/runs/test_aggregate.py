@@ -314,7 +314,7 @@ def _close(value):
     return value if value is None else pytest.approx(value, rel=1e-9, abs=1e-6)
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(runs(), st.sampled_from(["image", "pixel"]))
 def test_equals_the_naive_loop(rows, averaging):
     summary = summarize(rows_frame(rows), averaging)
