@@ -282,10 +282,10 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, runs, 
     shutil.copytree(runs[0], "run")
     Path("run/summary.json").unlink()
 
-    def refuse(path, value):
+    def refuse(path, data):
         raise DataError(f"cannot write {path}: Read-only file system; choose an existing folder with enough free space")
 
-    monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
+    monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
     with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):
         out = robustflow.prints("show", "run")
     assert "clean EPE" in out

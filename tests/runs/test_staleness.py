@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
+from robustflow import atomic
 from robustflow.analysis.exclusion import exclusion_reasons
 from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
@@ -15,7 +16,7 @@ from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
 from robustflow.runs.comparable import sample_set
 from robustflow.runs.shards import list_shards
-from robustflow.runs.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, note_made
+from robustflow.runs.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, write_made
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ConstantFlow
 
@@ -110,7 +111,7 @@ def test_a_damaged_note_costs_time_and_nothing_else(folder, damage):
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
     written = []
-    monkeypatch.setattr(site_write, "write_bytes", lambda path, data: written.append(path))
+    monkeypatch.setattr(site_write, "write_made", lambda *file: written.append(file))
     run = rf.load_run(folder)
     run.write_report()
     assert not written
@@ -177,12 +178,22 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     assert exclusion_reasons(later) != before
 
 
+def test_means_that_another_process_writes_at_the_same_time_are_not_taken_for_these_rows(folder, monkeypatch):
+    earlier = (folder / "summary.json").read_bytes()
+    edit_rows(folder, lambda rows: rows.with_columns(epe_sum=pl.col("epe_sum") * 2))
+    monkeypatch.setattr(
+        "robustflow.runs.staleness.write_bytes", lambda path, data: atomic.write_bytes(path, earlier)
+    )  # the other process replaces the file as soon as it is written
+    run = rf.load_run(folder)
+    run.write_means()
+    assert rf.load_run(folder).summary == run.summarize()
+
+
 @pytest.mark.parametrize(
     "content", ["[]", "{", '{"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}']
 )
 def test_cached_values_of_another_shape_are_computed_again(folder, tmp_path, content):
-    (folder / CACHED_VALUES_FILE).write_text(content)
-    note_made(folder, CACHED_VALUES_FILE, rf.load_run(folder)._source)
+    write_made(folder, CACHED_VALUES_FILE, content.encode(), rf.load_run(folder)._source)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
 
@@ -194,7 +205,7 @@ def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
     def refuse(*_):
         raise DataError("read-only")
 
-    monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
+    monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
     run.keep()
     assert _asked(rf.load_run(folder)) == whole
 

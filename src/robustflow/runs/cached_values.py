@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from ..atomic import write_json
-from .staleness import CACHED_VALUES_FILE, is_current, note_made
+from ..atomic import json_bytes
+from .staleness import CACHED_VALUES_FILE, is_current, write_made
 
 Cached = TypeVar("Cached")
 _LARGEST = 2**24
@@ -52,8 +52,7 @@ class CachedValues:
             DataError: the folder cannot be written.
         """
         if self._new:
-            write_json(self._folder / CACHED_VALUES_FILE, self._known)
-            note_made(self._folder, CACHED_VALUES_FILE, self._source)
+            write_made(self._folder, CACHED_VALUES_FILE, json_bytes(self._known), self._source)
             self._new = False
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import polars as pl
 
-from ..atomic import write_json
+from ..atomic import json_bytes
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import sample_noun, truth_remark
 from ..errors import RobustFlowError, RunError
@@ -23,7 +23,7 @@ from .cached_values import CachedValues
 from .manifest import Manifest
 from .plan import Cell, planned_cells
 from .provenance import Provenance
-from .staleness import is_current, note_made, source_digest
+from .staleness import is_current, source_digest, write_made
 from .store import RunFolder
 
 SUMMARY = "summary.json"
@@ -178,8 +178,7 @@ class Run:
     def write_means(self) -> None:
         """Write `summary.json`, unless the existing one was made from these rows."""
         if not is_current(self.path, SUMMARY, self._source):
-            write_json(self.path / SUMMARY, self.document())
-            note_made(self.path, SUMMARY, self._source)
+            write_made(self.path, SUMMARY, json_bytes(self.document()), self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
         """Return a value that is costly to compute, from the cache if the cached value was computed from the same rows.

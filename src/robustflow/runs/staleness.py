@@ -16,7 +16,7 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from ..atomic import write_json
+from ..atomic import write_bytes, write_json
 from ..digest import digest_of_bytes, digest_of_value
 from .manifest import Manifest
 
@@ -49,12 +49,11 @@ def is_current(folder: Path, name: str, source: str) -> bool:
     return data is not None and entry.get("digest") == digest_of_bytes(data)
 
 
-def note_made(folder: Path, name: str, source: str) -> None:
-    """Record the source of a file of a run that was just written."""
-    data = _read(folder / name)
-    if data is not None:
-        entry = {"source": source, "digest": digest_of_bytes(data)}
-        write_json(folder / STALENESS_FILE, {**_entries(folder), name: entry})
+def write_made(folder: Path, name: str, data: bytes, source: str) -> None:
+    """Write a file of a run, and record its source with the digest of `data`: another process may replace the file."""
+    write_bytes(folder / name, data)
+    entry = {"source": source, "digest": digest_of_bytes(data)}
+    write_json(folder / STALENESS_FILE, {**_entries(folder), name: entry})
 
 
 def _entries(folder: Path) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ...atomic import write_bytes
 from ...runs.run import Run
-from ...runs.staleness import is_current, note_made, source_digest
+from ...runs.staleness import is_current, source_digest, write_made
 
 REPORT = "report.html"
 
@@ -24,6 +23,5 @@ def write_report(run: Run) -> None:
     from .content import run_content
     from .page import render_site
 
-    write_bytes(run.path / REPORT, render_site(run_content(run)).encode())
-    note_made(run.path, REPORT, source)
+    write_made(run.path, REPORT, render_site(run_content(run)).encode(), source)
     run.keep()
