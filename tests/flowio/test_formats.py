@@ -138,6 +138,16 @@ def test_flo5_is_the_dataset_flow_with_nan(tmp_path: Path) -> None:
     assert read_flow(tmp_path / "half.flo5")[0].dtype == np.float32
 
 
+def test_a_flo5_beyond_float32_is_unknown_without_a_warning(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.flo5", "w") as file:
+        file["flow"] = np.array([[[1e300, 0], [2, 3]]])
+    flow, valid = read_flow(tmp_path / "a.flo5")
+    assert valid.tolist() == [[False, True]]
+    assert flow.tolist() == [[[0, 0], [2, 3]]]
+    assert not recwarn.list
+
+
 def test_flo5_without_h5py_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
     path = tmp_path / "flow.flo5"

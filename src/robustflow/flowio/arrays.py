@@ -44,7 +44,8 @@ def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
 
     A pixel is unknown if a component is NaN, infinite, or beyond 1e9 in magnitude; its flow is set to 0.
     """
-    flow = np.array(values, np.float32, order="C")
+    with np.errstate(over="ignore"):
+        flow = np.array(values, np.float32, order="C")
     valid = np.asarray((np.abs(flow) <= UNKNOWN_THRESHOLD).all(axis=2))
     flow[~valid] = 0
     return flow, valid
