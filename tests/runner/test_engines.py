@@ -6,6 +6,10 @@ import pytest
 
 import robustflow as rf
 from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Engine
+from robustflow.runner.engines.serial import serial
+from robustflow.runner.progress import Silent
+from robustflow.testing import ZeroFlow
 
 MODELS = "tests.runner.models_for_tests"
 KINDS = {
@@ -44,3 +48,21 @@ def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path, requ
     assert staged.rows.equals(whole.rows)
     assert halves.rows.equals(whole.rows)
     assert (halves.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeypatch):
+    """Ctrl-C may arrive twice, once from Python and once from a library that watches for it, such as polars."""
+
+    def compute(job, units):
+        try:
+            yield from serial(job, units)
+        except GeneratorExit:
+            raise KeyboardInterrupt("second") from None
+
+    class Stopped(Silent):
+        def advance(self, done):
+            raise KeyboardInterrupt("first")
+
+    monkeypatch.setattr("robustflow.runner.engines.choose.SERIAL", Engine(lambda units: "", compute))
+    with pytest.raises(KeyboardInterrupt, match="second"):
+        rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1], progress=Stopped())

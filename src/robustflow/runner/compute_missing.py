@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,16 +59,17 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     seconds = dict(manifest.seconds)
     places = dict(manifest.places)
     start = time.perf_counter()
-    for done in engine.compute(job, units):
-        folder.write_rows(done.unit, done.rows)
-        left[done.unit.key] -= 1
-        if not left[done.unit.key]:
-            folder.finish_sample(done.unit.key)
-        for kind, spent in done.seconds.items():
-            seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
-        if done.place is not None:
-            places[done.place] = places.get(done.place, 0) + 1
-        progress.advance(done)
+    with closing(engine.compute(job, units)) as computed:  # Ctrl-C while it ends is not ignored
+        for done in computed:
+            folder.write_rows(done.unit, done.rows)
+            left[done.unit.key] -= 1
+            if not left[done.unit.key]:
+                folder.finish_sample(done.unit.key)
+            for kind, spent in done.seconds.items():
+                seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
+            if done.place is not None:
+                places[done.place] = places.get(done.place, 0) + 1
+            progress.advance(done)
     if changed := changed_files(plan, manifest, left):
         _drop_changed(folder, manifest, changed)
     folder.pack()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,10 @@ class FinishedUnit:
     """Node and device that computed the unit, if the engine has several."""
 
 
+FinishedUnits = Generator[FinishedUnit, None, None]
+"""Finished units in the order in which they are computed; closing it ends the engine."""
+
+
 @dataclass(frozen=True)
 class Engine:
     """An engine that computes units.
@@ -71,4 +75,4 @@ class Engine:
     """
 
     describe: Callable[[Sequence[Unit]], str]
-    compute: Callable[[Job, Sequence[Unit]], Iterator[FinishedUnit]]
+    compute: Callable[[Job, Sequence[Unit]], FinishedUnits]

@@ -6,18 +6,18 @@ process writes shards, so an orphaned worker can never write to the folder of a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from multiprocessing.connection import Connection, wait
 
 from ...runs.plan import Unit
 from ..seconds import pop_timings
-from .base import FinishedUnit, Job
+from .base import FinishedUnit, FinishedUnits, Job
 from .child import Child, check_picklable
 from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
 
 
-def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
+def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> FinishedUnits:
     """Compute the units in `workers` processes; `timeout` is the time limit of a single prediction, in seconds."""
     check_picklable(job.model)
     pool: list[_WorkerHandle] = []

@@ -12,13 +12,13 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ...errors import RunError
 from ...models.base import describe_cell
 from ...runs.plan import Unit
-from .base import FinishedUnit, Job
+from .base import FinishedUnit, FinishedUnits, Job
 from .child import rebuilt
 from .prediction_timeout import too_slow
 from .ray_actor import Answer, Files, UnitActor, check_installed, installed
@@ -43,7 +43,7 @@ def on_ray(
     workers: int | None = None,
     timeout: float | None = None,
     address: str | None = None,
-) -> Iterator[FinishedUnit]:
+) -> FinishedUnits:
     """Compute the units on a Ray cluster.
 
     Args:
@@ -104,7 +104,7 @@ class _Crew:
         self._looked = self._heard - _LOOK_S
         self._warned = False
 
-    def compute(self) -> Iterator[FinishedUnit]:
+    def compute(self) -> FinishedUnits:
         """Yield units as they are finished."""
         tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
         while self._left:

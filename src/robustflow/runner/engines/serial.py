@@ -7,10 +7,10 @@ from collections.abc import Container, Iterable, Iterator
 from ...runs.plan import Unit
 from ...threads import one_opencv_thread
 from ..seconds import pop_timings
-from .base import Engine, FinishedUnit, Job
+from .base import Engine, FinishedUnit, FinishedUnits, Job
 
 
-def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
+def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
     """Compute the units in sequence; if the model can attack pairs in batches, units of the same attack are grouped."""
     worker = job.worker()
     attacks = job.options.attacks if worker.batches_attacks else ()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 from ...models import ModelSpec
 from ...models.base import describe_cell
 from ...runs.plan import Cell, Unit
-from .base import FinishedUnit, Job
+from .base import FinishedUnit, FinishedUnits, Job
 from .cell_schedule import CellSchedule
 from .child import Child, check_picklable
 from .feeder import cells_ahead, feed_forever
@@ -28,7 +28,7 @@ from .shared_slots import SharedSlots
 
 def staged(
     job: Job, units: Sequence[Unit], devices: Sequence[str], feeders: int, timeout: float | None = None
-) -> Iterator[FinishedUnit]:
+) -> FinishedUnits:
     """Compute the units.
 
     Args:
