@@ -13,6 +13,7 @@ from robustflow.cli.main import app
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.provenance import Training
+from tests.datasets.layouts import picture
 from tests.made_rows import made_run
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
@@ -53,6 +54,17 @@ def test_an_export_is_not_mistaken_for_the_frames_that_the_authors_released(kitt
     assert protocol["seed"] == 5
     trained = Training(("kitti2015:train",), "declared")
     assert setting_of(trained, "kitti-fc", direct.keys, protocol) == setting_of(trained, "kitti-fc", direct.keys)
+
+
+def test_a_part_of_the_released_gopro_fc_is_marked_beside_the_published_rows(tmp_path):
+    """The paper's appendix states 135 pairs for each of five sequences."""
+    for folder in ("clean", "contrast_1"):
+        for number in (0, 1):
+            picture(tmp_path / "fc" / folder / "GOPR0374_11_02" / f"000032_{number}.png", 48, 64)
+    run = rf.evaluate(DIS, "gopro-fc", tmp_path / "fc", tmp_path / "run")
+    assert comparison_note(run).startswith("1 pair, not the paper's 675; ")
+    copies = pl.concat(run.rows.with_columns(sample=pl.col("sample") + f" copy {number}") for number in range(675))
+    assert "pair" not in comparison_note(made_run(run, copies))
 
 
 def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):

@@ -112,6 +112,6 @@ def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
     facts, count = benchmark_facts(benchmark), counted(pairs, sample_noun(benchmark))
     if not facts.published:
         return f"{count} of {benchmark_words(benchmark)}"
-    if protocol.get("frames") == "released" and facts.paper_pairs in (None, pairs):
+    if protocol.get("frames") == "released" and facts.paper_pairs == pairs:
         return ""
     return f"{count}, not the paper's" + (f" {facts.paper_pairs}" if facts.paper_pairs else "")

@@ -48,8 +48,7 @@ class BenchmarkFacts(Frozen):
         paper_corruptions: corruptions included in the paper's mean; for a benchmark that is not in the paper, the
             image-pair corruptions or those distributed with the frames.
         severities: available severities of the corruptions.
-        paper_pairs: number of pairs in the paper's evaluation; None if the paper does not report it or does not include
-            the benchmark.
+        paper_pairs: number of pairs in the paper's evaluation; None if the paper does not include the benchmark.
         training_set: name of the training set that contains the frames, see `robustflow.models.provenance`; "" if there
             is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
         same_domain: names of training sets of the same domain that contain different frames.

@@ -31,6 +31,7 @@ class GoProFC:
         has_flow=False,
         published=True,
         paper_corruptions=PAPER_ORDER,
+        paper_pairs=5 * 135,
         training_set="gopro",
     )
 
