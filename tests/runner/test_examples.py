@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
+import skimage
 from PIL import Image
 from skimage import data
 
@@ -37,6 +38,12 @@ CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
 def drawn(tmp_path_factory, real_pictures):
     with real_pictures():
         return rf.evaluate(DIS, output=tmp_path_factory.mktemp("examples") / "run", examples=True, **CELLS)
+
+
+@pytest.fixture
+def small(monkeypatch, small_demo):
+    """Measure the small demo pair."""
+    monkeypatch.setattr(skimage, "__file__", small_demo)
 
 
 def _files(run) -> dict[str, bytes]:
@@ -78,7 +85,7 @@ def test_the_same_bytes_whatever_the_engine(drawn, tmp_path, real_pictures, quic
     assert _files(again) == _files(drawn)
 
 
-def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
+def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, small):
     applied = []
     apply = Contrast.apply
     monkeypatch.setattr(Contrast, "apply", lambda self, *args: applied.append(args[1:]) or apply(self, *args))
@@ -92,7 +99,7 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
     assert _files(rf.evaluate(DIS, **asked)) == kept, "images from frames in memory equal those from recomputed ones"
 
 
-def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):
+def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch, small):
     run = {"output": tmp_path / "run", "severities": [2]}
     first = rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)
     before = _files(first)
@@ -103,7 +110,7 @@ def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
-def test_an_interruption_leaves_the_numbers_and_no_half_folder(tmp_path, monkeypatch, stop):
+def test_an_interruption_leaves_the_numbers_and_no_half_folder(tmp_path, monkeypatch, stop, small):
     def stopped(*_):
         raise stop
 
@@ -126,7 +133,7 @@ def test_what_a_killed_run_left_is_cleared(tmp_path):
     assert not left.exists()
 
 
-def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
+def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path, small):
     class Drifts:
         """Predicts a larger motion with every call."""
 
@@ -142,7 +149,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
     assert run.summary.complete
 
 
-def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
+def test_what_a_run_cannot_be_set_up_again_from(tmp_path, small):
     run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     with pytest.raises(RunError, match="was run with a Python object, which has no name; specify --model"):
         restore_setup(run, RunSource.read(run.path))
