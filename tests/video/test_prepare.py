@@ -17,14 +17,16 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
 from robustflow.sealed import sealed
 from robustflow.video import prepare as prepare_module
+from robustflow.video import prepare_folder as prepare_folder_module
+from robustflow.video import prepared as prepared_module
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb, rgb_to_i420
 from robustflow.video.disk import check_room, estimate_disk
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
 from robustflow.video.prepare import Preparation, clip_timing, prepare_clip
-from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder
-from robustflow.video.prepared import PreparedClip, choose_key_frames, read_folder
+from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder, prepare_video
+from robustflow.video.prepared import VERSION, PreparedClip, choose_key_frames, read_folder
 from robustflow.video.source import PictureFolder
 
 from . import clips
@@ -152,6 +154,16 @@ def test_workers_do_not_matter(tmp_path):
         prepared = prepare_folder(sources, tmp_path / f"out{workers}", PLAIN, workers)
         assert [clip.name for clip in prepared] == ["one", "two"]
     assert contents(tmp_path / "out1") == contents(tmp_path / "out2")
+
+
+def test_a_video_prepared_by_a_different_version_is_prepared_beside_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
+    video = clips.clip(tmp_path / "walk.mp4", 40, fps=30).path
+    first = prepare_video(video)
+    assert prepare_video(video) == first
+    for module in (prepare_module, prepare_folder_module, prepared_module):
+        monkeypatch.setattr(module, "VERSION", VERSION + 1)
+    assert len(read_folder(prepare_video(video))[1]) == 1
 
 
 def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(source, long_source, tmp_path):

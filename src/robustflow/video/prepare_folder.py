@@ -119,7 +119,7 @@ def prepare_video(path: Path) -> Path:
     Returns the prepared folder, which is created by the first call and reused by later calls.
     """
     sources = find_sources(path)
-    output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}"
+    output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}-v{VERSION}"
     prepare_folder(sources, output, Preparation(factor=1))
     return output
 

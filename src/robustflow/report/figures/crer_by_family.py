@@ -34,8 +34,8 @@ def crer_by_family(
 
     Args:
         results: results with EPE per corruption.
-        models: up to eight model names; by default the paper's example models (Fig. 1), or all models if none of these
-            is present.
+        models: up to eight model names; by default the paper's representative models (Fig. 5) if the results include
+            published values, otherwise all models.
         looks: styles of the models.
 
     Raises:
