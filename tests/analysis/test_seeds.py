@@ -14,6 +14,7 @@ from robustflow.cli.tables import print_results
 from robustflow.errors import RunError, UsageError
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import FORMATS, render
+from robustflow.report.standings_tables import stability_table
 from robustflow.runs.run import Run
 from tests.made_rows import made_run
 
@@ -106,6 +107,14 @@ def test_the_order_moves_with_the_condition():
     assert second["tau"][0] == pytest.approx(1 / 3)
     with pytest.raises(RunError, match="two models"):
         rank_stability({"seed 0": {"a": 1.0}, "seed 1": {"a": 1.0}})
+
+
+def test_an_order_without_a_difference_has_no_tau():
+    table = rank_stability({"seed 0": {"a": 1.0, "b": 1.0}, "seed 1": {"a": 1.0, "b": 2.0}})
+    assert table["tau"].to_list() == [None] * 4
+    assert "seed 1 (no tau: all scores under a condition are equal)" in render(
+        stability_table(table, "cre"), "markdown"
+    )
 
 
 def test_seeds_on_the_command_line(tmp_path):

@@ -64,7 +64,9 @@ def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> T
             Line.of(plain(row["model"]), (f"{row['value']:.2f}", str(row["rank"]), f"{row['moved']:+d}"))
             for row in rows.iter_rows(named=True)
         )
-        sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
+        tau = rows["tau"][0]
+        about_tau = "no tau: all scores under a condition are equal" if tau is None else f"tau {tau:.2f}"
+        sections.append(Section(f"{plain(condition)} ({about_tau})", lines))
     columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
     about = (
         "moved: ranks lost relative to the first condition; tau: Kendall's tau between this order and the order "

@@ -28,7 +28,7 @@ STABILITY_SCHEMA: dict[str, Any] = {
     "tau": pl.Float64,
 }
 """`moved` is the rank minus the rank under the first condition; `tau` is Kendall's tau between the order under this
-condition and the order under the first."""
+condition and the order under the first, null if all scores under one of them are equal."""
 
 
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
@@ -93,7 +93,8 @@ def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
     first = next(iter(ranks.values()))
     records = []
     for condition, of_model in ranks.items():
-        tau = float(kendalltau([first[m] for m in models], [of_model[m] for m in models]).statistic)
+        orders = [first[m] for m in models], [of_model[m] for m in models]
+        tau = float(kendalltau(*orders).statistic) if all(len(set(order)) > 1 for order in orders) else None
         for model in sorted(models, key=first.__getitem__):
             moved = of_model[model] - first[model]
             records.append((condition, model, scores[condition][model], of_model[model], moved, tau))
