@@ -56,7 +56,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     as_lower = {each.lower(): each for each in reversed(names)}
     close = get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)
     hint = f": did you mean '{as_lower[close[0]]}'?" if close else "."
-    return UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names)}")
+    return UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names) or 'none'}")
 
 
 def first_misfit(error: ValidationError, whole: str = "the file") -> str:

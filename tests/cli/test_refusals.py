@@ -177,6 +177,38 @@ def _written() -> list[Path]:
     return [*Path().rglob("*.parquet"), *Path().rglob(".partial-*")]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("export RUN --format csv -c fog", "--corruptions has no effect with --format csv"),
+        ("export RUN --format card --limit 3", "--limit has no effect with --format card"),
+        ("export RUN --format card --hub-dataset a/b", "--hub-dataset has no effect with --format card"),
+        ("export RUN --format robustspring -d . --seed 3", "--seed has no effect with --format robustspring"),
+        ("export kitti-fc -d . -m dis", "--model has no effect without --format"),
+        ("displacement demo -O preset=fast", "--option has no effect without --model"),
+        ("verify RUN --seed 3", "--seed has no effect without --data, --model or --check-frames"),
+        ("report RUN --format page --seed 3", "--seed has no effect with --format page"),
+        ("corrupt --check -c fog", "--corruptions has no effect with --check"),
+        ("predict RUN --fps 3", "--fps has no effect without --video"),
+        ("predict RUN --no-pictures --max-flow 3", "--max-flow has no effect without --video"),
+        ("optics show --lens lens.json -s 3", "--severity has no effect with --lens"),
+        ("optics render --lens lens.json -o psf.npy -s 3", "--severity has no effect with --lens"),
+        ("prepare gopro-fc -d . -o made --interpolator flow --checkpoint a.pth", "--checkpoint has no effect with"),
+        pytest.param("profile --paper --size 8x8", "--size has no effect with --paper", marks=pytest.mark.torch),
+        pytest.param(
+            "train raft --recipe ood --corrupt-probability 0.1",
+            "--corrupt-probability has no effect without --corrupt",
+            marks=pytest.mark.torch,
+        ),
+    ],
+)
+def test_an_option_without_effect_is_refused(robustflow, runs, arguments, says):
+    error = robustflow.refuses(*arguments.replace("RUN", str(runs[0])).split())
+    assert says in error
+    assert error.endswith("; leave it out")
+    assert _written() == []
+
+
 @pytest.mark.parametrize("arguments", ["run", "run --no-such-option", "nonsense"])
 def test_usage_errors_of_the_command_line_itself(robustflow, arguments):
     assert robustflow(*arguments.split())[0] == 2

@@ -35,6 +35,8 @@ def test_usage(tmp_path) -> None:
         load_dataset("motorcycle", tmp_path)
     with pytest.raises(UsageError, match="option of dataset 'gopro' 'stpe': did you mean 'step'"):
         load_dataset("gopro", tmp_path, stpe=2)
+    with pytest.raises(UsageError, match=r"option of dataset 'motorcycle' 'step'\. Known: none"):
+        load_dataset("motorcycle", step=2)
     with pytest.raises(UsageError, match="split 'eval' does not exist: choose from val, training"):
         load_dataset("kitti_fc_released", tmp_path, split="eval")
     with pytest.raises(UsageError, match="render_pass 'albedo' does not exist"):

@@ -75,8 +75,9 @@ def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():
     assert error_at(errors, -errors, 0.8) == 3.5
     assert error_at(errors, errors, 0.5) == 7.0
     assert error_at(errors, errors, 1.0) == 4.5
-    with pytest.raises(DataError, match=r"0\.01 to 1"):
-        error_at(errors, errors, 0.0)
+    for coverage in (0.0, math.nan):
+        with pytest.raises(DataError, match=r"0\.01 to 1"):
+            error_at(errors, errors, coverage)
 
 
 def test_pixels_without_an_error_have_no_say_and_no_pixel_gives_none():

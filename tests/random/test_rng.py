@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
+from robustflow.errors import UsageError
 from robustflow.random.rng import Rng, hash64, key_of
 
 WORD = st.integers(0, 2**64 - 1)
@@ -83,6 +84,12 @@ def test_seekable(start, count):
 def test_names_do_not_run_together():
     names = [("a", "b"), ("ab",), ("a", "b", ""), (1, 2), (12,), ("1", 2), ("a\x1fb",), ("a\x1fstr:1:b",)]
     assert len({key_of(*name) for name in names}) == len(names)
+
+
+@pytest.mark.parametrize("part", [None, 0.5, True])
+def test_a_name_that_is_neither_text_nor_a_whole_number_is_refused_as_a_name(part):
+    with pytest.raises(UsageError, match=f"name of a random stream consists of texts and whole numbers, not {part}"):
+        Rng.of(0, part)
 
 
 @pytest.mark.parametrize("key", [0, 1, 2**63, key_of("x")])

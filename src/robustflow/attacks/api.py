@@ -114,7 +114,8 @@ def attack(
         model: a name for `load_model`, or any model object that `evaluate` accepts.
         name: name of the attack, or your own attack; see `load_attack`.
         severity: 1 (mild) to 5 (severe); 3 by default.
-        budget: largest change in grey levels (0..255), instead of a severity.
+        budget: limit of the change in the attack's norm, instead of a severity: the largest or the root mean square
+            change in grey levels (0 to 255), or the changed share of a frame in %.
         flow: ground truth, float32 (H, W, 2), pixels; an untargeted attack moves the model's flow away from it, or from
             the model's flow on the clean frames if it is not given.
         valid: bool (H, W), True where the ground truth is known; everywhere by default.

@@ -6,10 +6,23 @@ from typing import Annotated
 import typer
 
 from . import complete
-from .options import CommonDraws, Depth, Focal, PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
+from .options import (
+    CommonDraws,
+    Depth,
+    Focal,
+    PsfDir,
+    Seed,
+    SeverityScale,
+    Variant,
+    names,
+    numbers,
+    refuse_unused,
+    use_psf_dir,
+)
 
 
 def corrupt(
+    context: typer.Context,
     frame1: Annotated[Path | None, typer.Argument(metavar="FRAME1", help="First frame.")] = None,
     frame2: Annotated[
         Path | None, typer.Argument(metavar="FRAME2", help="Second frame; same size as the first.")
@@ -50,6 +63,7 @@ def corrupt(
       robustflow corrupt --check
     """
     if check:
+        refuse_unused(context, set(context.params) - {"check"}, "with --check")
         _check_machine()
         return
     from ..atomic import make_folder

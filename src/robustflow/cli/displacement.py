@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_options
+from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_options, refuse_unused
 
 if TYPE_CHECKING:
     from ..benchmarks import Benchmark
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 def displacement(
+    context: typer.Context,
     benchmark: Annotated[str, typer.Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
     data: Data = None,
     data_option: DataOptions = None,
@@ -51,6 +52,8 @@ def displacement(
     from ..runner.displacement import displacement_histogram
     from ..runs.displacement_file import clean_digests, write_displacement
 
+    if model is None:
+        refuse_unused(context, {"option"}, "without --model")
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
     run = None if into is None else _run_of(into, chosen)
     loaded = ModelSpec(model, keyword_options(option)).load() if model is not None else None

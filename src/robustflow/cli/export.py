@@ -27,11 +27,17 @@ from .options import (
     model_options,
     names,
     numbers,
+    refuse_unused,
     use_psf_dir,
 )
 
+_OF_MODEL = {"model", "checkpoint", "device", "precision", "option"}
+_OF_SUBMISSION = {"benchmark", "format", "data", "output", "corruptions", "limit", *_OF_MODEL}
+"""Parameters that a submission uses."""
+
 
 def export(
+    context: typer.Context,
     benchmark: Annotated[
         str, typer.Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
     ],
@@ -91,12 +97,14 @@ def export(
       robustflow export runs/mine --format robustspring --data ~/RobustSpring --device cuda
     """
     if format == "robustspring":
+        refuse_unused(context, set(context.params) - _OF_SUBMISSION, "with --format robustspring")
         given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
         _export_submission(Path(benchmark), model, given, data, output, names(corruptions), limit)
         return
     if format is not None:
-        _export_run(Path(benchmark), format, output, hub_dataset)
+        _export_run(context, Path(benchmark), format, output, hub_dataset)
         return
+    refuse_unused(context, {"hub_dataset", *_OF_MODEL}, "without --format")
     output = output or Path("KITTI-FC")
     from ..benchmarks import load_benchmark
     from ..benchmarks.export import export as write
@@ -124,17 +132,17 @@ def export(
     )
 
 
-def _export_run(path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
+def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
     from ..atomic import make_folder, write_bytes
-    from ..errors import UsageError, unknown_name
+    from ..errors import unknown_name
     from ..records.load import load_any_run
     from ..report.exchange import EXCHANGE_FORMATS, exchange_files
     from ..runs.rows_file import ROWS_FORMATS, rows_bytes
 
     if format not in (*ROWS_FORMATS, *EXCHANGE_FORMATS):
         raise unknown_name("format of a run", format, (*ROWS_FORMATS, *EXCHANGE_FORMATS, "robustspring"))
-    if hub_dataset is not None and format != "huggingface":
-        raise UsageError("--hub-dataset requires --format huggingface; leave it out")
+    used = {"benchmark", "format", "output"} | ({"hub_dataset"} if format == "huggingface" else set())
+    refuse_unused(context, set(context.params) - used, f"with --format {format}")
     run = load_any_run(path)
     if format in ROWS_FORMATS:
         files = {output or Path(f"rows.{format}"): rows_bytes(run, format)}

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from .options import refuse_unused
+
 app = typer.Typer(
     name="optics",
     help="Design, show and render the lenses of psf_blur.",
@@ -56,6 +58,7 @@ def design(
 
 @app.command()
 def show(
+    context: typer.Context,
     severity: _Severities = "1,2,3,4,5",
     lens: Annotated[
         Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
@@ -78,6 +81,7 @@ def show(
     from ..psf.shipped import shipped_field
 
     if lens is not None:
+        refuse_unused(context, {"severity"}, "with --lens")
         own = read_lens(lens)
         shown = [(lens.stem, own, render_psfs(own))]
     else:
@@ -95,6 +99,7 @@ def show(
 
 @app.command()
 def render(
+    context: typer.Context,
     severity: _Severities = "1,2,3,4,5",
     lens: Annotated[
         Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
@@ -124,6 +129,7 @@ def render(
     if (lens is None) != (output is None):
         raise UsageError("give --lens and --output together: the prescription, and the file for its PSFs")
     if lens is not None and output is not None:
+        refuse_unused(context, {"severity"}, "with --lens")
         buffer = io.BytesIO()
         np.save(buffer, render_psfs(read_lens(lens)).stack, allow_pickle=False)
         write_bytes(output, buffer.getvalue())

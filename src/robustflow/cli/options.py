@@ -1,6 +1,7 @@
 """Options shared by several commands, and parsers for their values."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,7 +50,7 @@ DataOptions = Annotated[
         "--data-option",
         "-D",
         metavar="KEY=VALUE",
-        help="Dataset option, e.g. render_pass=final. Repeatable.",
+        help="Dataset option, e.g. step=2. Repeatable.",
         rich_help_panel=DATA,
     ),
 ]
@@ -184,6 +185,23 @@ Format = Annotated[
     str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
 ]
 OutputFile = Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")]
+
+
+def refuse_unused(context: typer.Context, unused: Iterable[str], when: str) -> None:
+    """Raise if the user gave an option that has no effect.
+
+    Args:
+        context: context of the command.
+        unused: names of the parameters without effect.
+        when: the reason, for the message: "with --check".
+
+    Raises:
+        UsageError: one of the options was given.
+    """
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name) if parameter.name in unused else None
+        if source is not None and source.name == "COMMANDLINE":
+            raise UsageError(f"{parameter.opts[0]} has no effect {when}; leave it out")
 
 
 def use_own_corruptions(targets: list[str] | None) -> None:

@@ -14,10 +14,12 @@ from .options import (
     Precision,
     keyword_options,
     model_options,
+    refuse_unused,
 )
 
 
 def predict(
+    context: typer.Context,
     frames: Annotated[
         list[Path], typer.Argument(metavar="FRAMES", help="Two or more images, a folder of images, or a video.")
     ],
@@ -61,6 +63,8 @@ def predict(
     from ..progress_bar import ProgressBar
     from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
 
+    if video is None:
+        refuse_unused(context, {"fps"} if pictures else {"fps", "radius"}, "without --video")
     if radius is not None and not 0 < radius < float("inf"):
         raise UsageError(f"--max-flow {radius}: give a magnitude above 0 pixels")
     if not 0.01 <= fps <= 1000:

@@ -10,6 +10,7 @@ import typer
 
 from ..errors import UsageError, unknown_name
 from ..text import counted
+from .options import refuse_unused
 
 if TYPE_CHECKING:
     from ..video.prepare_folder import PrepareAll
@@ -26,6 +27,7 @@ def _group() -> None:
 
 @prepare.command("gopro-fc")
 def gopro_fc(
+    context: typer.Context,
     data: Annotated[
         Path,
         typer.Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these."),
@@ -79,6 +81,8 @@ def gopro_fc(
     from ..video.prepare import Preparation
     from ..video.prepare_folder import find_sources, prepare_folder
 
+    if interpolator == "flow":
+        refuse_unused(context, {"checkpoint", "device"}, "with --interpolator flow")
     rate = _rate(fps)
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
     if not 0 <= cache_gb < float("inf"):

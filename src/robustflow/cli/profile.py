@@ -9,7 +9,7 @@ import typer
 from ..errors import UsageError
 from ..text import plain
 from . import complete
-from .options import Device, ModelOptions, Precision, model_options
+from .options import Device, ModelOptions, Precision, model_options, refuse_unused
 
 if TYPE_CHECKING:
     from ..profiling.counts import Counts
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 def profile(
+    context: typer.Context,
     models: Annotated[
         list[str] | None,
         typer.Argument(metavar="MODEL", autocompletion=complete.models, help="Names of networks; none with --paper."),
@@ -56,10 +57,8 @@ def profile(
     from ..extras import require
 
     require("torch", "profiling")
-    if paper and into is not None:
-        raise UsageError(
-            "--paper profiles many models, but --into stores the cost of a single one; omit one of the options"
-        )
+    if paper:
+        refuse_unused(context, set(context.params) - {"paper", "models"}, "with --paper")
     if paper and models:
         raise UsageError("--paper profiles the paper's models; omit the model")
     if paper:

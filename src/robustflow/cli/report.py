@@ -14,6 +14,7 @@ PAGE = "page"
 
 
 def report(
+    context: typer.Context,
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -67,7 +68,7 @@ def report(
     from ..report.render import FORMATS
     from ..report.render.latex import only_lines
     from ..target import is_target
-    from .options import names
+    from .options import names, refuse_unused
     from .tables import as_text, write_text
 
     if format != PAGE and not is_target(format) and format not in FORMATS.names():
@@ -84,6 +85,7 @@ def report(
         raise UsageError("FlowBench's files provide only a table of attacks; omit --table and --format page")
     loaded = [load_any_run(run) for run in with_runs_inside([path for path in runs or [] if path not in stored])]
     if format == PAGE:
+        refuse_unused(context, {"seed"}, "with --format page")
         text = _page(loaded, published, only_own, table)
     else:
         tables = []

@@ -9,10 +9,11 @@ import typer
 from ..errors import UsageError
 from . import complete
 from .interrupt import Interrupted, stopped
-from .options import Device, ModelOptions, keyword_options, names
+from .options import Device, ModelOptions, keyword_options, names, refuse_unused
 
 
 def train(
+    context: typer.Context,
     method: Annotated[
         str,
         typer.Argument(
@@ -133,6 +134,8 @@ def train(
     from ..training.data.find import needs_data
     from ..training.request import Checkpoints, DataPlan, Request, Validation
 
+    if corrupt is None:
+        refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
     reading = DataPlan(data or [], _corruptions(corrupt), corrupt_probability, skip_bad, loaders)
     if plan:
         from ..training.plan import plan_text

@@ -18,6 +18,7 @@ from .options import (
     OwnCorruptions,
     data_options,
     model_options,
+    refuse_unused,
     use_own_corruptions,
 )
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 
 def verify(
+    context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records written by 'robustflow pack'.")],
     data: Annotated[
         Path | None,
@@ -83,6 +85,9 @@ def verify(
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
     rows = _Rows(data, data_options(data_option, depth, focal), 20 if check_frames is None else check_frames, seed)
     frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
+    if frames is None:
+        unused = {"data_option", "depth", "focal", "seed", "own_corruption"}
+        refuse_unused(context, unused, "without --data, --model or --check-frames")
     predictions = None if spec is None else partial(rows.compare, model=spec)
     compare_exported = partial(_compare_exported, paths=exported) if exported else None
     results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]

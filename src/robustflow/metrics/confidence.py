@@ -99,9 +99,9 @@ def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
     >>> error_at([1.0, 2.0, 3.0, 10.0], [4, 3, 2, 1], 0.5)
     1.5
     """
-    removed = round(STEPS * (1 - coverage))
-    if not 0 <= removed < STEPS:
+    if not 0.5 / STEPS < coverage <= 1:  # also NaN
         raise DataError(f"coverage {coverage:g} is out of range: choose a value from 0.01 to 1")
+    removed = round(STEPS * (1 - coverage))
     curves = sparsification(error, confidence)
     return None if curves is None else float(curves.by_confidence[removed])
 

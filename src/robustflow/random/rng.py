@@ -78,7 +78,9 @@ def check_seed(seed: Any) -> int:
 
 
 def _encoded(part: str | int) -> str:
-    text = part if isinstance(part, str) else str(check_seed(part))
+    if isinstance(part, bool) or not isinstance(part, str | Integral):
+        raise UsageError(f"the name of a random stream consists of texts and whole numbers, not {part!r:.60}")
+    text = str(part)
     return f"{'str' if isinstance(part, str) else 'int'}:{len(text)}:{text}"
 
 
