@@ -28,6 +28,8 @@ from tests.made_rows import made_run, rows_frame
 
 from .mean_rows import row
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 CELLS = ((CLEAN, 0), ("fog", 1), ("fog", 3), ("snow", 1), ("snow", 3))
 
 

@@ -18,6 +18,8 @@ from robustflow.runs.costs import PROFILE, RunCost, check_profiled_model, read_c
 from robustflow.sealed import sealed
 from robustflow.testing import ConstantFlow
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 
 class Shifted:
     """A model that predicts the same flow at every pixel, which determines its errors."""

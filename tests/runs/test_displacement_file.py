@@ -24,6 +24,8 @@ from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_manifest
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 
 

@@ -22,6 +22,8 @@ from robustflow.testing import ConstantFlow
 
 from .edited import edit_manifest, edit_rows
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 MODEL = ConstantFlow(1, 1)
 
 
