@@ -122,7 +122,16 @@ def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) 
     return lens[0] * (a - px * c), lens[1] * (b - py * c)
 
 
-@njit(cache=True, nogil=True)
+@inner
+def _largest(values: Any, first: int, end: int) -> Any:
+    """Return the largest of the values from `first` to `end`, or to the last; `max` would take a second to compile."""
+    found = values[first]
+    for i in range(first + 1, min(end, values.size)):
+        found = max(found, values[i])
+    return found
+
+
+@inner
 def _edges(inverse: Any, out: Any) -> None:
     """Compute the largest inverse depth among each tile's edge pixels, i.e. pixels next to a farther surface."""
     height, width = inverse.shape
@@ -138,7 +147,7 @@ def _edges(inverse: Any, out: Any) -> None:
                 farthest = min(min(above[x], below[x]), min(row[max(x - 1, 0)], row[min(x + 1, width - 1)]))
                 largest[x] = max(largest[x], row[x] if farthest < _SAME * row[x] else np.float32(0))
         for i in range(out.shape[1]):
-            out[j, i] = largest[i * _TILE : (i + 1) * _TILE].max()
+            out[j, i] = _largest(largest, i * _TILE, (i + 1) * _TILE)
 
 
 @njit(cache=True, nogil=True)
@@ -213,7 +222,7 @@ def _cells(inverse: Any, out: Any) -> None:
             for x in range(width):
                 tallest[x] = max(tallest[x], row[x])
         for i in range(out.shape[1]):
-            largest[j, i] = tallest[i * _CELL : (i + 1) * _CELL].max()
+            largest[j, i] = _largest(tallest, i * _CELL, (i + 1) * _CELL)
     rows, columns = out.shape
     for j in range(rows):
         above, here, below = largest[max(j - 1, 0)], largest[j], largest[min(j + 1, rows - 1)]
