@@ -94,6 +94,38 @@ def test_training_uses_the_output_that_a_prediction_uses(tmp_path, monkeypatch, 
     assert torch.allclose(flows[-1], model.net(*(image / 127.5 - 1 for image in images)), atol=1e-4)
 
 
+FROZEN = """
+import torch
+from torch import nn
+
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.first = nn.Conv2d(3, 8, 3, padding=1).requires_grad_(False)
+        self.norm = nn.BatchNorm2d(8)
+        self.last = nn.Conv2d(16, 2, 3, padding=1)
+
+    def forward(self, image1, image2):
+        features = self.norm(self.first(torch.cat([image1, image2])))
+        return self.last(torch.cat(features.chunk(2), dim=1))
+"""
+
+
+def test_a_users_network_keeps_what_it_freezes_and_its_own_batchnorm(tmp_path, monkeypatch):
+    (tmp_path / "frozen_net_for_test.py").write_text(FROZEN)
+    monkeypatch.syspath_prepend(tmp_path)
+    recipe = load_recipe("raft", "chairs").changed(method="frozen_net_for_test:Net")
+    assert recipe.devices == 2  # each part of a batch would be the features of one of the frames
+    model, network = load_network(recipe, "random", "cpu", dict(OPTIONS))
+    learning = {name for name, value in network.named_parameters() if value.requires_grad}
+    assert learning == {f"net.module.{name}" for name in ("norm.weight", "norm.bias", "last.weight", "last.bias")}
+    images = [255 * torch.rand(4, 3, 128, 128) for _ in range(2)]
+    network.train()(*images)
+    with torch.no_grad():
+        features = model.net.module.first(torch.cat(images) / 127.5 - 1)
+    assert torch.allclose(model.net.module.norm.running_mean, 0.1 * features.mean((0, 2, 3)), atol=1e-5)
+
+
 FAILING = """
 import torch
 from torch import nn

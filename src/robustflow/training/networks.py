@@ -72,8 +72,9 @@ class TrainedNetwork(nn.Module):
             )
         self.net = model.net
         for name, value in self.net.named_parameters():
-            value.requires_grad_(not name.startswith(recipe.frozen))
-        group_batchnorm(self.net, recipe.devices)
+            value.requires_grad_(name not in model.frozen and not name.startswith(recipe.frozen))
+        if not isinstance(self.net, ModuleNet):  # a user's network was not trained on the original's devices
+            group_batchnorm(self.net, recipe.devices)
         self.convention = model.convention
         self._norms = recipe.frozen_norms
         self._labelled = recipe.objective is None

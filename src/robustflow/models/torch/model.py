@@ -39,6 +39,8 @@ class NetworkModel(PairNetwork):
 
     trained_on: str | None = None
     """The training sets that the checkpoint declares."""
+    frozen: frozenset[str] = frozenset()
+    """Names of the parameters of `net` that the user's module excludes from training."""
 
     def __init__(
         self,

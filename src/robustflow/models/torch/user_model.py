@@ -107,6 +107,7 @@ class TorchModel(NetworkModel):
         kind = f"{type(net).__module__}.{type(net).__qualname__}"
         module = _copied(net, kind)
         weights = _loaded(module, checkpoint, sha256, type(net).__name__)
+        frozen = [name for name, value in module.named_parameters() if not value.requires_grad]
         module.to(find_device(device)).eval().requires_grad_(False)
 
         library = next((known for start, known in _KNOWN.items() if kind.startswith(start)), None)
@@ -141,6 +142,7 @@ class TorchModel(NetworkModel):
         wrapped = ModuleNet(module, call, declared.layout or "pair", declared.output, batched)
         self._class = type(net).__name__
         super().__init__(name or self._class, wrapped, convention, settings, execution)
+        self.frozen = frozenset(f"module.{name}" for name in frozen)
 
     def identity(self) -> dict[str, Any]:
         """Return the identity as in `NetworkModel.identity`, but without the name, which does not affect the
