@@ -15,7 +15,10 @@ from skimage import data
 
 from robustflow.errors import DataError
 from robustflow.flowio import read_flow, write_flow
+from robustflow.images.intact import check_deflated_strips
 from robustflow.images.io import read_image
+
+from ..refusals import refused
 
 PICTURE = data.astronaut()[:96, :128]
 
@@ -125,6 +128,21 @@ def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) 
 
 
 @pytest.mark.slow
+def test_a_tiff_whose_strips_repeat_the_same_bytes_is_not_inflated_to_the_end(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("robustflow.images.intact.LARGEST", 2**20)
+    strip = zlib.compress(bytes(2**16))
+    check_deflated_strips(tmp_path / "a.tif", strip, [0] * 16, [len(strip)] * 16)
+    with refused(DataError, r"a\.tif: damaged, the strips of the TIFF exceed its pixels"):
+        check_deflated_strips(tmp_path / "a.tif", strip, [0] * 17, [len(strip)] * 17)
+
+
+def test_a_file_that_exceeds_any_image_is_not_read(tmp_path: Path) -> None:
+    with open(tmp_path / "a.png", "wb") as file:
+        file.truncate(2**43)
+    with refused(DataError, r"a\.png: larger than 1024 MiB"):
+        read_image(tmp_path / "a.png")
+
+
 def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
     """20 000 x 20 000 zeros fit into a small PNG but would need 12 GB of memory."""
     path, side = tmp_path / "a.png", 20_000

@@ -20,7 +20,7 @@ from PIL import Image, ImageOps, TiffImagePlugin
 from .. import atomic
 from ..errors import DataError, first_line
 from ..sample import Frame
-from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
+from .intact import LARGEST, check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
 MAX_PIXELS = 2**27
 """Largest supported image, 134 megapixels; larger images are rejected before their pixels are allocated."""
@@ -184,6 +184,8 @@ def _check_file(path: Path) -> None:
 def _contents(path: Path) -> bytes:
     _check_file(path)
     try:
+        if path.stat().st_size > LARGEST:
+            raise DataError(f"{path}: larger than {LARGEST >> 20} MiB, so it is not a supported image; check the file")
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
