@@ -181,5 +181,8 @@ def _corruptions(text: str | None) -> list[str]:
 
     chosen: list[str] = []
     for name in names(text) or []:
-        chosen += [each for each in FAMILIES[name] if each in IMAGE_PAIR] if name in FAMILIES else [name]
+        of_pairs = [each for each in FAMILIES[name] if each in IMAGE_PAIR] if name in FAMILIES else [name]
+        if not of_pairs:
+            raise UsageError(f"--corrupt {name}: no corruption of this family applies to image pairs; remove it")
+        chosen += of_pairs
     return list(dict.fromkeys(chosen))
