@@ -152,6 +152,15 @@ def test_an_average_is_over_all_corruptions_of_a_line_or_over_the_papers(corrupt
     assert all(f"the mean over {len(errors) - 1} corruptions is" in f.message for f in found)
 
 
+def test_errors_over_different_pixels_are_not_compared():
+    values = {"epe,clean": 2.0, "epe,fog": 5.0, "cre,fog": 1.0, "crer,fog": 0.5, "rcre,fog": 2.0}
+    for coverage, inconsistent in (("0.5", []), ("", ["bound", "cre", "crer"])):
+        lines = ["setting,model,metric,corruption,value,coverage"]
+        lines += [f"own,A,{key},{value},{coverage}" for key, value in values.items()]
+        table = parse_results("\n".join(lines), "made.csv", "made")
+        assert sorted(f.check for f in audit_results(table).findings) == inconsistent
+
+
 def test_swapped_rows_are_found_in_any_table():
     values = _consistent({"A": [2.0, 3, 5, 9, 4, 6], "B": [3.0, 7, 4, 5, 8, 20], "C": [1.0, 3, 2, 6, 5, 4]}, 2)
     swapped = {

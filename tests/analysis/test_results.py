@@ -33,6 +33,16 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     assert list(map(vars, read_results(path))) == [vars(line)]
 
 
+def test_the_share_of_pixels_that_errors_cover_is_kept():
+    head = _HEAD.replace("value", "value,coverage")
+    partly, whole = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
+    again = parse_results(results_csv([partly, whole]), "mine.csv", "mine")
+    assert [line.coverage for line in (partly, whole, *again)] == [0.625, None, 0.625, None]
+    for wrong in ("1.5", "-0.1", "much", "nan"):
+        with refused(DataError, "'coverage' must be a number from 0 to 1"):
+            parse_results(f"{head}OOD,A,rcre,fog,1.00,{wrong}\n", "mine.csv", "mine")
+
+
 @pytest.mark.parametrize("number", [0.0, 0.5, 12.0, 1e-5, 0.1 + 0.2, 1e8 + 0.125])
 def test_a_number_that_was_never_rounded_comes_back_as_such_however_short_it_is(number):
     (line,) = parse_results(f"{_HEAD}OOD,Mine,rcre,fog,1.00\n", "mine.csv", "mine")

@@ -95,6 +95,7 @@ class ModelResult:
             ones.
         detailed: whether to compute an interval for each corruption instead of for the averages only.
         printed_cost: the paper's cost of the model, on published lines with ground truth.
+        stated_coverage: the `coverage` given in a results file.
         exclusion: function that computes `excluded`, which depends on the other runs read together with this run.
     """
 
@@ -108,6 +109,7 @@ class ModelResult:
     beside_published: bool = False
     detailed: bool = True
     printed_cost: PrintedCost | None = None
+    stated_coverage: float | None = None
     exclusion: Callable[[], str] = field(default=str, repr=False)
 
     @property
@@ -125,10 +127,12 @@ class ModelResult:
         """The computational cost of the run's model."""
         return read_cost(self.run) if self.run else None
 
-    @cached_property
+    @property
     def coverage(self) -> float | None:
         """The fraction of pixels included in the errors; None if the model predicted a flow for all pixels."""
-        return self.run.summary.coverage if self.run and has_gaps(self.run.summary) else None
+        if self.run is None:
+            return self.stated_coverage
+        return self.run.summary.coverage if has_gaps(self.run.summary) else None
 
     @cached_property
     def pairs(self) -> int | None:

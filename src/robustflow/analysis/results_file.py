@@ -1,6 +1,6 @@
 """Read and write results as a CSV file with one value per line, for the published tables and for users' own results.
 
-    benchmark, setting, model, metric, corruption, value, marked, source, sample_set, note
+    benchmark, setting, model, metric, corruption, value, marked, source, sample_set, note, coverage
 
 `corruption` is a corruption's name, "clean", or "average"; `metric` is "epe", "cre" or "rcre" (pixels) or "crer" (no
 unit). Text in the file is untrusted and is never interpreted.
@@ -29,7 +29,7 @@ ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
 
 _WRITTEN = (
     *("benchmark", "setting", "model", "metric", "corruption"),
-    *("source", "sample_set", "note", "value", "marked"),
+    *("source", "sample_set", "note", "coverage", "value", "marked"),
 )
 _REQUIRED = ("setting", "model", "metric", "corruption", "value")
 _LARGEST_FILE = 64 * 2**20
@@ -42,8 +42,9 @@ def read_results(path: str | Path) -> list[ModelResult]:
     """Read the lines of a results file: CSV, UTF-8, with a header.
 
     Columns `setting`, `model`, `metric`, `corruption` and `value` are required; `benchmark` ("kitti-fc" by default),
-    `marked` ("yes" or "no"), `source`, `sample_set` (lines of one sample set can be compared) and `note` (a remark that
-    a reader needs before comparing) are optional. Other columns are ignored.
+    `marked` ("yes" or "no"), `source`, `sample_set` (lines of one sample set can be compared), `note` (a remark that
+    a reader needs before comparing) and `coverage` (share of the pixels that the errors cover, 0 to 1; 1 by default)
+    are optional. Other columns are ignored.
 
     Returns:
         One line for each model in a setting. `decimals` of a value is counted from its text; None for more than six
@@ -115,7 +116,19 @@ def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
         name=cells["model"],
         note=cells.get("note") or "",
         values={(cells["metric"], cells["corruption"]): value},
+        stated_coverage=_share(cells.get("coverage", ""), where),
     )
+
+
+def _share(text: str, where: str) -> float | None:
+    """Parse a share of pixels; None for all of them."""
+    try:
+        share = float(text or 1)
+    except ValueError:
+        share = -1.0
+    if not 0 <= share <= 1:
+        raise DataError(f"{where}: 'coverage' must be a number from 0 to 1, not '{text[:40]}'")
+    return share if share < 1 else None
 
 
 def _check_corruption(name: str, where: str) -> None:
@@ -148,14 +161,15 @@ def results_csv(results: Iterable[ModelResult]) -> str:
 
     >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
     >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])
-    kitti-fc,OOD,Mine,epe,clean,,mine,,4.20,
+    kitti-fc,OOD,Mine,epe,clean,,mine,,,4.20,
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_WRITTEN)
     for line in results:
+        share = "" if line.coverage is None else repr(line.coverage)
         for key, value in line.values.items():
-            texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note)
+            texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note, share)
             number = _unrounded(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
             writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked]])
     return out.getvalue()

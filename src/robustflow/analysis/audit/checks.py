@@ -118,7 +118,7 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
     for line in results:
         values = line.values
         clean = values.get(("epe", CLEAN))
-        if clean is None or clean.number <= clean.half:
+        if clean is None or clean.number <= clean.half or line.coverage is not None:
             continue
         for corruption in [name for metric, name in values if metric == "crer" and ("epe", name) in values]:
             given, epe = values["crer", corruption], values["epe", corruption]
@@ -148,8 +148,11 @@ def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
 
 
 def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[ModelResult, str, Value, float]]:
-    """Yield line, corruption, value and change in EPE for each value of a metric that can be compared with EPE."""
+    """Yield line, corruption, value and change in EPE for each value of a metric that can be compared with EPE. If a
+    model did not predict all pixels, its clean and its corrupted EPE are over different pixels."""
     for line in results:
+        if line.coverage is not None:
+            continue
         for corruption, expected in expected_cre(line.values).items():
             if (given := line.values.get((metric, corruption))) is not None:
                 yield line, corruption, given, expected

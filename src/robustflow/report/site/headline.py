@@ -99,7 +99,7 @@ def _alone(line: ModelResult) -> list[str]:
     if not clean or not whole:
         moved = _text(line, _MOVED)
         return [f"{where}: corruption changes its flow by {moved} px (RCRE)."] if moved else []
-    if line.run is not None and cre and misfits(float(cre), float(whole) - float(clean), _PRINTED):
+    if (line.run or line.coverage is not None) and cre and misfits(float(cre), float(whole) - float(clean), _PRINTED):
         up = "raises" if float(cre) > 0 else "lowers"
         changes = (
             f"{up} the end-point error over the pixels that have a flow on both the clean and the corrupted frames"
