@@ -3,6 +3,7 @@ raises an error."""
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import random
@@ -29,6 +30,7 @@ from robustflow.models.provenance import training_of  # noqa: E402
 from robustflow.models.torch.raft_net import TorchvisionRaft  # noqa: E402
 from robustflow.runner.named_model import name_model  # noqa: E402
 from robustflow.runs.run import Run  # noqa: E402
+from robustflow.training import session  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.processes import this_process  # noqa: E402
@@ -276,6 +278,20 @@ def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):
         assert run.epe_clean == entry["validation_epe"]
         assert run.cre == entry["validation_cre"]
     assert (request.output / "best.pth").exists()
+
+
+def test_the_best_weights_are_those_of_the_present_validation(request_for, monkeypatch):
+    errors = {"sintel": [1.0], "kitti2015": [5.0, 4.0, 6.0]}
+
+    def scores(model, folder, validation):
+        return lambda updates: {"epe": errors[validation.benchmark].pop(0)}
+
+    monkeypatch.setattr(session, "validator", scores)
+    request = request_for(steps=4, validation=Validation("sintel", every=1), checkpoints=Checkpoints(1))
+    run_training(request, StopAfter(1))
+    run_training(replace(request, resume=True, validation=Validation("kitti2015", every=1)))
+    best = json.loads(torch.load(request.output / "best.pth", weights_only=True)["robustflow_training"])
+    assert (best["updates"], best["best"], best["best_on"]) == (3, 4.0, "kitti2015")
 
 
 def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):

@@ -37,11 +37,13 @@ class TrainingProgress:
         updates: number of updates so far.
         identity: everything that determines the weights: recipe, seed and data.
         best: smallest validation error so far, in pixels; None before the first validation.
+        best_on: benchmark of the validation with this error.
     """
 
     updates: int
     identity: dict[str, Any]
     best: float | None = None
+    best_on: str = ""
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
@@ -86,7 +88,8 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         best = None if about["best"] is None else float(about["best"])
         if any(not isinstance(content[name], dict) for name in _STATE):
             raise ValueError("its parts have the wrong types")
-        return content, TrainingProgress(int(about["updates"]), dict(about["identity"]), best)
+        progress = TrainingProgress(int(about["updates"]), dict(about["identity"]), best, str(about["best_on"]))
+        return content, progress
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
             f"{path} is damaged ({first_line(error)}); restore it, or restart from a weights file"
@@ -152,6 +155,6 @@ def _tensors(value: Any) -> Iterator[Tensor]:
 def _content(weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> dict[str, Any]:
     entries: dict[str, Any] = {
         "model": weights,
-        _ABOUT: json.dumps({"updates": about.updates, "identity": about.identity, "best": about.best}, sort_keys=True),
+        _ABOUT: json.dumps(vars(about), sort_keys=True),
     }
     return entries if trained_on is None else {**entries, TRAINED_ON: trained_on}

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -98,7 +98,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
             rate = rate_of(recipe, update)
             set_rate(state.optimizer, rate)
             numbers = _update(called, state, stream, training, share, update)
-            state.done = TrainingProgress(update + 1, state.done.identity, state.done.best)
+            state.done = replace(state.done, updates=update + 1)
             numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
             if log is not None:
                 log.write(update, numbers)
@@ -181,6 +181,8 @@ def _due(update: int, every: int | None, last: int) -> bool:
 
 
 def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog | None) -> None:
+    validation = training.request.validation
+    assert validation is not None
     assert training.validate is not None
     state.network.eval()
     numbers = training.validate(state.done.updates)
@@ -188,8 +190,9 @@ def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog | N
     if log is not None:
         log.write(state.done.updates - 1, {f"validation_{name}": value for name, value in numbers.items()})
     error = numbers["epe"]
-    if state.done.best is None or error < state.done.best:
-        state.done = TrainingProgress(state.done.updates, state.done.identity, error)
+    best = state.done.best if state.done.best_on == validation.benchmark else None
+    if best is None or error < best:
+        state.done = replace(state.done, best=error, best_on=validation.benchmark)
         save_weights(training.folder / BEST, state.network.weights(), state.done, training.trained_on)
 
 
