@@ -9,7 +9,7 @@ from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate, load_run
 from robustflow.reproduce.artefacts import ARTEFACTS
 from robustflow.reproduce.plan import choose
-from robustflow.reproduce.side_by_side import comparison_csv, paper_alone, run_beside_paper
+from robustflow.reproduce.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
 from robustflow.reproduce.variants import paper_variants
 from tests.datasets.layouts import flow, picture
 from tests.video import clips
@@ -80,6 +80,7 @@ def test_methods_that_table_3_omits_have_no_published_crer():
     values = {v: paper_alone(ARTEFACTS["tab3"], v).published for v in paper_variants("kitti-fc")}
     without = {variant.method for variant, published in values.items() if ("crer", "average") not in published}
     assert without == {"Farneback", "DIS", "FlowDiffuser"}
+    assert [column.label for column, _ in columns_of(ARTEFACTS["tab3"], [])] == ["CREr"]
     raft = next(value for variant, value in values.items() if (variant.method, variant.setting) == ("RAFT", "OOD"))
     assert raft["crer", "average"] == 1.22
 

@@ -109,7 +109,8 @@ def _over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
-    """Return the columns of a table or figure for which at least one variant has a value, with their keys."""
+    """Return the columns of a table or figure for which at least one variant has a value, with their keys; if there is
+    none, all columns."""
     if artefact.columns == "means":
         every = [(Column(mean_label(*key)), key) for key in OVERALL]
     elif artefact.columns == "families":
@@ -122,7 +123,7 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
         every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _of_paper(artefact)]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
     shown = [one.here or one.published for one in variants]
-    return [(column, key) for column, key in every if any(key in values for values in shown)]
+    return [(column, key) for column, key in every if any(key in values for values in shown)] or every
 
 
 def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
