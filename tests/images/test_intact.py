@@ -127,7 +127,6 @@ def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) 
         read_image(tmp_path / name)
 
 
-@pytest.mark.slow
 def test_a_tiff_whose_strips_repeat_the_same_bytes_is_not_inflated_to_the_end(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("robustflow.images.intact.LARGEST", 2**20)
     strip = zlib.compress(bytes(2**16))
@@ -143,6 +142,7 @@ def test_a_file_that_exceeds_any_image_is_not_read(tmp_path: Path) -> None:
         read_image(tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
     """20 000 x 20 000 zeros fit into a small PNG but would need 12 GB of memory."""
     path, side = tmp_path / "a.png", 20_000
