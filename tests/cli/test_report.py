@@ -153,6 +153,13 @@ def test_many_are_compared_in_a_line_each(robustflow, runs):
     assert (same["difference"], same["p"]) == ("+0.00", "")
 
 
+def test_settings_of_a_test_are_refused_where_seeds_of_one_model_are_compared(robustflow, tmp_path):
+    options = {"corruptions": ["fog"], "severities": [1], "data_options": {"pairs": 2, "size": "32x48"}}
+    seeds = [evaluate("dis", "shapes", output=tmp_path / str(seed), seed=seed, **options).path for seed in (0, 1)]
+    assert "Sources of variance" in robustflow.prints("compare", *seeds)
+    assert "--level has no effect for one model" in robustflow.refuses("compare", *seeds, "--level", "0.9")
+
+
 def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_path):
     write_frames(tmp_path, [(32, 40)] * 3)
     options = {"corruptions": ["contrast"], "severities": [1], "examples": False}

@@ -4,13 +4,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import ComparedRuns, Format, OutputFile
+from .options import ComparedRuns, Format, OutputFile, refuse_unused
 
 if TYPE_CHECKING:
     import polars as pl
 
 
+_OF_TESTS = ("level", "resamples", "seed")
+
+
 def compare(
+    context: typer.Context,
     runs: ComparedRuns,
     metric: Annotated[
         str | None, typer.Option("--metric", help="Compare only this metric: epe, cre, crer or rcre.")
@@ -65,9 +69,11 @@ def compare(
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
     tables, sentences = [], []
     if (by_seed := seeds_of(loaded)) is not None:
+        refuse_unused(context, _OF_TESTS, "for one model with several seeds, which needs no test")
         frame = variance_split(by_seed.rows, chosen)
         tables.append(variance_table(frame, chosen, loaded[0].name, by_seed.remark))
     elif (order := orders(loaded, chosen)) is not None:
+        refuse_unused(context, _OF_TESTS, "for several models under several conditions, which needs no test")
         frame = rank_stability(order.scores)
         tables.append(stability_table(frame, chosen, order.remark))
     elif len(loaded) == 2:

@@ -57,7 +57,9 @@ def verify(
     own_corruption: OwnCorruptions = None,
     exported: Annotated[
         list[Path] | None,
-        typer.Option("--exported", help="File written by 'robustflow export' to compare with the record. Repeatable."),
+        typer.Option(
+            "--exported", help="File of 'robustflow export' (not Parquet) to compare with the record. Repeatable."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:

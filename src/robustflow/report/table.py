@@ -192,13 +192,17 @@ def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float 
     return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
 
-def interval_text(ends: tuple[float, float] | None) -> str:
-    """Format the bounds of an interval; "" if there is none.
+def interval_text(ends: tuple[float, float] | None, decimals: int = 2) -> str:
+    """Format the bounds of an interval; "" if there is none. With few clusters, the upper bound of CREr can have a
+    hundred digits.
 
-    >>> interval_text((1.024, 1.7)), interval_text(None)
-    ('[1.02, 1.70]', '')
+    >>> interval_text((1.024, 1.7)), interval_text((-1.0, 1.431e110), 3), interval_text(None)
+    ('[1.02, 1.70]', '[-1.000, 1.4e+110]', '')
     """
-    return "" if ends is None else f"[{ends[0]:.2f}, {ends[1]:.2f}]"
+    if ends is None:
+        return ""
+    low, high = (f"{end:.{decimals}f}" if abs(end) < 1e6 else f"{end:.1e}" for end in ends)
+    return f"[{low}, {high}]"
 
 
 def number_text(value: float | None, decimals: int | None = None) -> str:

@@ -10,6 +10,7 @@ from ...atomic import json_bytes
 from ...benchmarks.facts import sample_noun
 from ...text import counted, joined
 from ..render.markdown import escape
+from ..table import interval_text
 from .facts import RunFacts, RunMean
 
 CARD_VERSION = 1
@@ -98,5 +99,4 @@ def _table(means: Sequence[RunMean]) -> list[str]:
 def _cell(mean: RunMean | None) -> str:
     if mean is None:
         return ""
-    ends = "" if mean.interval is None else f" [{mean.interval[0]:.3f}, {mean.interval[1]:.3f}]"
-    return f"{mean.value:.3f}{ends}"
+    return f"{mean.value:.3f} {interval_text(mean.interval, 3)}".rstrip()
