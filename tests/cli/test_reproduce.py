@@ -103,6 +103,12 @@ def test_options_with_which_no_variant_can_run_are_refused(robustflow, data, tmp
     assert not (tmp_path / "reproduced").exists()
 
 
+def test_the_exit_status_is_1_if_every_run_failed(robustflow, data):
+    code, out, _ = robustflow("reproduce", "tab2", "--data", data, "--models", "dis,raft", "--workers", "0")
+    assert code == 1
+    assert "failed: --workers must be at least 1; got 0" in " ".join(out.split())
+
+
 def test_data_of_a_different_layout_are_refused(robustflow, tmp_path):
     (tmp_path / "empty").mkdir()
     error = robustflow.refuses("reproduce", "tab2", "--data", tmp_path / "empty", code=1)

@@ -168,6 +168,8 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     if artefact.figure and ran:
         for path in _draw(artefact, list({run.path: run for _, run in ran}.values()), output):
             typer.echo(str(path))
+    if not ran and any(each.failed for each in missing):
+        raise typer.Exit(1)
 
 
 def _draw(artefact: "Artefact", runs: "list[Result]", output: Path) -> list[Path]:

@@ -46,6 +46,6 @@ def measure_variants(
                 spec = choice.spec.on(device) if device is not None and choice.spec.options else choice.spec
                 done[choice.folder] = evaluate(spec, artefact.benchmark, output=folder, **options)
         except RobustFlowError as error:
-            yield Missing(choice.variant, f"failed: {error}", "")
+            yield Missing(choice.variant, f"failed: {error}", "", failed=True)
         else:
             yield choice, done[choice.folder]

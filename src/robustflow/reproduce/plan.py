@@ -49,11 +49,12 @@ class Runnable:
 
 @dataclass(frozen=True)
 class Missing:
-    """A variant that cannot be run, with the reason and the remedy."""
+    """A variant that cannot be run, with the reason and the remedy, or whose run failed."""
 
     variant: Variant
     reason: str
     remedy: str
+    failed: bool = False
 
 
 def choose(
