@@ -101,7 +101,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
     if set(levels) != set(facts.severities):
         remarks.append(f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))} only")
     remarks.append(estimate_remark(facts, averaged, levels))
-    if frames.severity_scale or "severity_scale" in frames.protocol:
+    if frames.made_with["severity_scale"] != "paper":
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.summary.complete:
         remarks.append("not complete")

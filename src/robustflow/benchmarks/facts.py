@@ -74,6 +74,9 @@ class BenchmarkFacts(Frozen):
 NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
 """Protocol entry of a run whose ground truth excludes pixels that are occluded in frame 2."""
 
+EXPORTED: dict[str, Any] = {"frames": "exported"}
+"""Protocol entry of a run on frames that this package wrote to a folder."""
+
 
 def truth_remark(protocol: Mapping[str, Any]) -> str:
     """Return a remark about the ground truth of a run, or "" if it is the dataset's usual ground truth.

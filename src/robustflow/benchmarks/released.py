@@ -11,7 +11,7 @@ from ..corruptions import PAPER_ORDER, SEVERITIES
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
 from .base import Benchmark
-from .facts import BenchmarkFacts
+from .facts import EXPORTED, BenchmarkFacts
 
 EXPORT_FILE = "export.json"
 """Name of the file in which `export` records the settings of the frames that it wrote."""
@@ -33,7 +33,7 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     protocol: dict[str, Any] = {"frames": "released"}
     if (made := export_settings(dataset.root)) is not None:
         protocol = {
-            "frames": "exported",
+            **EXPORTED,
             **{key: made[key] for key in _RECORDED if isinstance(made.get(key), str | int)},
         }
     return Benchmark(

@@ -171,7 +171,7 @@ def for_stdout(table: Table) -> str:
 
 
 def _whose(result: Run, with_seed: bool) -> str:
-    seed = result.manifest.identity.frames.seed
+    seed = result.manifest.identity.frames.made_with["seed"]
     return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''})"
 
 

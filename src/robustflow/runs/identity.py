@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, JsonValue
 
+from ..benchmarks.facts import EXPORTED
 from ..digest import digest_of_value
 from ..errors import UsageError
 from ..validated import Untrusted
@@ -68,6 +69,18 @@ class FrameIdentity(_IdentityPart):
     depth: Text | None = None
     corruptions: dict[Text, Text] = {}
     attack_sources: dict[Text, Text] = {}
+
+    @property
+    def made_with(self) -> dict[str, JsonValue]:
+        """Return the seed, the variant and the severity scale of the corrupted frames: those of the export if the
+        frames are read from one."""
+        made: dict[str, JsonValue] = {
+            "seed": self.seed,
+            "variant": self.variant,
+            "severity_scale": self.severity_scale or "paper",
+        }
+        exported = self.protocol if EXPORTED.items() <= self.protocol.items() else {}
+        return made | {name: value for name, value in exported.items() if type(value) is type(made.get(name))}
 
     @property
     def scale(self) -> str:

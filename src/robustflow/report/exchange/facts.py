@@ -97,9 +97,9 @@ class RunFacts:
             "pairs": summary.samples,
             "corruptions": [plain(name) for name in summary.averaged_over],
             "severities": summary.severities(),
-            "severity_scale": plain(frames.severity_scale or "paper"),
-            "seed": frames.seed,
-            "variant": plain(frames.variant),
+            "severity_scale": plain(str(frames.made_with["severity_scale"])),
+            "seed": frames.made_with["seed"],
+            "variant": plain(str(frames.made_with["variant"])),
             "complete": summary.complete,
             "sample_set": sample_set(self.run),
         }
