@@ -16,6 +16,7 @@ from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
@@ -38,6 +39,7 @@ from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
+from ..models.textures import textured_pair  # noqa: E402
 from .progress import (  # noqa: E402
     ONE_THREAD,
     StopAfter,
@@ -253,9 +255,13 @@ def test_data_without_ground_truth_are_refused_before_training(request_for, chai
         run_training(request_for(mix="frames", sources=[frames], skip_bad=True))
 
 
-def test_iterations_of_a_network_that_has_none_are_refused():
-    with pytest.raises(UsageError, match="tiny has no iterations; omit --iterations"):
-        load_network(load_recipe("tiny", "small").changed(iterations=5), "random")
+def test_validation_predicts_in_tiles_like_a_run():
+    recipe = load_recipe("raft_small", "chairs").changed(crop=(128, 128), iterations=1)
+    model, network = load_network(recipe, "random", "cpu", {"tile": "128x136"})
+    run = rf.load_model("raft_small", checkpoint="random", iterations=1, tile="128x136", device="cpu")
+    pair = textured_pair(130, 200)
+    assert np.array_equal(model.predict(*pair), run.predict(*pair))
+    assert network.net is model.model.net
 
 
 def test_processes_wait_for_each_other_as_long_as_a_validation_may_take(monkeypatch):

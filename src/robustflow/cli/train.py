@@ -113,12 +113,12 @@ def train(
     from ..size import parse_size
 
     require("torch", "training")
-    from ..models.catalog import PTLFLOW
-    from ..training.recipe import load_recipe
+    from ..training.recipe import is_own, load_recipe, takes_iterations
 
-    own = like is not None and not method.startswith(PTLFLOW)
-    if own and iterations is not None:
-        raise UsageError(f"--iterations: {method} sets its iterations itself; omit it, or give its own option with -O")
+    if iterations is not None and not takes_iterations(method):
+        raise UsageError(
+            f"--iterations is not an option of {method}; omit it, or give an option of your network with -O"
+        )
     original = load_recipe(like or method, recipe)
     chosen = original.changed(
         method=method if like else None,
@@ -127,7 +127,7 @@ def train(
         batch=batch_size,
         crop=parse_size(crop, 8) if crop is not None else None,
         learning_rate=learning_rate,
-        iterations="none" if own else iterations,
+        iterations="none" if is_own(method) else iterations,
         accumulate=accumulate,
         precision=precision,
     )

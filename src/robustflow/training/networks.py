@@ -12,8 +12,6 @@ from torch import Tensor, nn
 
 from ..errors import UsageError, first_line
 from ..models import load_model
-from ..models.catalog import PTLFLOW
-from ..models.registry import MODELS
 from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
@@ -21,12 +19,11 @@ from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
 from ..models.torch.network import weights_seeded
 from ..models.torch.user_model import ConventionWarning
-from ..target import accepts
 from .corrector import Corrector
 from .data.loader import Batch
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
 from .objectives import BrightflowObjective
-from .recipe import Recipe
+from .recipe import Recipe, is_own, takes_iterations
 
 _NEEDED = {
     "sequence": ("predictions", "the flow of every iteration"),
@@ -212,8 +209,9 @@ def load_network(
     device: str = "cpu",
     options: Mapping[str, Any] | None = None,
     seed: int = 0,
-) -> tuple[NetworkModel, TrainedNetwork]:
-    """Return the model of a recipe with its initial weights, and its network ready for training.
+) -> tuple[Any, TrainedNetwork]:
+    """Return the model of a recipe with its initial weights, which predicts as in a run (in tiles, if it does so by
+    default), and its network ready for training.
 
     Args:
         recipe: recipe, which defines the method and its iterations.
@@ -227,25 +225,21 @@ def load_network(
         UsageError: the model cannot be trained.
     """
     given = {**(options or {}), "device": device}
-    own = ":" in recipe.method and not recipe.method.startswith(PTLFLOW)
-    if recipe.iterations is not None and not own:
-        if not _takes_iterations(recipe.method):
-            raise UsageError(f"{recipe.method} has no iterations; omit --iterations")
+    if recipe.iterations is not None and takes_iterations(recipe.method):
         given["iterations"] = recipe.iterations
-    if not (own and str(start) == RANDOM):  # a user's module keeps its initial weights
+    if not (is_own(recipe.method) and str(start) == RANDOM):  # a user's module keeps its initial weights
         given["checkpoint"] = str(start)
     with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
         torch.default_generator.manual_seed(seed)  # seeds the weights of a user's module
         if str(start) == RANDOM:  # random weights are not evaluated, so the warning does not apply
             warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)
-    while isinstance(model, TiledModel):
-        model = model.model
-    if not isinstance(model, NetworkModel):
+    trained = model.model if isinstance(model, TiledModel) else model
+    if not isinstance(trained, NetworkModel):
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
     if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
-        kaiming(model.net, seed)
-    return model, TrainedNetwork(model, recipe, seed)
+        kaiming(trained.net, seed)
+    return model, TrainedNetwork(trained, recipe, seed)
 
 
 def kaiming(network: nn.Module, seed: int = 0) -> None:
@@ -270,7 +264,3 @@ def mixed_precision(image: Tensor, recipe: Recipe) -> torch.autocast:
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
     """Return the trainable parameters."""
     return [value for value in network.parameters() if value.requires_grad]
-
-
-def _takes_iterations(method: str) -> bool:
-    return method not in MODELS or accepts(MODELS.get(method), "iterations")

@@ -18,6 +18,9 @@ from pydantic import BeforeValidator, Field, ValidationError
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
 from ..layout import user_path
+from ..models.catalog import PTLFLOW
+from ..models.registry import MODELS
+from ..target import accepts
 from ..validated import Frozen
 from .objectives import Objective
 
@@ -199,6 +202,20 @@ def trained_methods() -> list[str]:
     """Return the methods that have recipes."""
     names = (entry.name for entry in files(__package__).joinpath(FOLDER).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
+
+
+def is_own(method: str) -> bool:
+    """Return whether a method is a user's network, "module:attribute"."""
+    return ":" in method and not method.startswith(PTLFLOW)
+
+
+def takes_iterations(method: str) -> bool:
+    """Return whether the number of iterations is an option of a method.
+
+    >>> takes_iterations("raft"), takes_iterations("tiny"), takes_iterations("my.nets:Net")
+    (True, False, False)
+    """
+    return not is_own(method) and (method not in MODELS or accepts(MODELS.get(method), "iterations"))
 
 
 def mix_parts(name: str) -> tuple[Part, ...]:

@@ -16,7 +16,6 @@ from ..layout import user_path
 from ..links import refuse_links
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.find_checkpoint import RANDOM
-from ..models.torch.model import NetworkModel
 from ..progress_bar import ProgressBar
 from .checkpoint import LAST, TrainingProgress, read_progress
 from .data.find import OpenPart, open_part
@@ -129,7 +128,7 @@ def _start(request: Request) -> str:
     return request.start or RANDOM
 
 
-def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
+def _start_record(model: Any, request: Request) -> dict[str, Any]:
     """Return the initial weights, and the names of their training sets, or None if unknown."""
     checkpoint = str(model.identity()["checkpoint"])
     if _start(request) == RANDOM and request.start_trained_on is None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError, UsageError
-from ..models.torch.model import NetworkModel
+from ..models.base import FlowModel, model_identity
 from ..runner.compute_missing import compute_missing
 from ..runner.engines.serial import SERIAL
 from ..runner.progress import Silent
@@ -27,11 +27,11 @@ from .request import Validation
 class _AtUpdate:
     """The model with its current weights; implements `FlowModel`."""
 
-    model: NetworkModel
+    model: FlowModel
     updates: int
 
     def identity(self) -> dict[str, Any]:
-        return {**self.model.identity(), "checkpoint": f"after {self.updates} updates"}
+        return {**model_identity(self.model), "checkpoint": f"after {self.updates} updates"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         flow = self.model.predict(frame1, frame2)
@@ -43,7 +43,7 @@ class _AtUpdate:
         return flow
 
 
-def validator(model: NetworkModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
+def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
     """Return a function that takes the number of updates and returns the model's scores on a benchmark: `epe` on clean
     frames, and `cre` and `rcre` if corruptions are given, in pixels.
 

@@ -65,6 +65,14 @@ def test_bit_equal_to_the_library(library, capsys, name):
 
 
 @pytest.mark.torch
+def test_craft_predicts_in_mixed_precision(library):
+    pair = textured_pair(121, 125)
+    half = load_model("craft", checkpoint="random", iterations=2, device="cpu", precision="bf16").predict(*pair)
+    full = adapter("craft").predict(*pair)
+    assert 0 < np.abs(full - half).mean() < 0.05 * np.abs(full).mean()
+
+
+@pytest.mark.torch
 @pytest.mark.parametrize(("name", "smallest"), [("raft", 121), ("gmflownet", 121), ("flowformer", 25)])
 def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
     model = adapter(name)

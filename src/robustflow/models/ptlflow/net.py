@@ -105,3 +105,19 @@ def _with_own_context(attention: nn.Module, inputs: tuple[Any, ...]) -> tuple[An
     """Repeat each pair's context (N, C, H, W) for its tokens (N * K, H * W, D), so that ptlflow does not tile it."""
     tokens, size, context = inputs
     return tokens, size, context.repeat_interleave(len(tokens) // len(context), dim=0)
+
+
+class CraftNet(PtlflowNet):
+    """CRAFT (Sui et al., CVPR 2022), modified to work in mixed precision as in the authors' code: ptlflow 0.4.2 writes
+    its position biases, which are weights in float32, into an array with the type of the features, and fails."""
+
+    def __init__(self, model: Any) -> None:
+        super().__init__(model, batched=True)
+        for module in model.modules():
+            if type(module).__name__ == "SlidingPosBiases2D":
+                module.register_forward_pre_hook(_in_dtype_of_biases)
+
+
+def _in_dtype_of_biases(module: nn.Module, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+    shape, _, device = inputs
+    return shape, module.biases.dtype, device

@@ -86,11 +86,10 @@ def ptlflow_model(
     """
 
     def wrap(model: Any) -> Any:
-        from .net import FlowFormerPlusPlusNet, PtlflowNet
+        from .net import CraftNet, FlowFormerPlusPlusNet, PtlflowNet
 
-        if architecture == "flowformer_pp":
-            return FlowFormerPlusPlusNet(model)
-        return PtlflowNet(model, architecture in BATCHED)
+        adapted = {"craft": CraftNet, "flowformer_pp": FlowFormerPlusPlusNet}
+        return adapted[architecture](model) if architecture in adapted else PtlflowNet(model, architecture in BATCHED)
 
     return ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
 
