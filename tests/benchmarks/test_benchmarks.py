@@ -213,6 +213,15 @@ def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
         load_benchmark("sintel", kitti)
 
 
+def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(kitti, tmp_path):
+    damaged = shutil.copytree(kitti, tmp_path / "kitti")
+    (damaged / "training" / "image_2" / "000000_11.png").unlink()
+    for name in ("kitti-fc", "kitti2015"):
+        with pytest.raises(DataError, match="000000") as caught:
+            load_benchmark(name, damaged)
+        assert "looks like" not in str(caught.value)
+
+
 def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
     (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
     for path, match in (

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..datasets import DATASETS, dataset_facts
-from ..datasets.guess import benchmark_of_folder
+from ..datasets.guess import benchmark_of_folder, different_benchmark
 from ..datasets.own_depth import OwnDepth
 from ..errors import DataError, UsageError, unknown_name
 from ..layout import user_path
@@ -112,8 +112,8 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
     try:
         return _opened(name, root, chosen, options, reserved)
     except DataError as error:
-        fitting = benchmark_of_folder(root) if root is not None else None
-        if fitting is None or fitting == name:
+        fitting = different_benchmark(root, name) if root is not None else None
+        if fitting is None:
             raise
         raise DataError(f"{error}; this folder looks like the data of --benchmark {fitting}") from error
 

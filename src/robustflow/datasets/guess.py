@@ -16,6 +16,15 @@ _MARKS = {
 }
 """For each benchmark, paths that exist only in its folder."""
 
+_ALSO_READ_BY = {"kitti-fc": ("kitti2015", "kitti_multiview", "kitti_fc_released"), "gopro-fc": ("gopro_fc_prepared",)}
+"""Datasets that read the folder of a benchmark, too."""
+
+
+def different_benchmark(root: Path, name: str) -> str | None:
+    """Return the benchmark whose layout matches a folder; None if `name` reads this layout, or if none matches."""
+    fitting = benchmark_of_folder(root)
+    return None if fitting is None or name in (fitting, *_ALSO_READ_BY.get(fitting, ())) else fitting
+
 
 def benchmark_of_folder(root: Path) -> str | None:
     """Return the benchmark whose layout matches a folder, or None.

@@ -111,8 +111,8 @@ class CorruptionTransform:
             New arrays with the container, shape and dtype of the input. Corruptions operate on 8-bit values, so the
             values of float images become multiples of 1/255; if no corruption is applied, images are returned
             unchanged. Grey images remain grey: they are corrupted as RGB images with equal channels. If the corruption
-            treats all channels alike, one of them is returned; for saturate, spatter, frost and psf_blur, the luma
-            (BT.601) is returned.
+            treats all channels alike, one of them is returned; otherwise (saturate, spatter, frost, psf_blur,
+            raw_noise, your own), the luma (BT.601) is returned.
 
         Raises:
             DataError: the images have an unsupported dtype (16 bits, float64) or shape, or their sizes differ, or a
