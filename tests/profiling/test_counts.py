@@ -15,7 +15,7 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
 from robustflow.profiling.counts import count
 from robustflow.profiling.measure import measure_prediction
-from robustflow.profiling.network_of import network_of
+from robustflow.profiling.network_of import count_prediction, network_of
 from robustflow.profiling.paper import EveryFlow
 from robustflow.runs.costs import COUNTED_SIZE
 
@@ -127,6 +127,9 @@ def test_only_networks():
     tiled = load_model("arflow", checkpoint="random", device="cpu", tile="64x128")
     assert isinstance(tiled, TiledModel)
     assert network_of(tiled) is tiled.model
+    whole, cost = count_prediction(tiled.model, 64, 128), count_prediction(tiled, 100, 200)
+    assert (cost.macs, cost.thop_macs) == (4 * whole.macs, 4 * whole.thop_macs)
+    assert (cost.parameters, cost.thop_parameters) == (whole.parameters, whole.thop_parameters)
 
 
 def test_a_prediction_is_timed():

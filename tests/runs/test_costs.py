@@ -157,3 +157,5 @@ def test_only_the_model_of_the_run(runs):
         check_profiled_model(runs[0], {"name": "two"})
     with pytest.raises(UsageError, match="its iterations is null, but the given model has 24"):
         check_profiled_model(runs[0], {"name": "one", "iterations": 24})
+    with pytest.raises(UsageError, match=r"its tile is null, but the given model has \[432, 960\]"):
+        check_profiled_model(runs[0], {"name": "one", "tile": [432, 960]})

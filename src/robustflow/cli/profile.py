@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -84,10 +84,10 @@ def _print_model(
 ) -> "tuple[Counts, PredictionCost | None]":
     from ..models import ModelSpec
     from ..models.catalog import entries_of, methods
+    from ..models.tiling import TiledModel
     from ..models.torch.find_checkpoint import RANDOM
-    from ..profiling.counts import count
     from ..profiling.measure import measure_prediction
-    from ..profiling.network_of import network_of
+    from ..profiling.network_of import count_prediction, network_of
     from ..runs.costs import RunCost, check_profiled_model, write_cost
     from ..runs.run import Run
     from ..size import parse_size
@@ -101,13 +101,16 @@ def _print_model(
         asked["iterations"] = iterations
     if repeat < 0:
         raise UsageError(f"--repeat {repeat}: give 1 or more, or 0 for no timing")
-    model = network_of(ModelSpec(name, tuple(asked.items())).load())
+    model: Any = ModelSpec(name, tuple(asked.items())).load()
+    network = network_of(model)
     if run is not None:
         check_profiled_model(run, model.identity())
-    fitted = model.convention.fitted_size(height, width)
-    counts = count(model.net, *fitted)
-    rounds = model.identity().get("iterations")
+    tiles, each = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
+    fitted = network.convention.fitted_size(*each)
+    counts = count_prediction(model, height, width)
+    rounds = network.identity().get("iterations")
     about = f"{name}, frames of {height}x{width}, network input 1x3x{fitted[0]}x{fitted[1]}"
+    about += f", {tiles} tiles" if tiles > 1 else ""
     typer.echo(about + (f", {rounds} iterations" if rounds else ""))
     typer.echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
     typer.echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")

@@ -105,6 +105,17 @@ class TiledModel:
         """Return the identity of the wrapped model with the tile size."""
         return {**model_identity(self.model), "tile": list(self._tile), "overlap": OVERLAP, "sigma": SIGMA}
 
+    def tiles(self, height: int, width: int) -> tuple[int, tuple[int, int]]:
+        """Return the number of tiles of a frame of this size, and the size (height, width) of a tile, in pixels.
+
+        >>> TiledModel(object(), "40x48").tiles(60, 100)
+        (6, (40, 48))
+        """
+        rows, columns = (
+            len(tile_origins(max(side, tile), tile)) for side, tile in zip((height, width), self._tile, strict=True)
+        )
+        return rows * columns, (self._tile[0], self._tile[1])
+
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Predict a flow as in `FlowModel.predict`."""
         return self.predict_batch([frame1], [frame2])[0]

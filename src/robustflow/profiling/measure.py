@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from ..errors import UsageError
+from ..models.tiling import TiledModel
 from ..models.torch.model import NetworkModel
 
 
@@ -30,7 +31,7 @@ class PredictionCost:
     device: str
 
 
-def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
+def measure_prediction(model: NetworkModel | TiledModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
     """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first.
 
     Raises:

@@ -1,13 +1,15 @@
-"""Find the PyTorch network inside a model."""
+"""Find the PyTorch network inside a model, and count the cost of the model's predictions."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from ..errors import UsageError
 from ..models.tiling import TiledModel
 from ..models.torch.clip_model import TorchClipModel
 from ..models.torch.model import NetworkModel
+from .counts import Counts, count
 
 
 def network_of(model: Any) -> NetworkModel:
@@ -28,3 +30,16 @@ def network_of(model: Any) -> NetworkModel:
             "robustflow list models shows with the source own, ptlflow or torchvision"
         )
     return model
+
+
+def count_prediction(model: Any, height: int, width: int) -> Counts:
+    """Count the cost of one prediction on frames of this size, over all tiles if the model predicts in tiles.
+
+    Raises:
+        UsageError: see `network_of`.
+        ModelError: the network fails at this size.
+    """
+    network = network_of(model)
+    tiles, size = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
+    one = count(network.net, *network.convention.fitted_size(*size))
+    return replace(one, macs=tiles * one.macs, thop_macs=tiles * one.thop_macs)

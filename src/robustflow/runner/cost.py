@@ -27,15 +27,13 @@ def keep_cost(run: Run, model: Any) -> None:
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
         # if PyTorch is not loaded, the model cannot be a network; importing it would take longer than a small run
         return
-    from ..profiling.counts import count
-    from ..profiling.network_of import network_of
+    from ..profiling.network_of import count_prediction, network_of
 
     try:
-        network = network_of(model)
-        counts = count(network.net, *network.convention.fitted_size(*COUNTED_SIZE))
+        counts = count_prediction(model, *COUNTED_SIZE)
     except RobustFlowError:
         return  # not a network, or its cost cannot be determined at this size
     height, width = COUNTED_SIZE
     identity = run.manifest.identity_digest
-    rounds = network.identity().get("iterations")
+    rounds = network_of(model).identity().get("iterations")
     write_cost(run, RunCost(run=identity, height=height, width=width, iterations=rounds, **asdict(counts)))

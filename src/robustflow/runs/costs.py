@@ -25,7 +25,6 @@ _COMMAND = "profile MODEL --into RUN"
 
 _NOT_COMPARED = {
     *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
-    *("tile", "overlap", "sigma"),
 }
 """Parts of a model's identity that do not affect its cost, or that follow from its name."""
 
