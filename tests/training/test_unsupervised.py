@@ -109,8 +109,11 @@ def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
             path.touch()
     text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
     assert "30 pairs x 1, 100.0 % of an epoch; stretched to the crop, flips, half of the pairs swapped" in text
-    text = plan_text(load_recipe("raft", "chairs").changed(mix="kitti_multiview"), DataPlan([tmp_path]))
-    assert "stretched to the crop, flips\n" in text
+    labelled = load_recipe("raft", "chairs")
+    text = plan_text(labelled.changed(mix="kitti_multiview"), DataPlan([tmp_path]))
+    assert "kitti_multiview has no ground truth to train on; choose a different mix" in text
+    (tmp_path / "mix.toml").write_text('parts = [{data = "motorcycle", augmentation = "stretched", flip = true}]')
+    assert "stretched to the crop, flips\n" in plan_text(labelled.changed(mix=str(tmp_path / "mix.toml")), DataPlan())
 
 
 @pytest.mark.parametrize("stage", ["raw", "unsupervised"])
