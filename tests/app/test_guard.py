@@ -8,7 +8,8 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,11 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predictin
         clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
         assert any(scratch.rglob("clip.mp4")), "a clip is decoded on demand"
+        for path in ("/preview", "/upload"):  # a page that is closed while it sends
+            half = {"Cookie": running.cookie, "Origin": f"http://{running.host}", "Content-Length": "100"}
+            with closing(HTTPConnection(running.host)) as page:
+                page.request("POST", path, b"-", half | {"Content-Type": "multipart/form-data; boundary=x"})
+        assert running.ask("GET", "/choices")[0] == 200
         if predicting:
             stack.enter_context(running.model_does("wait"))
             stack.enter_context(running.waiting_preview(SCRIPTED)).getresponse().readline()

@@ -15,7 +15,7 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.formparsers import MultiPartException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
@@ -79,6 +79,7 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
         ValidationError: _refused,
         MultiPartException: _refused,
         HTTPException: _refused,
+        ClientDisconnect: _refused,  # the page was closed while it sent
         Exception: _failed,
     }
     return Starlette(routes=[*pages, *routes], exception_handlers=handlers)
