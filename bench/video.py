@@ -73,7 +73,7 @@ def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Encoding) -> Callabl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=48)
+    parser.add_argument("--frames", type=int, default=48, help="at least 32")
     parser.add_argument("--preset", default="veryslow")
     parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"))
     args = parser.parse_args()

@@ -31,7 +31,7 @@ SMALL = {
     "shapes": ("--pairs 2 --size 64x96", r"2 pairs of 64x96: \d+\.\d per second of CPU time"),
     "site": ("--models 3 --loads 1", r"with 3 more models +\d\.\d\d"),
     "training_memory": ("tiny", re.escape(TINY)),
-    "video": ("--frames 24 --preset ultrafast", r"object motion blur \(5 severities\) +\d+\.\d"),
+    "video": ("--frames 32 --preset ultrafast", r"object motion blur \(5 severities\) +\d+\.\d"),
 }
 """Arguments for a small run of each script, and a pattern of its results."""
 PARTS = {"gpu_sections", "reference_corruptions", "synthetic_runs"}

@@ -40,6 +40,7 @@ from robustflow.training.request import Checkpoints, DataPlan, Validation  # noq
 from robustflow.training.session import run_training  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
+from ..runner.processes import descendants  # noqa: E402
 from .progress import (  # noqa: E402
     ONE_THREAD,
     StopAfter,
@@ -96,6 +97,26 @@ def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
     assert process.wait() == 0
     assert kills >= 5
     assert_same_training(whole.output, killed.output)
+
+
+@pytest.mark.slow
+def test_a_killed_training_ends_the_loader_process_that_it_was_starting(request_for, tmp_path):
+    """PyTorch's worker looks for a change of parent only after it has imported everything."""
+    command = training_command(request_for(loaders=1), tmp_path)
+    process = subprocess.Popen(command, env=ONE_THREAD, stderr=subprocess.DEVNULL)
+    while not (started := [pid for pid, line in descendants(process.pid).items() if "spawn_main" in line]):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    worker, deadline = Path(f"/proc/{started[0]}"), time.monotonic() + 60
+    try:
+        while worker.exists() and time.monotonic() < deadline:
+            time.sleep(0.2)
+        assert not worker.exists()
+    finally:
+        if worker.exists():
+            os.kill(started[0], signal.SIGKILL)
 
 
 def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):

@@ -134,7 +134,7 @@ def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
     small = {"batch": 1, "crop": (128, 192), "mix": mix(tmp_path, MIXES["arflow"], "middlebury")}
     whole = {**raw.objective.model_dump(), "census_from": 1.0}
     first = Request(
-        raw.changed(steps=90, learning_rate=1e-3, objective=whole, **small),
+        raw.changed(steps=120, learning_rate=1e-3, objective=whole, **small),
         DataPlan([one_pair(shared("data/middlebury"), "Hydrangea", tmp_path / "data")], loaders=0),
         tmp_path / "raw",
         start="random",

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -125,7 +128,7 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> G
         num_workers=workers,
         collate_fn=_collated,
         multiprocessing_context="spawn" if workers else None,
-        worker_init_fn=_quiet_worker,
+        worker_init_fn=_start_worker,
         prefetch_factor=4 if workers else None,
     )
     with safe_path():
@@ -198,9 +201,17 @@ def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
     )
 
 
-def _quiet_worker(number: int) -> None:
+def _start_worker(number: int) -> None:
+    # PyTorch notices only a parent that ends after this call, so a worker would outlive one that was killed before.
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     # Ctrl-C and a scheduler's signals reach every process of a training run; the main process decides when to stop.
     for sent in (signal.SIGINT, signal.SIGTERM):
         signal.signal(sent, signal.SIG_IGN)
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
+
+
+def _end_with_parent() -> None:
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
