@@ -14,7 +14,6 @@ from robustflow.analysis.exclusion import clean_epe, exclusion_reasons, reasons_
 from robustflow.analysis.run_results import run_results
 from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
-from robustflow.cli.compare import compare
 from robustflow.experiments.arms import PLAIN, arms
 from robustflow.experiments.effects import left_out
 from robustflow.testing import ConstantFlow
@@ -128,18 +127,17 @@ def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measur
 
 
 @pytest.mark.parametrize("format", ["terminal", "markdown"])
-def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
-    options = {"level": 0.95, "resamples": 199, "seed": 0, "metric": None, "output": None, "as_json": False}
-    compare([run.path for run in measured.values()], format=format, **options)
-    out = " ".join(capsys.readouterr().out.split())
+def test_compare_ranks_no_excluded_run_and_says_why(measured, robustflow, format):
+    options = ("--resamples", 199, "--format", format)
+    out = " ".join(robustflow.prints("compare", *(run.path for run in measured.values()), *options).split())
     ranking, _, rest = out.partition("possible ranks: ranks consistent")
     assert "1 x DIS" in ranking
     assert "0.9 x DIS" in ranking
     assert "0.1 x DIS" not in ranking
     assert "ConstantFlow" not in ranking
     assert "Not ranked: 0.1 x DIS, because its clean EPE of" in rest
-    compare([measured[name].path for name in ("dis", "tenth")], format=format, **options)
-    assert "Not ranked: 0.1 x DIS, because" in " ".join(capsys.readouterr().out.split())
+    of_two = robustflow.prints("compare", *(measured[name].path for name in ("dis", "tenth")), *options)
+    assert "Not ranked: 0.1 x DIS, because" in " ".join(of_two.split())
 
 
 def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(base):

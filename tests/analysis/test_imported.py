@@ -12,7 +12,6 @@ import pytest
 from robustflow.analysis.imported import NOTE, read_imported
 from robustflow.analysis.imported.flowbench_attacks import FLAGS, read_stored_attacks
 from robustflow.analysis.results_file import parse_results, read_results, results_csv
-from robustflow.cli.report import report
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
 from robustflow.records.audit import audit
@@ -240,10 +239,9 @@ def test_the_audit_counts_the_rows_beyond_their_budget(tmp_path):
     assert "perturbation 0.1768 (rms), budget 0.05" in found.findings[0].message
 
 
-def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, capsys):
+def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, robustflow):
     path = _write(tmp_path, {"experiments": [_pcfa(0.1768, model="<b>\x1b[1m")]}, "metrics_kitti-2015.json")
-    report([path], format="markdown")
-    text = capsys.readouterr().out
+    text = robustflow.prints("report", path, "--format", "markdown")
 
     assert "Imported, not verifiable" in text
     assert FLAGS["beyond_budget"] in text

@@ -77,10 +77,8 @@ def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows
     }
 
 
-def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real_pictures):
-    from robustflow.cli.report import report
-
-    report([both.path], table="security", format="csv", output=tmp_path / "curves.csv")
+def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real_pictures, robustflow):
+    robustflow.prints("report", both.path, "--table", "security", "-f", "csv", "-o", tmp_path / "curves.csv")
     lines = pl.read_csv(tmp_path / "curves.csv")
     with real_pictures():
         both.write_summary()

@@ -8,6 +8,7 @@ import pytest
 from robustflow.api import evaluate, load_run
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA
 from robustflow.records.pack import record_bytes
+from robustflow.report.attack_table import attack_tables
 
 from .forge import assert_fails, at, failure, verified, with_json, with_rows
 
@@ -26,6 +27,18 @@ def attacked_run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def attacked(attacked_run) -> bytes:
     return record_bytes(attacked_run)
+
+
+def test_runs_of_attacks_alone_are_packed_and_compared_in_a_table(tmp_path):
+    runs = [
+        evaluate("dis", "shapes", output=tmp_path / str(number), attacks="random_patch", severities=number,
+                 data_options={"pairs": number, "size": "32x48"})
+        for number in (1, 2)
+    ]  # fmt: skip
+    assert verified(record_bytes(runs[0])).ok
+    (table,) = attack_tables("security", runs, 0)
+    assert "1 pair, severity 1" in table.remarks[-1]
+    assert "2 pairs, severity 2" in table.remarks[-1]
 
 
 def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):

@@ -126,10 +126,11 @@ class Reader:
         return f"run {digest}"
 
     def _check_extent(self) -> None:
-        """Check that at least one corruption of one sample is planned, and that a record can contain all rows."""
+        """Check that at least one corruption or attack of one sample is planned, and that a record can contain all
+        rows."""
         selection = self.plan.selection
-        if not (self.plan.samples and selection.corruptions and selection.severities):
-            raise DataError("manifest.json: samples, corruptions and severities must each have at least 1 entry")
+        if not (self.plan.samples and (selection.corruptions or selection.attacks) and selection.severities):
+            raise DataError("manifest.json: samples, corruptions or attacks, and severities must have at least 1 entry")
         conditions = len(selection.corruptions) + len(selection.attacks)
         planned = len(self.plan.samples) * (1 + conditions * len(selection.severities))
         if planned > MOST_ROWS:

@@ -84,6 +84,9 @@ def draw_example(
         RunError: the frames or flows differ from those of the run, or the attack cannot be repeated.
     """
     cell, rows = (key, corruption, severity), run.rows
+    known = [*rows["corruption"].unique().sort(), *run.attacks]
+    if corruption not in known:
+        raise unknown_name("corruption of this run", corruption, known)
     if corruption in run.attacks:
         rows = run.attack_rows
         _row(rows, cell)

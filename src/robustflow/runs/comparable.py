@@ -234,7 +234,7 @@ def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
         else:
             more = sorted(names - everywhere)
             words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
-        levels = run.summary.severities()
+        levels = run.summary.severities() or run.manifest.selection.severities  # a run of attacks alone has no means
         words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
         words["complete"] = "every planned row" if run.summary.complete else "rows missing"
         out.append({name: plain(value, 120) for name, value in words.items()})
