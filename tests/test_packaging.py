@@ -127,7 +127,7 @@ def test_wheel_and_source_hold_every_file_and_run(tmp_path):
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert packed == package
     assert "robustflow/py.typed" in packed
-    assert wheel.stat().st_size < 4 << 20
+    assert wheel.stat().st_size < 7 << 20  # the three networks take 4.6 MB
     with tarfile.open(source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"constraints.txt", "LICENSE", "README.md", "docs/add-your-model.md", "tests/test_guides.py"} <= names
