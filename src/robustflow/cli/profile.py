@@ -56,9 +56,9 @@ def profile(
     """
     from ..extras import require
 
-    require("torch", "profiling")
     if paper:
         refuse_unused(context, set(context.params) - {"paper", "models"}, "with --paper")
+    require("torch", "profiling")
     if paper and models:
         raise UsageError("--paper profiles the paper's models; omit the model")
     if paper:

@@ -112,6 +112,8 @@ def train(
     from ..extras import require
     from ..size import parse_size
 
+    if corrupt is None:
+        refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
     require("torch", "training")
     from ..training.recipe import is_own, load_recipe, takes_iterations
 
@@ -134,8 +136,6 @@ def train(
     from ..training.data.find import needs_data
     from ..training.request import Checkpoints, DataPlan, Request, Validation
 
-    if corrupt is None:
-        refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
     reading = DataPlan(data or [], _corruptions(corrupt), corrupt_probability, skip_bad, loaders)
     if plan:
         from ..training.plan import plan_text
