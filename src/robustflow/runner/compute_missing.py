@@ -59,7 +59,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     seconds = dict(manifest.seconds)
     places = dict(manifest.places)
     start = time.perf_counter()
-    with closing(engine.compute(job, units)) as computed:  # Ctrl-C while it ends is not ignored
+    with closing(engine.compute(job, units)) as computed:  # an error while the engine ends is raised, not just printed
         for done in computed:
             folder.write_rows(done.unit, done.rows)
             left[done.unit.key] -= 1
