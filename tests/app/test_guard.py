@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import socket
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from robustflow.app.guard import Guard
 from robustflow.app.upload_folder import UploadFolder
 from robustflow.cli.main import main
 
@@ -61,6 +63,20 @@ def test_another_host_is_not_answered(app, host):
         assert "set-cookie" not in headers
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "127.0.0.1:80"])
+def test_guard_on_port_80_answers_hosts_that_omit_it(host):
+    """Browsers omit the default port in the headers Host and Origin."""
+    sent = []
+
+    async def send(message):
+        sent.append(message)
+
+    headers = [(b"host", host.encode()), (b"origin", f"http://{host}".encode())]
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"token=secret", "headers": headers}
+    asyncio.run(Guard(None, "secret", 80)(scope, None, send))
+    assert sent[0]["status"] == 303
+
+
 @pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "https://{host}", "http://{host}.evil.example"])
 @pytest.mark.parametrize("path", ["/preview", "/upload"])
 def test_a_post_from_elsewhere_is_refused(app, path, origin):
@@ -103,7 +119,8 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predictin
             half = {"Cookie": running.cookie, "Origin": f"http://{running.host}", "Content-Length": "100"}
             with closing(HTTPConnection(running.host)) as page:
                 page.request("POST", path, b"-", half | {"Content-Type": "multipart/form-data; boundary=x"})
-        assert running.ask("GET", "/choices")[0] == 200
+        malformed = running.ask("POST", "/upload", b"x", content_type="multipart/form-data; boundary=b")
+        assert malformed[0] == 400
         if predicting:
             stack.enter_context(running.model_does("wait"))
             stack.enter_context(running.waiting_preview(SCRIPTED)).getresponse().readline()

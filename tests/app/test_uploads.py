@@ -114,6 +114,12 @@ def test_too_little_or_no_video(app, files):
     assert answer["error"]
 
 
+def test_upload_with_a_name_longer_than_a_file_system_allows_is_read(app):
+    status, found = app.upload(frame1=("🙂" * 79 + ".png", _png(FRAME)), frame2=("b.png", _png(OTHER)))
+    assert (status, found["pairs"]) == (200, 1)
+    assert found["name"].endswith("🙂.png, b.png")
+
+
 @pytest.mark.parametrize("name", ["../../../etc/cron.d/x.png", "C:\\windows\\x.png", "/abs/x.png", "..\\..\\x.png"])
 def test_a_name_is_not_a_path(app, name):
     status, found = app.upload(frame1=(name.replace("\\", "\\\\"), _png(FRAME)), frame2=("b.png", _png(OTHER)))

@@ -239,7 +239,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     assert refused == [], "the browser logs only the refused request"
 
 
-def test_frames_dropped_on_the_page(opened, app):
+def test_frames_dropped_on_the_page_are_in_natural_order(opened, app):
     seen = opened()
     page = seen.page
     frame = np.random.default_rng(2).integers(0, 255, (64, 96, 3)).astype(np.uint8)
@@ -249,10 +249,10 @@ def test_frames_dropped_on_the_page(opened, app):
             for (const [name, bytes] of files) carried.items.add(new File([new Uint8Array(bytes)], name));
             return carried;
         }""",
-        [["2.png", list(_png(frame))], ["1.png", list(_png(frame))]],
+        [["10.png", list(_png(frame))], ["9.png", list(_png(frame))]],
     )
     page.dispatch_event("#results", "drop", {"dataTransfer": carried})
-    expect(page.locator("#shown")).to_have_text("1.png, 2.png")
+    expect(page.locator("#shown")).to_have_text("9.png, 10.png")
     expect(page.locator("#status")).to_contain_text("predicted")
     _clean(seen, app)
 

@@ -81,8 +81,10 @@ class Guard:
         return None
 
     def _is_this_server(self, host: str) -> bool:
-        name, colon, port = host.rpartition(":")
-        if not colon or port != str(self._port):
+        name, _, port = host.rpartition(":")
+        if not port.isdigit():
+            name, port = host, "80"  # browsers omit the default port
+        if port != str(self._port):
             return False
         name = name.lower()
         if name in ("localhost", "127.0.0.1", "[::1]"):

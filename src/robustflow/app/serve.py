@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import secrets
 import signal
@@ -63,6 +64,8 @@ def serve(
     token = secrets.token_urlsafe(24)
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
+    # a malformed upload is answered on the page; without a handler, its parser would also print to the terminal
+    logging.getLogger("python_multipart").addHandler(logging.NullHandler())
     sources, queue, uploads = SourceStore(), PredictionQueue(), UploadFolder()
     guarded = Guard(build(Models(given), sources, queue, uploads), token, number, (host or "") if others else "")
     config = uvicorn.Config(

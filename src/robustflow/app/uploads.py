@@ -31,6 +31,9 @@ MAX_PIXELS = 3840 * 2160
 
 MAX_CLIP_FRAMES = 3000
 
+_LONGEST_NAME = 200
+"""Number of bytes kept of a file name, from its end; file systems allow 255."""
+
 TRUTH_SUFFIXES = (".flo", ".png", ".pfm")
 
 
@@ -121,7 +124,8 @@ def _clip(file: UploadFile, folder: Path) -> PairSource:
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:
     """Store the file under the last component of the name that the browser sent."""
     name = PureWindowsPath(PurePosixPath(file.filename or "").name).name
-    name = "".join(c for c in name if c.isprintable() and c not in '<>:"|?*')[-80:].lstrip(".") or "unnamed"
+    name = "".join(c for c in name if c.isprintable() and c not in '<>:"|?*')
+    name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(".") or "unnamed"
     suffix = Path(name).suffix.lower()
     if suffix not in suffixes:
         raise UsageError(f"{name}: not {what} ({', '.join(suffixes)})")

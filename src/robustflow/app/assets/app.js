@@ -232,10 +232,11 @@ function chosenFrames() {
 }
 
 function dropped(files) {
-  const kind = (pattern) => files.filter((file) => pattern.test(file.name)).sort((a, b) => (a.name < b.name ? -1 : 1));
-  const flows = kind(/\.(flo|pfm)$/i);
-  const clips = kind(new RegExp(`(${$("clip").accept.replaceAll(".", "\\.").replaceAll(",", "|")})$`, "i"));
-  const pictures = files.filter((file) => !flows.includes(file) && !clips.includes(file)).sort((a, b) => (a.name < b.name ? -1 : 1));
+  files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));  // frame 9 before frame 10
+  const flows = files.filter((file) => /\.(flo|pfm)$/i.test(file.name));
+  const videos = $("clip").accept.split(",");
+  const clips = files.filter((file) => videos.some((suffix) => file.name.toLowerCase().endsWith(suffix)));
+  const pictures = files.filter((file) => !flows.includes(file) && !clips.includes(file));
   if (clips.length === 1 && files.length === 1) return upload({ clip: clips[0] });
   if (pictures.length === 2 && flows.length <= 1) {
     return upload({ frame1: pictures[0], frame2: pictures[1], ...(flows.length ? { truth: flows[0] } : {}) });
