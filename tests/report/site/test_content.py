@@ -8,7 +8,7 @@ import re
 import polars as pl
 import pytest
 
-from robustflow.analysis.results_file import parse_results
+from robustflow.analysis.results_file import parse_results, results_csv
 from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
@@ -30,13 +30,21 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     one, two = _file("OOD,A,epe,average,1.00,\n"), _file("OOD,A,epe,average,2.00,\n")
     content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
     boards = {board.benchmark: board for board in content.boards}
-    assert [(section.title, section.lines[0].result.frames) for section in boards["kitti-fc"].sections] == [
-        ("From one.csv", "file 1"),
-        ("From two.csv", "file 2"),
-        ("Published values", "paper"),
-    ]
+    titles = [section.title for section in boards["kitti-fc"].sections]
+    assert titles == ["From one.csv", "From two.csv", "Published values"]
     assert "1 pair of the demo" in boards["demo"].sections[0].title
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "is not a learned method"),)
+
+
+def test_results_file_written_by_a_leaderboard_stays_apart_from_other_files():
+    """The leaderboard names the sample set of a file that names none; no other file gets the same name."""
+    (written,) = whole_content([], [("a.csv", _file("OOD,A,epe,average,1.00,\n"))], published=False).lines
+    again = parse_results(results_csv([written]), "results.csv", "file")
+    content = whole_content(
+        [], [("b.csv", _file("OOD,B,epe,average,2.00,\n")), ("results.csv", again)], published=False
+    )
+    (board,) = content.boards
+    assert [[line.label for line in section.lines] for section in board.sections] == [["B"], ["A"]]
 
 
 def test_what_was_measured_comes_before_what_was_published(small_run, many_images):

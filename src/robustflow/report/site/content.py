@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, count
@@ -13,9 +14,10 @@ from ...analysis.exclusion import exclusion_reasons
 from ...analysis.labels import benchmark_words
 from ...analysis.model_result import ModelResult, ValueKey, merged
 from ...analysis.published.tables import PAPER, published_results
-from ...analysis.results_file import FILE
+from ...analysis.results_file import FILE, results_csv
 from ...analysis.run_results import comparison_notes, run_results
 from ...analysis.uncertainty.of_runs import interval_ends
+from ...digest import digest_of_bytes
 from ...errors import UsageError
 from ...runs.comparable import sample_set
 from ...text import plain
@@ -122,8 +124,9 @@ def _content(
         notes = [note_of_run[id(run)] for run in group]
         titles[frames] = f"Measured here: {notes[0] or 'the frames of the paper'}"
         lines += run_results(group, beside, notes, detailed)
-    for index, (name, read) in enumerate(files, 1):
-        here = f"file {index}"
+    for name, read in files:
+        # named after its values, so that a results file written from this page does not share the name of another file
+        here = f"file {digest_of_bytes(results_csv(read).encode(), size=4)}"
         lines += (replace(line, frames=here) if line.frames == FILE else line for line in read)
         titles[here] = f"From {plain(name)}"
     lines = merged([*lines, *(published_results() if published else ())])
@@ -147,12 +150,14 @@ def page_ids(lines: Iterable[ModelResult]) -> dict[ModelResult, str]:
     """
     ids: dict[ModelResult, str] = {}
     of_key: dict[tuple[str, str], str] = {}
+    used: set[str] = set()
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: count(2))
     for line in lines:
         if line.key not in of_key:
             words = line.name.replace("+", " plus ").lower()
             stem = re.sub(r"[^a-z0-9]+", "-", words)[:_LONGEST_ID].strip("-") or "model"
-            slugs = chain([stem], (f"{stem}-{number}" for number in count(2)))
-            used = set(of_key.values())
+            slugs = chain([stem], (f"{stem}-{number}" for number in numbers[stem]))
             of_key[line.key] = next(slug for slug in slugs if slug not in used)
+            used.add(of_key[line.key])
         ids[line] = of_key[line.key]
     return ids
