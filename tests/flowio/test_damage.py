@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+import zlib
 from pathlib import Path
 
 import cv2
@@ -116,6 +117,10 @@ def test_hostile_flo5(tmp_path: Path) -> None:
         "is float": lambda file: file.create_dataset("flow", data=FLOW.astype("i4")),
         "no dataset 'flow'": lambda file: file.create_dataset("disparity", data=FLOW),
         "plain dataset": lambda file: file.create_group("flow"),
+        "HDF5 filters": lambda file: file.create_dataset("flow", data=FLOW, compression="lzf"),
+        "inflates to more than its 160 bytes": lambda file: file.create_dataset(
+            "flow", FLOW.shape, "f4", chunks=FLOW.shape, compression="gzip"
+        ).id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(80_000_000))),
         "so it is not a Spring": lambda file: file.__setitem__("flow", h5py.ExternalLink(str(other), "flow")),
     }
     for match, write in cases.items():

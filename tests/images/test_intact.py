@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -33,28 +34,44 @@ def chunk(name: bytes, content: bytes) -> bytes:
     return len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
 
 
-def png_of(rows: bytes, header: bytes) -> bytes:
-    """Encode a PNG with correct checksums from arbitrary row data."""
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+def png_of(header: bytes, *data: bytes) -> bytes:
+    """Encode a PNG with correct checksums from arbitrary compressed data."""
+    parts = (chunk(b"IHDR", header), *(chunk(b"IDAT", part) for part in data), chunk(b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
+@pytest.mark.parametrize("value", [0, 1])
 @pytest.mark.parametrize("interlaced", [False, True])
-def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool) -> None:
+def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool, value: int) -> None:
     path = tmp_path / "a.png"
     header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([8, 2, 0, 0, int(interlaced)])
     sizes = [(1, 1), (1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4)] if interlaced else [(8, 8)]
-    rows = [bytes([0]) + bytes(3 * columns) for columns, count in sizes for _ in range(count)]
-    path.write_bytes(png_of(b"".join(rows), header))
-    assert not read_image(path).any(), "a black row is valid data"
-    path.write_bytes(png_of(b"".join(rows[:-1]), header))
+    rows = [bytes([0]) + bytes([value]) * 3 * columns for columns, count in sizes for _ in range(count)]
+    path.write_bytes(png_of(header, zlib.compress(b"".join(rows))))
+    assert (read_image(path) == value).all()
+    path.write_bytes(png_of(header, zlib.compress(b"".join(rows[:-1]))))
     with pytest.raises(DataError, match=r"ends before its last row"):
         read_image(path)
+
+
+def test_a_png_with_more_data_than_rows_is_not_inflated_to_the_end(tmp_path: Path) -> None:
+    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([8, 2, 0, 0, 0])
+    stream = zlib.compressobj()
+    first = stream.compress(bytes(201)) + stream.flush(zlib.Z_FULL_FLUSH)  # one byte more than the rows
+    second = stream.compress(bytes(20_000_000)) + stream.flush()
+    (tmp_path / "a.png").write_bytes(png_of(header, first, second))
+    tracemalloc.start()
+    try:
+        assert not read_image(tmp_path / "a.png").any()
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([16, 2, 0, 0, 0])
-    path.write_bytes(png_of(b"".join(bytes([0]) + bytes([1] * 48) for _ in range(6)), header))
+    path.write_bytes(png_of(header, zlib.compress((bytes([0]) + bytes([1] * 48)) * 6)))
     with pytest.raises(DataError, match=r"ends before its last row|cannot be decoded"):
         read_flow(path)
 
@@ -151,7 +168,7 @@ def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
         parts.append(compress.compress(bytes(1 + 6 * side)))
     rows = b"".join([*parts, compress.flush()])
     header = side.to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    path.write_bytes(png_of(header, rows))
     assert path.stat().st_size < 5_000_000
     with pytest.raises(DataError, match="20000x20000 pixels exceed"):
         read_flow(path)

@@ -150,16 +150,21 @@ def test_writing_refuses_and_leaves_nothing(tmp_path: Path, name: str, image: np
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_stored_size_needs_no_pixel(tmp_path: Path) -> None:
+def test_the_size_needs_no_pixel(tmp_path: Path) -> None:
     Image.fromarray(RGB).save(tmp_path / "a.png")
     whole = (tmp_path / "a.png").read_bytes()
     (tmp_path / "cut.png").write_bytes(whole[: whole.index(b"IDAT") + 6])
-    assert stored_size(tmp_path / "cut.png") == RGB.shape[:2]
+    assert stored_size(tmp_path / "cut.png") == image_size(tmp_path / "cut.png") == RGB.shape[:2]
     exif = Image.Exif()
     exif[0x0112] = 6
     Image.fromarray(RGB).save(tmp_path / "turned.jpg", exif=exif)
     assert stored_size(tmp_path / "turned.jpg") == RGB.shape[:2]
     assert image_size(tmp_path / "turned.jpg") == RGB.shape[1::-1]
+    Image.fromarray(RGB).save(tmp_path / "turned.png", exif=exif)
+    whole = (tmp_path / "turned.png").read_bytes()
+    start, end = whole.index(b"eXIf") - 4, whole.index(b"IDAT") - 4
+    (tmp_path / "behind.png").write_bytes(whole[:start] + whole[end:-12] + whole[start:end] + whole[-12:])
+    assert image_size(tmp_path / "behind.png") == read_image(tmp_path / "behind.png").shape[:2] == RGB.shape[1::-1]
     (tmp_path / "text.png").write_text("text")
     with pytest.raises(DataError, match="cannot be read as an image"):
         stored_size(tmp_path / "text.png")

@@ -7,6 +7,7 @@ vector, as the benchmark does. Source: Mehl et al., CVPR 2023, and `flow_IO` fro
 from __future__ import annotations
 
 import io
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,15 @@ import numpy as np
 
 from ..errors import DataError, first_line
 from ..extras import require
+from ..images.intact import MOST_INFLATED
 from ..sample import Flow, Mask
 from .arrays import claimed_size, known
 
-_INFLATE = 1100
-"""Maximum compression ratio of deflate; a file that claims a higher ratio is damaged."""
+_FILTERS = (1, 2, 3)
+"""HDF5's numbers for deflate, shuffle and the Fletcher checksum."""
+
+_HARMLESS = 2**16
+"""Chunks up to this compressed size, in bytes, cannot inflate to more than 72 MB and are not checked."""
 
 
 def read_flo5(path: Path) -> tuple[Flow, Mask]:
@@ -41,7 +46,7 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
                     f"{path}: contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
                 )
             return _values(h5py, path, file[name], kind, channels)
-    except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
+    except (OSError, RuntimeError, ValueError, KeyError, MemoryError, zlib.error) as error:
         raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
 
 
@@ -66,9 +71,25 @@ def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ..
     needed = node.size * node.dtype.itemsize
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
-    if max(needed, chunk) > _INFLATE * stored:
+    if max(needed, chunk) > MOST_INFLATED * stored:
         raise DataError(f"{path}: damaged, claims {needed} bytes but stores {stored}; download it again")
+    if node.chunks:
+        _check_chunks(path, node, chunk)
     return node[()]
+
+
+def _check_chunks(path: Path, node: Any, size: int) -> None:
+    """Reject chunks that inflate to more than `size` bytes; HDF5 would allocate memory for all of it."""
+    recipe = node.id.get_create_plist()
+    filters = [recipe.get_filter(place)[0] for place in range(recipe.get_nfilters())]
+    if len(set(filters)) < len(filters) or not set(filters) <= set(_FILTERS):
+        raise DataError(f"{path}: has HDF5 filters {filters} instead of gzip once; save it again with gzip")
+    large: list[tuple[int, ...]] = []
+    node.id.chunk_iter(lambda chunk: large.append(chunk.chunk_offset) if chunk.size > _HARMLESS else None)
+    for place in large if 1 in filters else ():
+        _, data = node.id.read_direct_chunk(place)
+        if len(zlib.decompressobj().decompress(data, size + 1)) > size:
+            raise DataError(f"{path}: damaged, a chunk inflates to more than its {size} bytes; download it again")
 
 
 def _h5py() -> Any:

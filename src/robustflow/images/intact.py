@@ -17,8 +17,8 @@ import numpy as np
 from ..errors import DataError
 
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_INFLATE = 1100
-"""Deflate cannot compress data by more than 1032:1, so a PNG whose header implies a higher ratio must be damaged."""
+MOST_INFLATED = 1100
+"""Deflate cannot compress data by more than 1032:1, so a file that claims a higher ratio is damaged."""
 
 LARGEST = 2**30
 """Maximum size of an image file and of its inflated data in bytes; the largest supported image needs half as much."""
@@ -46,7 +46,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
         raise DataError(f"{path}: not a PNG file, or truncated; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
-    if width * height * bits * header.channels > 8 * _INFLATE * len(data):
+    if width * height * bits * header.channels > 8 * MOST_INFLATED * len(data):
         raise DataError(
             f"{path}: damaged: {len(data)} bytes are too few for {width}x{height} pixels; copy or download it again"
         )
@@ -68,22 +68,23 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
     """Reject a PNG whose compressed data ends before the last row; decoders would fill the missing rows with zeros.
 
     Args:
-        pixels: the decoded image; the compressed data is inspected only if the last two rows are zero.
+        pixels: the decoded image; the compressed data is inspected only if the image is interlaced or its last row is
+            zero.
     """
-    if pixels[-2:].any():
-        return
     width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
+    if pixels[-1:].any() and not interlaced:
+        return
     depth = bits * _PNG_CHANNELS.get(kind, 0)
     passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
     sizes = [(-(-(width - x) // across), -(-(height - y) // down)) for x, y, across, down in passes]
-    expected = sum(rows * (1 + -(-columns * depth // 8)) for columns, rows in sizes if columns > 0 and rows > 0)
-    inflate, inflated, start = zlib.decompressobj(), 0, 8
-    while start < len(data):
+    missing = sum(rows * (1 + -(-columns * depth // 8)) for columns, rows in sizes if columns > 0 and rows > 0)
+    inflate, start = zlib.decompressobj(), 8
+    while missing and start < len(data):
         length = int.from_bytes(data[start : start + 4], "big")
         if data[start + 4 : start + 8] == b"IDAT":
-            inflated += len(inflate.decompress(data[start + 8 : start + 8 + length], expected + 1 - inflated))
+            missing -= len(inflate.decompress(data[start + 8 : start + 8 + length], missing))
         start += 12 + length
-    if inflated < expected:
+    if missing:
         raise DataError(f"{path}: damaged, the PNG ends before its last row; copy or download it again")
 
 

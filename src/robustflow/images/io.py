@@ -11,11 +11,13 @@ import io
 import struct
 import warnings
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageOps, TiffImagePlugin
+from PIL import Image, ImageOps, PngImagePlugin, TiffImagePlugin
 
 from .. import atomic
 from ..errors import DataError, first_line
@@ -69,19 +71,13 @@ def read_image(path: str | Path) -> Frame:
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return the size (H, W) of the image that `read_image` would return; only the header is read.
+    """Return the size (H, W) of the image that `read_image` would return; pixels are decoded only for a PNG with
+    metadata behind them.
 
     Raises:
-        DataError: the file does not exist or is not an image.
+        DataError: the file does not exist, is not an image, or has a size that Pillow treats as a decompression bomb.
     """
-    path = Path(path)
-    _check_file(path)
-    try:
-        with Image.open(path, formats=_FORMATS) as image:
-            width, height = _stored_size(image)
-            turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
-    except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
+    (height, width), turned = _header(path, _is_turned)
     return (width, height) if turned else (height, width)
 
 
@@ -89,18 +85,9 @@ def stored_size(path: str | Path) -> tuple[int, int]:
     """Return the size (H, W) stored in the header, before the EXIF orientation is applied; no pixels are decoded.
 
     Raises:
-        DataError: the file does not exist, is not an image, or has a size that Pillow treats as a decompression bomb.
+        DataError: see `image_size`.
     """
-    path = Path(path)
-    _check_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the caller decides which sizes are too large
-            with Image.open(path, formats=_FORMATS) as image:
-                width, height = _stored_size(image)
-    except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
-    return height, width
+    return _header(path, lambda image: False)[0]
 
 
 def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
@@ -167,11 +154,38 @@ def png_address(image: Frame) -> str:
     return "data:image/png;base64," + base64.b64encode(png_bytes(image)).decode()
 
 
-def _stored_size(image: Image.Image) -> tuple[int, int]:
-    """Return the width and height in the header; for a TIFF, `image.size` is the size after the rotation."""
-    if isinstance(image, TiffImagePlugin.TiffImageFile):
-        return image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
-    return image.size
+def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple[tuple[int, int], bool]:
+    """Return the stored size (H, W), and whether the image is turned by 90 degrees according to `is_turned`."""
+    path = Path(path)
+    _check_file(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the caller decides which sizes are too large
+            with Image.open(path, formats=_FORMATS) as image:
+                width, height = image.size
+                if isinstance(image, TiffImagePlugin.TiffImageFile):  # `image.size` is the size after the rotation
+                    width, height = image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
+                return (height, width), is_turned(image)
+    except _OF_PILLOW as error:
+        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
+
+
+def _is_turned(image: Image.Image) -> bool:
+    """Whether the EXIF orientation swaps width and height. Pillow decodes a PNG to find metadata behind the pixels."""
+    ends_early = isinstance(image, PngImagePlugin.PngImageFile) and not _has_metadata_behind_pixels(image.fp)
+    exif = Image.Image.getexif(image) if ends_early else image.getexif()
+    return exif.get(0x0112, 1) in (5, 6, 7, 8)
+
+
+def _has_metadata_behind_pixels(png: Any) -> bool:
+    pixels, start, place = False, png.tell(), 8
+    while len(head := png.read(8) if png.seek(place) else b"") == 8:
+        pixels |= head[4:] == b"IDAT"
+        if pixels and head[4:] in (b"eXIf", b"tEXt", b"zTXt", b"iTXt"):
+            break
+        place += 12 + int.from_bytes(head[:4], "big")
+    png.seek(start)
+    return len(head) == 8
 
 
 def _check_file(path: Path) -> None:
