@@ -70,4 +70,4 @@ def add_picture(
     place = TransformedBbox(Bbox.from_bounds(left, below, width, height), figure.dpi_scale_trans)
     figure.add_artist(BboxImage(place, interpolation="antialiased", data=picture))
     above = below + height + 0.3 * size / 72
-    figure.text(left, above, title, fontsize=size, transform=figure.dpi_scale_trans)
+    figure.text(left, above, title, fontsize=size, transform=figure.dpi_scale_trans, parse_math=False)

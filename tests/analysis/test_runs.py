@@ -139,7 +139,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     assert "Over 5 models" in numbers("uncoupled", [*sound, useless])[0][1]
 
     figures = figures_of([*sound, useless], published=False)
-    for name in ("effective_trend_0", "relations_0", "clean_against_cre_0"):
+    for name in ("effective_trend", "relations", "clean_against_cre"):
         assert {mark.model for marks in figures[name].marks.values() for mark in marks} == set(models), name
     content = whole_content([*sound, useless], published=False)
     (group,) = page_figures(content)
@@ -196,9 +196,9 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(r
         assert evidence.cre((run_setting(run), run.name)) == summary.cre
         assert evidence.family_crer((run_setting(run), run.name), "digital") == pytest.approx(summary.crer)
         for name, values in (
-            ("clean_against_cre_0", {"CRE": f"{summary.cre:.2f} px", "CREr": f"{summary.crer:.2f}"}),
-            ("relations_0", {"CRE": f"{summary.cre:.2f} px"}),
-            ("crer_by_family_0", {"class": "Digital", "CREr": f"{summary.families['digital'].crer:.2f}"}),
+            ("clean_against_cre", {"CRE": f"{summary.cre:.2f} px", "CREr": f"{summary.crer:.2f}"}),
+            ("relations", {"CRE": f"{summary.cre:.2f} px"}),
+            ("crer_by_family", {"class": "Digital", "CREr": f"{summary.families['digital'].crer:.2f}"}),
         ):
             marks = (dict(mark.values) for marks in figures[name].marks.values() for mark in marks if mark.values)
             assert any(values.items() <= shown.items() for shown in marks), name

@@ -72,7 +72,7 @@ def test_only_own_figures_beside_the_published_tables(robustflow, runs):
     report = ("report", *runs, "--published", "--only-own")
     assert "RAFT" in robustflow.prints(*report, "-t", "epe", "-f", "csv", "--figures", "figures")
     drawn = {path.stem for path in Path("figures").glob("*.svg")}
-    assert drawn == {"clean_against_cre_0", "severity_rcre", "severity_epe"}
+    assert drawn == {"clean_against_cre", "severity_rcre", "severity_epe"}
     assert "5 models" in robustflow.refuses(*report, "-t", "effective")
     assert robustflow("report", "--published", "--only-own")[0] == 2
 

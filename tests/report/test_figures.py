@@ -290,13 +290,18 @@ def _measured(frames: str, name: str, seed: int = 0) -> ModelResult:
 def test_what_can_be_drawn_is_drawn():
     figures = all_figures([*published_results(), _measured("own", "a")])
     of_means = {"clean_against_cre", "crer_by_family", "relations", "effective_trend"}
-    assert set(figures) == of_means | {"severity_rcre", "severity_epe"}
+    assert set(figures) == of_means | {"severity_rcre_1", "severity_epe_1"}
     assert not all_figures([])
 
 
-def test_severity_curves_of_different_frames_are_different_figures():
-    figures = all_figures([_measured("one", "a", 1), _measured("one", "b", 2), _measured("two", "c", 3)])
-    assert [name for name in figures if name.startswith("severity_rcre")] == ["severity_rcre_1", "severity_rcre_2"]
+def test_figures_of_a_sample_set_have_its_number_in_their_names(monkeypatch):
+    """The first set has no ground truth; a single set has no number."""
+    monkeypatch.setattr(ModelResult, "intervals", {})
+    clip = replace(_measured("clip", "a"), benchmark="gopro-fc")
+    kitti = [replace(line, run=_measured("", "", index).run) for index, line in enumerate(_own("OOD", "OOD"))]
+    assert set(all_figures(kitti)) == {"clean_against_cre", "severity_rcre", "severity_epe"}
+    curves = {f"severity_{metric}_{number}" for metric in ("rcre", "epe") for number in (1, 2)}
+    assert set(all_figures([clip, *kitti])) == {"clean_against_cre_2"} | curves
 
 
 @pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, relations, effective_trend])

@@ -17,7 +17,7 @@ from robustflow.images.io import write_image
 from robustflow.report.gallery.figure import draw_figure
 from robustflow.report.gallery.page import WIDEST, gallery_slider, page_of
 from robustflow.report.gallery.pictures import GalleryCell, gallery
-from robustflow.report.gallery.strip import draw_attacks
+from robustflow.report.gallery.strip import StripColumn, draw_attacks, draw_strip
 from robustflow.sample import Sample
 from robustflow.testing import TexturePairs
 
@@ -90,6 +90,14 @@ def test_the_figure_holds_every_picture_in_its_place(pair):
     one, again = (draw_figure(red, cells[:1], "t", "pdf") for _ in range(2))
     assert one.startswith(b"%PDF")
     assert one == again
+
+
+def test_pictures_show_dollar_signs_of_names_as_text(pair):
+    """A file name and the name of a model; matplotlib reads a pair of dollar signs as a formula, which is invalid."""
+    name = "$x_$^{"
+    assert draw_figure(pair[0], [GalleryCell(name, 1, [pair[0]])], name, "png")[:4] == b"\x89PNG"
+    column = StripColumn(name, pair[0], np.zeros((*pair[0].shape[:2], 2), np.float32))
+    assert draw_strip(Sample("pair", pair), [column], name)[8:12] == b"WEBP"
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,13 @@ def test_latex_of_a_hostile_name_has_no_live_command(name):
     assert text.count(r"\end{tabular}") == 1
 
 
+def test_latex_has_no_ligature_of_dashes_or_commas():
+    text = escape("a--b---c----d,,e,,,f")
+    assert "--" not in text
+    assert ",," not in text
+    assert text.replace("{}", "") == "a--b---c----d,,e,,,f"
+
+
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 def test_latex_compiles(tmp_path):
     parts = [render(build_table(name, published_results()), "latex") for name in TABLES]

@@ -48,22 +48,21 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
     """Draw every figure that can be made from these results, by name. Results that are not ranked appear only in
     figures with one curve per run.
 
-    Results measured on different frames never share a figure: the published values and each sample set have separate
-    figures, and names of the latter contain the number of the set. The user's models on the same frames are drawn
-    together, regardless of their settings.
+    Results measured on different frames never share a figure. Names of figures end with the number of their sample set,
+    from 1, unless there is only one set or the figure shows the published values. The user's models on the same frames
+    are drawn together, regardless of their settings.
     """
     figures: dict[str, Figure] = {}
-    of_results = figures_by_sample_set(ranked(results))
-    for index, (frames, drawn) in enumerate(of_results.items()):
-        suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in of_results else f"_{index}"
-        figures |= {name + suffix: figure for name, figure in drawn.items()}
-    of_runs = by_frames(line for line in results if line.run)
-    for index, lines in enumerate(of_runs.values(), 1):
-        suffix = f"_{index}" if len(of_runs) > 1 else ""
-        rows = {line.name: line.run.rows for line in lines if line.run}
-        for metric in ("rcre", "epe"):
-            with suppress(UsageError):  # too many runs, or no run measured the metric
-                figures[f"severity_{metric}{suffix}"] = severity_curves(rows, metric)
+    sets = by_frames(results)
+    numbers = {frames: number for number, frames in enumerate((frames for frames in sets if frames != PAPER), 1)}
+    suffixes = {frames: f"_{number}" if len(sets) > 1 else "" for frames, number in numbers.items()} | {PAPER: ""}
+    for frames, drawn in figures_by_sample_set(ranked(results)).items():
+        figures |= {name + suffixes[frames]: figure for name, figure in drawn.items()}
+    for frames, lines in sets.items():
+        if rows := {line.name: line.run.rows for line in lines if line.run}:
+            for metric in ("rcre", "epe"):
+                with suppress(UsageError):  # too many runs, or no run measured the metric
+                    figures[f"severity_{metric}{suffixes[frames]}"] = severity_curves(rows, metric)
     return figures
 
 

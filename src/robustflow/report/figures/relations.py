@@ -96,5 +96,5 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
 def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
     xs, ys = (np.array([point[name] for point in points]) for name in (x, y))
     if np.ptp(xs) == 0 or np.ptp(ys) == 0:
-        return "no correlation: one variable is the same for all models"
+        return "no correlation: one variable is constant"
     return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"

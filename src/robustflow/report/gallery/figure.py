@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from ...figure_style import add_picture, default_style
 from ...sample import Frame
+from ...text import plain
 from .pictures import GalleryCell
 
 _WIDTH_IN = 12.0
@@ -38,7 +39,7 @@ def draw_figure(clean: Frame, cells: Sequence[GalleryCell], title: str, form: st
     step = width * ratio + _CAPTION_IN
     height = rows * step + _CAPTION_IN + _GAP_IN
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
-    figure.text(0.006, 1 - _CAPTION_IN / height, title, va="center", fontsize=11)
+    figure.text(0.006, 1 - _CAPTION_IN / height, plain(title, 160), va="center", fontsize=11, parse_math=False)
     absent = clean * 0 + 236
     shown = [("clean", clean)]
     shown += [

@@ -121,12 +121,12 @@ def _float(table: Table, name: str) -> str:
 
 
 def escape(text: str) -> str:
-    """Escape text for LaTeX, leaving double hyphens unchanged.
+    """Escape text for LaTeX. Repeated hyphens and commas are separated, because fonts have ligatures of them.
 
     >>> print(escape("50% of A_1 \\\\input{x}"))
     50\\% of A\\_1 \\textbackslash{}input\\{x\\}
     """
-    return "".join(_letter(c) for c in plain(text, None)).replace("--", "-{}-")
+    return re.sub(r"([-,])(?=\1)", r"\1{}", "".join(map(_letter, plain(text, None))))
 
 
 def _letter(c: str) -> str:
