@@ -98,6 +98,8 @@ def test_plan_without_a_variance_says_so():
         {"effect": float("nan")},
         {"effect": 0.1, "power": 1.0},
         {"effect": 0.1, "level": 0},
+        {"effect": 0.1, "power": 0.05},
+        {"effect": 0.1, "level": 0.1},
     ):
         with pytest.raises(UsageError, match="give a"):
             plan_pairs({"a": one, "b": one}, **wrong)

@@ -1,5 +1,7 @@
 """Corrupted benchmarks are written as files, resumed, and read back with the same rows."""
 
+from dataclasses import replace
+
 import polars as pl
 import pytest
 from typer.testing import CliRunner
@@ -101,6 +103,23 @@ def test_an_export_whose_settings_are_nested_too_deeply_is_refused(kitti, tmp_pa
     (tmp_path / "export.json").write_text("[" * 100_000)
     with pytest.raises(RunError, match="contains a different export"):
         list(export(benchmark, tmp_path))
+
+
+def test_frames_that_were_not_exported_are_neither_kept_nor_claimed(kitti, tmp_path):
+    """Frames without `export.json`, such as the authors', would be kept and called an export."""
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
+    list(export(benchmark, tmp_path))
+    (tmp_path / "export.json").unlink()
+    with pytest.raises(RunError, match="contains frames that were not exported from here; choose another folder"):
+        list(export(benchmark, tmp_path))
+    assert load_benchmark("kitti-fc", tmp_path).protocol == {"frames": "released"}
+
+
+def test_keys_that_cannot_be_files_leave_no_folder(kitti, tmp_path):
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
+    with pytest.raises(DataError, match="sample 'a/0' cannot be written"):
+        list(export(replace(benchmark, keys=("a/0",)), tmp_path / "fc"))
+    assert not (tmp_path / "fc").exists()
 
 
 def test_a_released_folder_is_not_topped_up(kitti, tmp_path):

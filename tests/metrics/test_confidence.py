@@ -55,6 +55,13 @@ def test_rank_correlation_equals_scipy(case):
         assert ours == pytest.approx(spearmanr(errors, confidence).statistic, abs=1e-12)
 
 
+@pytest.mark.slow
+def test_rank_correlation_of_sixteen_megapixels_is_that_of_an_image_of_the_same_structure():
+    ramps = (np.arange(count) for count in (16_000, 16_000_000))
+    small, large = (confidence_correlation(ramp, np.roll(ramp, ramp.size // 4)) for ramp in ramps)
+    assert large == pytest.approx(small, abs=1e-3)
+
+
 def test_a_random_confidence_scores_what_theory_gives():
     """In a random order, the expected error of the remaining pixels is the overall mean, so the area is this mean minus
     the oracle's mean height.

@@ -52,7 +52,7 @@ def export(
             computes on the fly. Severities that do not exist on the scale are not written.
 
     Raises:
-        RunError: the folder contains an export with different settings, or cannot be written.
+        RunError: the folder contains an export with different settings or other frames, or cannot be written.
         UsageError: a corruption needs depth, which the benchmark does not have.
         DataError: a key is not a valid file name, or a depth file is missing.
     """
@@ -62,10 +62,10 @@ def export(
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
     depths = benchmark.depth_to_read()
     own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
+    if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
+        raise DataError(f"sample '{nested[0]}' cannot be written in the KITTI layout, which has no subfolders")
     _claim(output, settings | scale | draws | own | user_sources(variant))
     for key in benchmark.keys:
-        if "/" in key or key.startswith("."):
-            raise DataError(f"sample '{key}' cannot be written in the KITTI layout, which has no subfolders")
         sample = benchmark.dataset.load(key)
         fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
         scene = depths.depth(sample) if depths is not None else None
@@ -115,11 +115,16 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 
 
 def _claim(output: Path, settings: dict[str, object]) -> None:
-    """Record the settings of the export in its folder; raise if the folder contains a different export."""
-    make_folder(output)
+    """Record the settings of the export in its folder; raise if the folder contains a different export, or frames of
+    unknown origin."""
     on_disk = export_settings(output)
+    if on_disk is None and (output / "clean").exists():
+        raise RunError(
+            f"{output} contains frames that were not exported from here; choose another folder with --output"
+        )
     if on_disk is not None and on_disk != settings:
         raise RunError(
             f"{output} contains a different export ({EXPORT_FILE}: {on_disk}); choose another folder with --output"
         )
+    make_folder(output)
     write_json(output / EXPORT_FILE, settings)

@@ -36,7 +36,6 @@ ALPHA_2 = 0.5
 """Constant term of the consistency tolerance, in squared pixels."""
 
 Values = npt.NDArray[np.float64]
-_CHUNK = 2**16
 
 
 class Sparsification(NamedTuple):
@@ -208,6 +207,8 @@ def _ranks(values: Values) -> npt.NDArray[np.int64]:
 
 
 def _product(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> int:
-    """Return the exact dot product; each chunk is summed in int64, the total as a Python integer."""
-    parts = (slice(start, start + _CHUNK) for start in range(0, one.size, _CHUNK))
+    """Return the exact dot product of `_ranks`, each below the number of values: chunks whose products cannot overflow
+    are summed in int64, and their sums as Python integers."""
+    chunk = max(1, 2**62 // one.size**2)
+    parts = (slice(start, start + chunk) for start in range(0, one.size, chunk))
     return sum(int((one[part] * other[part]).sum()) for part in parts)

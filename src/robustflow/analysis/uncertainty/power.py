@@ -136,6 +136,11 @@ def plan_pairs(
     for name, value in (("power", power), ("level", level)):
         if not 0 < value < 1:
             raise UsageError(f"{name} {value:g} is out of range: give a probability between 0 and 1")
+    if power <= 1 - level:
+        raise UsageError(
+            f"power {power:g} is out of range: a test at level {level:g} rejects equal models with probability "
+            f"{1 - level:g}, so give a power above that"
+        )
     if len(runs) < 2:
         raise UsageError("power analysis needs at least two models: give one run of each")
     records = []
