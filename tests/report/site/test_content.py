@@ -103,6 +103,8 @@ def test_no_winner_where_the_difference_is_none(many_images):
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]
+    said = headline(whole_content([many_images(name) for name in ("A", "Bb", "Ccc")], published=False))
+    assert "A, Bb and Ccc share the lead (CRE " in said[0]
     said = headline(whole_content([many_images("A"), many_images("Bb", 1.22, seed=1)], published=False))
     assert re.search(r"none can be called the most robust: the lead of .* \(CRE .*\) may be due to chance\.", said[0])
     assert "No difference in average CRE between " in said[1]

@@ -132,8 +132,10 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     key, order = leaders
     best, second = order[0], order[1]
     start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
-    if best.values[key].number == second.values[key].number:
-        return [f"{start}{plain(best.name)} and {plain(second.name)} share the lead ({_shown(best, key)}).", *left_out]
+    tied = [plain(line.name) for line in order if line.values[key].number == best.values[key].number]
+    if len(tied) > 1:
+        shared = f"{METRIC_LABELS[key[0]]} {best.values[key].text} px"
+        return [f"{start}{joined(tied)} share the lead ({shared}).", *left_out]
     sure, evidence = _difference(key[0], order, content)
     first, other = (f"{plain(line.name)} ({_shown(line, key)})" for line in (best, second))
     if sure:
