@@ -79,6 +79,17 @@ def test_only_the_networks_own_entries_of_a_training_runner(path, state):
         load(path)
 
 
+def test_names_that_equal_the_networks_are_used_as_they_are(path):
+    net = BelowModel()
+    net.first = torch.nn.Conv2d(3, 4, 3)  # `first.weight` beside `model.first.weight`
+    torch.save(net.state_dict(), path)
+    fresh = BelowModel()
+    fresh.first = torch.nn.Conv2d(3, 4, 3)
+    load(path, fresh)
+    assert torch.equal(fresh.first.weight, net.first.weight)
+    assert torch.equal(fresh.model.first.weight, net.model.first.weight)
+
+
 def test_the_hash_is_checked_where_it_is_known(path, state):
     torch.save(state, path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

@@ -101,6 +101,52 @@ def test_every_way_out(way):
     np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
 
 
+NOT_A_FLOW = {
+    "int": (lambda flow: flow.int(), "a tensor of int32"),
+    "bool": (lambda flow: flow > 0, "a tensor of bool"),
+    "complex": (lambda flow: torch.complex(flow, flow), "a tensor of complex64"),
+    "sparse": (lambda flow: flow.to_sparse(), "a tensor of sparse_coo"),
+    "meta": (lambda flow: flow.to("meta"), r"a tensor of float32 without values \(on the device meta\)"),
+    "array": (lambda flow: flow.numpy(), "output '0' of the network is ndarray, not a tensor"),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_A_FLOW)
+def test_output_without_floating_point_values_is_refused(kind):
+    returns, says = NOT_A_FLOW[kind]
+    model = declared(Channels(returns=returns), layout="pair")
+    with refused(ModelError, says):
+        model.predict(*noise_pair())
+
+
+@pytest.mark.parametrize(
+    ("returns", "output", "known"),
+    [
+        (lambda flow: [flow, flow], 5, "0, 1"),
+        (lambda flow: [flow, flow], -3, "0, 1"),
+        (lambda flow: {"flow": flow}, "flwo", "flow"),
+    ],
+)
+def test_output_that_the_module_lacks_is_refused_by_the_name_of_the_option(returns, output, known):
+    with refused(UsageError, f"^output={output}: the network has no such output; choose from {known}$"):
+        declared(Channels(returns=returns), layout="pair", output=output)
+
+
+@pytest.mark.parametrize(
+    ("layer", "says"),
+    [
+        (nn.LazyConv2d(2, 3), "'added.weight' of Channels is in a lazy layer: call the module once"),
+        (nn.Conv2d(3, 2, 3, device="meta"), "'added.weight' of Channels is a tensor of float32 without values"),
+    ],
+    ids=["lazy", "meta"],
+)
+def test_module_whose_weights_have_no_values_is_refused(layer, says):
+    net = Channels()
+    net.added = layer
+    with refused(ModelError, says):
+        declared(net, layout="pair")
+
+
 def test_the_module_of_the_user_stays_as_it_was():
     net = Channels().train()
     declared(net).predict(*noise_pair())
@@ -125,9 +171,11 @@ def test_identity_holds_the_weights_and_the_convention_and_not_the_name():
 
 def test_weights_of_a_file(tmp_path):
     state = {f"module.{key}": value for key, value in Channels(factor=2).state_dict().items()}
-    torch.save({"state_dict": state}, tmp_path / "w.pt")
+    torch.save({"state_dict": state, "robustflow_trained_on": "C+T"}, tmp_path / "w.pt")
     model = declared(Channels(), checkpoint=tmp_path / "w.pt")
     np.testing.assert_array_equal(model.predict(*noise_pair()), 2.0 * channel_flow(*noise_pair()))
+    assert model.trained_on == "C+T"
+    assert declared(Channels(), checkpoint=tmp_path / "w.pt", trained_on="K").trained_on == "K"
     with pytest.raises(ModelError, match="no such checkpoint"):
         declared(Channels(), checkpoint=tmp_path / "x.pt")
 

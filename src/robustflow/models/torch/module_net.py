@@ -8,9 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ...errors import ModelError, RobustFlowError
+from ...errors import ModelError, RobustFlowError, UsageError
 from ..signature import describe_arrays, flow_layout
 from ..traceback_hint import traceback_hint
+from .weights import is_plain, kind_of
 
 MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
 """Layouts of a module's input: two images (N, 3, H, W); one tensor (N, 6, H, W); one tensor (N, 2, 3, H, W); or the
@@ -110,6 +111,11 @@ def as_flow(output: Tensor, image1: Tensor) -> Tensor:
     Raises:
         ModelError: the output is not a flow at the images' resolution.
     """
+    if not (is_plain(output) and output.is_floating_point()):
+        raise ModelError(
+            f"the network's flow is a tensor of {kind_of(output)}; return a dense floating-point tensor, or choose a "
+            "different output with -O output="
+        )
     pairs, _, height, width = image1.shape
     if output.ndim == 5 and output.shape[1] == 1:
         output = output[:, 0]
@@ -124,24 +130,32 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
     tensor([1.])
 
     Raises:
+        UsageError: the network has no output with this index or key.
         ModelError: the output is not a tensor.
     """
     name, flow = _chosen(returned, output)
     while isinstance(flow, list | tuple) and flow:
         flow = flow[-1]
     if not isinstance(flow, Tensor):
-        known = ", ".join(outputs_of(returned)) or f"none ({type(returned).__name__})"
-        raise ModelError(f"output '{name}' of the network is not a flow; its outputs are {known[:200]}")
+        known = ", ".join(outputs_of(returned))[:200] or "none"
+        raise ModelError(
+            f"output '{name}' of the network is {type(flow).__name__}, not a tensor; its outputs are {known}"
+        )
     return flow
 
 
 def _chosen(returned: Any, output: Any) -> tuple[str, Any]:
-    """Return the name and value of the chosen output, None if it does not exist."""
+    """Return the name and value of the chosen output; None if there are no outputs to choose from."""
     outputs = outputs_of(returned)
-    if isinstance(output, int) and output < 0 and len(outputs) >= -output:
-        output = list(outputs)[output]
-    name = str(output) if output is not None else (list(outputs)[-1] if outputs else "")
-    return name, outputs.get(name)
+    names = list(outputs)
+    if output is None or output == -1:
+        return (names[-1], outputs[names[-1]]) if names else ("", None)
+    name = names[output] if isinstance(output, int) and -len(names) <= output < 0 else str(output)
+    if name not in outputs:
+        raise UsageError(
+            f"output={name}: the network has no such output; choose from {', '.join(names)[:200] or 'none'}"
+        )
+    return name, outputs[name]
 
 
 def outputs_of(returned: Any) -> dict[str, Any]:

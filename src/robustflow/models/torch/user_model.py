@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
 
 from ...errors import ModelError, UsageError, unknown_name
 from ..execution import Execution
@@ -21,7 +22,7 @@ from .checkpoint import read_checkpoint
 from .guess import LAST_OUTPUT, Declared, infer_convention
 from .model import NetworkModel, find_device
 from .module_net import MODULE_LAYOUTS, ModuleNet
-from .weights import load_weights
+from .weights import kind_of, load_weights
 
 _KNOWN = {
     "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST_OUTPUT), 8),
@@ -58,7 +59,8 @@ class TorchModel(NetworkModel):
         checkpoint: path of a file with weights to load first, strictly and without executing code in the file.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
         name: name in tables and figures; by default the class name.
-        trained_on: training sets, for example "C+T"; see `robustflow list models`.
+        trained_on: training sets, for example "C+T"; see `robustflow list models`. By default those that the checkpoint
+            declares.
         batched: whether the module accepts several pairs per call and processes them independently.
         device, precision, compile, threads: execution settings, see `Execution`.
 
@@ -106,7 +108,7 @@ class TorchModel(NetworkModel):
         execution = Execution(device, precision, compile, threads)
         kind = f"{type(net).__module__}.{type(net).__qualname__}"
         module = _copied(net, kind)
-        weights = _loaded(module, checkpoint, sha256, type(net).__name__)
+        weights, trained = _loaded(module, checkpoint, sha256, type(net).__name__)
         frozen = [name for name, value in module.named_parameters() if not value.requires_grad]
         module.to(find_device(device)).eval().requires_grad_(False)
 
@@ -125,7 +127,7 @@ class TorchModel(NetworkModel):
             if remark:
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
-        self.trained_on = trained_on
+        self.trained_on = trained_on or trained
         """The training sets, as abbreviated in the literature; None if they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
@@ -161,12 +163,15 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
         ) from error
 
 
-def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> str:
-    """Load the checkpoint, if there is one, and return its hash; otherwise return the hash of the module's weights."""
+def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> tuple[str, str | None]:
+    """Load the checkpoint, if there is one. Return the hash of the checkpoint, or else of the module's weights, and the
+    training sets that the checkpoint declares.
+    """
+    _refuse_missing_weights(module, name)
     if checkpoint is not None:
         read = read_checkpoint(checkpoint, sha256)
         load_weights(module, read, name)
-        return read.sha256
+        return read.sha256, read.trained_on
     if sha256 is not None:
         raise UsageError("sha256 refers to a checkpoint file: pass a checkpoint, or omit sha256")
     digest = hashlib.sha256()
@@ -174,4 +179,13 @@ def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None
         if isinstance(value, Tensor):
             digest.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
             digest.update(value.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes())
-    return f"state_dict {digest.hexdigest()}"
+    return f"state_dict {digest.hexdigest()}", None
+
+
+def _refuse_missing_weights(module: nn.Module, name: str) -> None:
+    for key, value in (*module.named_parameters(), *module.named_buffers()):
+        if is_lazy(value) or value.is_meta or value.layout is not torch.strided:
+            what = "is in a lazy layer: call the module once on a pair of images"
+            if not is_lazy(value):
+                what = f"is a tensor of {kind_of(value)}: replace it by a dense tensor with values"
+            raise ModelError(f"'{key}' of {name} {what} before you pass the module")

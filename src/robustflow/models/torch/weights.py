@@ -43,9 +43,11 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
     Raises:
         ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
     """
-    own = {bare_name(key): key for key in net.state_dict()}
-    by_name = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
     wanted = dict(net.state_dict())
+    inside = dict(_in_scope(checkpoint.weights, scope))
+    as_named = inside.keys() == wanted.keys()  # a network's own names may start with a wrapper's prefix
+    own = {key if as_named else bare_name(key): key for key in wanted}
+    by_name = inside if as_named else _by_bare_name(checkpoint, inside)
     _refuse_other_names(checkpoint, model, by_name, wanted, own)
     casts = set()
     weights = {}
@@ -109,14 +111,30 @@ def _refuse_other_names(
 
 
 def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:
-    plain = value.layout is torch.strided and value.device.type == "cpu" and not value.is_quantized
-    if not plain or value.is_complex() or value.is_floating_point() != target.is_floating_point():
-        kind = str(value.dtype if value.layout is torch.strided else value.layout).removeprefix("torch.")
-        kind += "" if value.device.type == "cpu" else f" without values (on the device {value.device.type})"
+    if not is_plain(value) or value.is_floating_point() != target.is_floating_point():
         raise ModelError(
-            f"{checkpoint.path}: '{name}' contains {kind}, expected {str(target.dtype).removeprefix('torch.')}; "
+            f"{checkpoint.path}: '{name}' contains {kind_of(value)}, expected {kind_of(target)}; "
             "save the weights as plain floating-point tensors"
         )
+
+
+def is_plain(value: Tensor) -> bool:
+    """Return whether a tensor is dense, real, not quantised, and has values.
+
+    >>> is_plain(torch.zeros(2)), is_plain(torch.zeros(2).to_sparse()), is_plain(torch.zeros(2, device="meta"))
+    (True, False, False)
+    """
+    return value.layout is torch.strided and not (value.is_meta or value.is_quantized or value.is_complex())
+
+
+def kind_of(value: Tensor) -> str:
+    """Describe the elements of a tensor for messages.
+
+    >>> kind_of(torch.zeros(2)), kind_of(torch.zeros(2, device="meta"))
+    ('float32', 'float32 without values (on the device meta)')
+    """
+    kind = str(value.dtype if value.layout is torch.strided else value.layout).removeprefix("torch.")
+    return kind + (" without values (on the device meta)" if value.is_meta else "")
 
 
 def _few(what: str, names: Iterable[str], shown: int = 3) -> str:
