@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -10,7 +12,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.text import Annotation
 
 from robustflow.analysis.results_file import parse_results
-from robustflow.report.figures import clean_against_cre, effective_trend
+from robustflow.report.figures import clean_against_cre, effective_trend, figure_bytes
 
 
 def _results(models: int, settings: int = 1, crer: float = 1.0):
@@ -44,6 +46,18 @@ def test_names_of_very_many_models_do_not_cover_each_other(draw, recwarn):
     boxes = [text.get_window_extent() for text in names]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert not recwarn.list
+
+
+@pytest.mark.parametrize(("draw", "number"), [(clean_against_cre, r" \d+\.\d\d$"), (effective_trend, r" ×\d+\.\d\d$")])
+def test_long_names_keep_their_number_and_do_not_shrink_the_panel(draw, number):
+    results = [replace(line, name=f"{'a long name ' * 6}{index}") for index, line in enumerate(_results(30))]
+    figure = draw(results)
+    (panel,) = figure.axes
+    before = panel.get_position().bounds
+    figure_bytes(figure, "svg")
+    assert panel.get_position().bounds == before
+    names = [text.get_text() for text in panel.texts if isinstance(text, Annotation)]
+    assert all(re.search(number, name) for name in names)
 
 
 def test_a_bubble_does_not_fill_its_panel():

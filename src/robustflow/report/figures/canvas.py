@@ -22,6 +22,9 @@ from .styles import GRID
 LEAST_PX = 1.0
 """Minimum span of an error axis, in pixels, so that a difference of 0.1 px does not look large."""
 
+LONGEST_NAME = 30
+"""Maximum number of characters of a name next to a point, before the number that follows it."""
+
 _NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0

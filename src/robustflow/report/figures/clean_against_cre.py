@@ -11,9 +11,18 @@ from ...analysis.published.tables import not_discussed, of_paper
 from ...analysis.results import AVERAGE, CLEAN
 from ...errors import UsageError
 from ...figure_style import default_style
-from ...text import name_text
+from ...text import name_text, plain
 from ..tables import settings_in_order
-from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, set_heading, spread_labels, whiskers
+from .canvas import (
+    LONGEST_NAME,
+    WITH_INTERVALS,
+    ends_text,
+    fair_limits,
+    new_figure,
+    set_heading,
+    spread_labels,
+    whiskers,
+)
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
 from .styles import Looks, kind_key
@@ -77,7 +86,7 @@ def clean_against_cre(
             figure.mark(bubble, [Mark(line.name, line.setting, values)])
             panel.scatter(clean, cre, s=6, color=colour)
             radii.append(math.sqrt(area / math.pi))
-            points.append((clean, cre, f"{line.name} {cre / clean:.2f}"))
+            points.append((clean, cre, f"{plain(line.name, LONGEST_NAME)} {cre / clean:.2f}"))
         panel.set_title(name_text(SETTING_LABELS.get(title, title)))
         panel.tick_params(labelsize=8)
         panel.set_xlabel("clean EPE (px)")

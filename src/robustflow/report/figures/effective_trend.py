@@ -13,8 +13,8 @@ from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import of_paper
 from ...analysis.results import AVERAGE, CLEAN
 from ...figure_style import default_style
-from ...text import name_text
-from .canvas import WITH_INTERVALS, ends_text, new_figure, set_heading, spread_labels, whiskers
+from ...text import name_text, plain
+from .canvas import LONGEST_NAME, WITH_INTERVALS, ends_text, new_figure, set_heading, spread_labels, whiskers
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
 from .styles import Looks, kind_key
@@ -82,7 +82,9 @@ def effective_trend(
     set_heading(figure, "Effective robustness: models below the line are more robust than their clean error predicts")
     settle_layout(figure)
     for panel, models in zip(axes, panels.values(), strict=True):
-        labels = [(one.clean, one.corrupted, f"{one.line.name} ×{one.factor:.2f}") for one in models]
+        labels = [
+            (one.clean, one.corrupted, f"{plain(one.line.name, LONGEST_NAME)} ×{one.factor:.2f}") for one in models
+        ]
         for one, text in zip(models, spread_labels(panel, labels), strict=True):
             figure.mark(text, [Mark(one.line.name, one.line.setting)])
     return figure

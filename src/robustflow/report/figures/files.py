@@ -30,11 +30,13 @@ def any_script() -> Iterator[None]:
 
 @default_style()
 def settle_layout(figure: Figure) -> None:
-    """Compute the final layout of a figure without drawing it."""
+    """Compute the layout of a figure without drawing it, and keep it: names placed afterwards do not move the panels,
+    and the bytes do not depend on how often the figure is drawn."""
     engine = figure.get_layout_engine()
     if engine is not None:
         with any_script():
             engine.execute(figure)
+        figure.set_layout_engine(None)  # the layout engine "none" would draw everything twice to measure it
 
 
 @default_style()
@@ -49,10 +51,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
-    if figure.get_layout_engine() is not None:
-        # compute the layout only once, because every draw would shift it slightly and change the bytes
-        settle_layout(figure)
-        figure.set_layout_engine(None)  # the layout engine "none" would draw everything twice to measure it
+    settle_layout(figure)
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"
