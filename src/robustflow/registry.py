@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
-from .errors import RobustFlowError, unknown_name
+from .errors import RobustFlowError, UsageError, first_line, unknown_name
 
 T = TypeVar("T")
+
+_SELF = __name__.partition(".")[0]
 
 
 class Registry(Generic[T]):
@@ -54,19 +56,35 @@ class Registry(Generic[T]):
         return list(self._targets)
 
     def get(self, name: str) -> T:
-        """Return the object registered under a name, imported on first use."""
+        """Return the object registered under a name, imported on first use.
+
+        Raises:
+            UsageError: the name is unknown, or the entry point of an installed package cannot be imported.
+        """
         if name not in self._loaded:
             if name not in self._targets:
                 self._discover()
             if name not in self._targets:
                 raise unknown_name(self.kind, name, self._targets)
-            module, _, attribute = self._targets[name].partition(":")
-            self._loaded[name] = cast(T, getattr(import_module(module), attribute))
+            self._loaded[name] = cast(T, self._imported(name))
         return self._loaded[name]
+
+    def _imported(self, name: str) -> Any:
+        target = self._targets[name]
+        module, _, attribute = target.partition(":")
+        try:
+            return getattr(import_module(module), attribute)
+        except Exception as error:
+            if isinstance(error, RobustFlowError) or module.partition(".")[0] == _SELF:
+                raise
+            raise UsageError(
+                f"the entry point '{name} = {target}' of an installed package cannot be imported: "
+                f"{type(error).__name__}: {first_line(error)}; repair or uninstall the package"
+            ) from error
 
     def _discover(self) -> None:
         if self._group is None:
             return
-        group, self._group = self._group, None
-        for point in entry_points(group=group):
-            self.add(point.name, point.value)
+        for point in entry_points(group=self._group):
+            self.add(point.name, f"{point.module}:{point.attr}")
+        self._group = None

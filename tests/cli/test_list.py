@@ -7,6 +7,7 @@ import re
 import pytest
 
 from robustflow.models.registry import EXPORTED
+from robustflow.psf.shipped import RMS_RADII
 
 LISTED = {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kitti-fc", "datasets": "sintel"}
 
@@ -17,6 +18,12 @@ def test_list(robustflow, kind):
     first_words = {line.split()[0].rstrip(":") for line in out.splitlines() if line}
     for name, listed in LISTED.items():
         assert (listed in first_words) == (kind in (name, "all"))
+
+
+def test_the_list_of_corruptions_states_the_rms_radii_of_the_lenses_that_are_used(robustflow):
+    *_, last = robustflow.prints("list", "corruptions").splitlines()
+    assert last.startswith("psf_blur: ")
+    assert all(f"{radius:.4f}" in last for radius in RMS_RADII)
 
 
 def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):

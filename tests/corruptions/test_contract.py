@@ -182,13 +182,14 @@ def test_every_name_of_the_paper_is_registered():
         assert corruption.__doc__, f"{name} has no description"
 
 
-def test_the_paper_has_seven_temporal_corruptions():
-    """The temporal corruptions in section 3 of the paper: object motion blur, exposure, snow and the three video
+def test_the_paper_has_eight_temporal_corruptions():
+    """The temporal corruptions in section 3 of the paper: exposure, snow, the two motion blurs and the three video
     corruptions.
     """
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [
-        "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"
+        "over_exposure", "under_exposure", "snow", "camera_motion_blur", "object_motion_blur",
+        "h264_crf", "h264_abr", "bit_error",
     ]  # fmt: skip
 
 

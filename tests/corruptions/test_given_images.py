@@ -32,10 +32,10 @@ def test_what_cannot_be_converted_without_a_choice_is_refused(mode):
         corrupt(Image.new(mode, (8, 8)), corruption="fog", severity=1)
 
 
-def test_a_call_without_a_corruption_says_so():
+def test_a_call_without_a_corruption_or_severity_says_so():
     with pytest.raises(UsageError, match="no corruption"):
         corrupt(FRAME, FRAME)
-    with pytest.raises(UsageError, match="severity 0"):
+    with pytest.raises(UsageError, match="no severity specified: give 1"):
         corrupt(FRAME, corruption="fog")
 
 

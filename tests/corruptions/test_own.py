@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.corruptions import DepthCorruption, corruption_name, load_corruption
+from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
+from robustflow.corruptions.digital.contrast import Contrast
 from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
+from robustflow.corruptions.weather.fog import Fog
+from robustflow.corruptions.weather.generated_frost import GeneratedFrost
 from robustflow.errors import UsageError
 from robustflow.testing import check_corruption
 
@@ -119,6 +123,34 @@ def test_severities_in_an_array_are_used_as_a_tuple():
     assert load_corruption(evenly).severities == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
+class Empty(Veil):
+    """An object that counts as false."""
+
+    def __len__(self):
+        return 0
+
+
+def test_an_object_that_counts_as_false_is_a_corruption():
+    assert (rf.corrupt(FRAME, FRAME, Empty(), 3)[0] != FRAME).any()
+
+
+def test_two_corruptions_of_one_name_cannot_be_in_one_run():
+    assert corruption_names([Veil(3), "veil", "fog+veil:2"]) == ("veil", "fog+veil:2")
+    for others in ([Veil(250)], [Veil], ["veil", Veil(250)]):
+        with pytest.raises(UsageError, match="two corruptions have the name 'veil'"):
+            corruption_names([Veil(3), *others])
+
+
+@pytest.mark.parametrize(
+    "made", [Contrast("reference"), Contrast(severities=(1,) * 5), GeneratedFrost(), load_corruption("fog:2+snow")]
+)
+def test_an_object_that_differs_from_its_name_cannot_be_in_a_run(made):
+    """A run loads each corruption by its name."""
+    assert corruption_names([Contrast(), Fog()]) == ("contrast", "fog")
+    with pytest.raises(UsageError, match=re.escape(f"an object of the corruption '{made.name}' cannot be run")):
+        corruption_names([made])
+
+
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
@@ -129,6 +161,7 @@ def test_severities_in_an_array_are_used_as_a_tuple():
         (type("Fog", (Veil,), {}), "has the same name as the corruption 'fog'"),
         (type("Clean", (Veil,), {}), "invalid corruption name 'clean'"),
         (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
+        (type("Ten", (Veil,), {"severities": 10}), "has `severities` 10: give a tuple of five"),
         (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],
 )

@@ -19,14 +19,16 @@ assert "rain" in CORRUPTIONS.names()
 assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()
 print(user_sources(names=["fog+rain:2"])["corruptions"]["rain"])
 assert needs_depth("fog+haze") and not needs_depth("fog+rain")
-try:
-    load_corruption("sleet")
-except UsageError as error:
-    print(error)
+for name in ("sleet", "gone", "hail"):
+    try:
+        load_corruption(name)
+    except UsageError as error:
+        print(error)
 """
 
 
 HAZE = """
+import numpy as np
 from robustflow.corruptions import DepthCorruption
 class Haze(DepthCorruption):
     paper_severities = (1, 2, 3, 4, 5)
@@ -44,6 +46,7 @@ def test_an_entry_point_is_a_corruption(tmp_path):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: weather\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[robustflow.corruptions]\nrain = rain_module:Rain\nsleet = rain_module:Rain\nhaze = haze_module:Haze\n"
+        "gone = no_module:Gone\nhail = haze_module:np\n"
     )
     (site / "haze_module.py").write_text(HAZE)
     (site / "rain_module.py").write_text(RAIN)
@@ -54,6 +57,13 @@ def test_an_entry_point_is_a_corruption(tmp_path):
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    source, sentence = done.stdout.splitlines()
+    source, *sentences = done.stdout.splitlines()
     assert len(source) == 16
-    assert "entry point 'sleet' provides a corruption named 'rain'" in sentence
+    for sentence, expected in zip(
+        sentences,
+        ("entry point 'sleet' provides a corruption named 'rain'",
+         "entry point 'gone = no_module:Gone' of an installed package cannot be imported: ModuleNotFoundError: ",
+         "has no method draw, so it is not a corruption"),
+        strict=True,
+    ):  # fmt: skip
+        assert expected in sentence

@@ -40,7 +40,10 @@ def test_severity_of_the_stack_reaches_parts_without_their_own():
     assert levels_of("contrast:2+jpeg_compression:3", (1, 5)) == (3,)
 
 
-@pytest.mark.parametrize("name", ["fog+", "+fog", "fog:", "fog:x+snow", "fog:0+snow", "fog:6", "foggy+snow"])
+@pytest.mark.parametrize(
+    "name",
+    ["fog+", "+fog", "fog:", "fog:x+snow", "fog:0+snow", "fog:6", "foggy+snow", "fog:\u0663", "fog:" + 5000 * "1"],
+)
 def test_names_that_spell_no_stack(name):
     with pytest.raises(UsageError):
         parse_stack(name)

@@ -121,6 +121,24 @@ def test_names_severities_and_probability_are_drawn_as_requested():
     assert all(25 <= count <= 75 for count in counts.values())
 
 
+class Dim:
+    """Subtracts the severity."""
+
+    def draw(self, rng, severity, shape):
+        return severity
+
+    def apply(self, frame, state, index):
+        return frame - np.uint8(state)
+
+
+@pytest.mark.parametrize("made", [Dim, Dim()])
+def test_a_custom_corruption_is_a_class_or_an_object(made):
+    transform = CorruptionTransform([made, "contrast"], [3])
+    assert transform.names == ("dim", "contrast")
+    flat = np.full((8, 8, 3), 100, np.uint8)
+    assert {int(transform(flat, key=key)[0, 0, 0]) for key in range(20)} == {97, 100}
+
+
 def test_nothing_is_drawn_that_the_scale_lacks():
     name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
     known = calibrated_levels(name)

@@ -8,7 +8,7 @@ from numbers import Integral
 from typing import Any
 
 from ..attacks.api import AnyAttack, with_controls
-from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
+from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import needs_depth, split_stack
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
@@ -98,7 +98,7 @@ class Benchmark:
             raise UsageError(f"--limit {limit} leaves no samples: give a whole number, 1 or more")
         against = with_controls(_several(attacks or ()))
         asked = (() if against else self.corruptions) if corruptions is None else _several(corruptions)
-        chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
+        chosen = corruption_names(asked)
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
                 load_corruption(name)

@@ -146,13 +146,18 @@ def _aligned(lines: list[tuple[str, ...]]) -> list[str]:
 
 def _corruptions() -> list[str]:
     from ..corruptions import CORRUPTIONS, load_corruption
+    from ..psf.shipped import RMS_RADII
 
     lines = []
     for name in CORRUPTIONS.names():
         one = load_corruption(name)
         parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
         lines.append(f"{name:20s} {one.family:13s} {'temporal' if one.temporal else '':9s} {parameters}")
-    return lines
+    radii = ", ".join(map(str, RMS_RADII))
+    return [
+        *lines,
+        f"psf_blur: RMS radii in mm of the paper's lenses; those of the lenses in this package are {radii}.",
+    ]
 
 
 def _attacks() -> list[str]:

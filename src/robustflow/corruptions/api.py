@@ -11,11 +11,12 @@ from ..errors import UsageError, unknown_name
 from ..random.rng import Rng, check_seed
 from ..sample import Frame, SceneDepth, check_frame
 from ..severity import check_severity
+from ..target import own_name
 from .base import BGR, SCALES, Corruption
 from .channel_order import ChannelsReversed
 from .given_images import as_frame, to_input_type
 from .on_disk import refuse_on_disk
-from .own import OwnCorruption, own_corruption, register_custom
+from .own import OwnCorruption, own_among, own_corruption, register_custom
 from .registry import CORRUPTIONS
 from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_registered
@@ -109,6 +110,38 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
     return with_targets_registered(spec) if isinstance(spec, str) else load_corruption(spec).name
 
 
+def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tuple[str, ...]:
+    """Return the distinct names under which corruptions are run and reported, see `corruption_name`.
+
+    A run loads each corruption by its name, so a name must identify it.
+
+    Raises:
+        UsageError: two custom corruptions have the same name, or an object of this package differs from the corruption
+            with its name.
+
+    >>> corruption_names(["fog", "fog:2 + snow", "fog"])
+    ('fog', 'fog:2+snow')
+    """
+    names: list[str] = []
+    own: dict[str, Any] = {}
+    for spec in specs:
+        names.append(corruption_name(spec.made if isinstance(spec, OwnCorruption) else spec))
+        for made in own_among(names[-1:]):
+            if own.setdefault(own_name(made), made) is not made:
+                raise UsageError(f"two corruptions have the name '{own_name(made)}': give each a different `name`")
+        if isinstance(spec, Corruption) and not _is_what_the_name_loads(spec, names[-1]):
+            raise UsageError(
+                f"an object of the corruption '{names[-1]}' cannot be run: pass its name, and the options `variant` "
+                "and `severity_scale`"
+            )
+    return tuple(dict.fromkeys(names))
+
+
+def _is_what_the_name_loads(corruption: Corruption, name: str) -> bool:
+    loaded = load_corruption(name)
+    return isinstance(loaded, OwnCorruption) or (type(loaded) is type(corruption) and vars(loaded) == vars(corruption))
+
+
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
     """Return the random stream for a benchmark seed, corruption, severity and sample key.
 
@@ -140,7 +173,7 @@ def corrupt(
     frame1: Any,
     frame2: Any = None,
     corruption: str | Corruption | type[Corruption] = "",
-    severity: int = 0,
+    severity: int | None = None,
     seed: int = 0,
     key: str = "",
     variant: str = "default",
@@ -171,7 +204,7 @@ def corrupt(
         Two new frames of the same shape, or one for a single image. The same arguments always produce the same bytes.
 
     Raises:
-        UsageError: the name, variant, scale or severity is unknown, or the scale lacks the severity.
+        UsageError: the name, variant, scale or severity is unknown or missing, or the scale lacks the severity.
         DataError: the frames are not RGB uint8 of the same size, or the depth maps have a different size.
 
     >>> import numpy as np
@@ -184,6 +217,8 @@ def corrupt(
     """
     if isinstance(corruption, str) and not corruption:
         raise UsageError("no corruption specified; example: corrupt(frame1, frame2, 'fog', severity=3)")
+    if severity is None:
+        raise UsageError("no severity specified: give 1 (mild) to 5 (severe)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)

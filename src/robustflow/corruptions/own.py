@@ -51,10 +51,13 @@ class OwnCorruption(Corruption):
         self.family = str(getattr(made, "family", "own"))
         self.temporal = bool(getattr(made, "temporal", False))
         self.needs_depth = bool(getattr(made, "needs_depth", False))
-        levels = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
-        if len(levels) != len(SEVERITIES):
-            raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: define five, from mild to severe")
-        self.paper_severities = tuple(levels)
+        given = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
+        try:
+            self.paper_severities = tuple(given)
+        except TypeError:
+            raise UsageError(f"corruption '{self.name}' has `severities` {given!r:.60}: give a tuple of five") from None
+        if (count := len(self.paper_severities)) != len(SEVERITIES):
+            raise UsageError(f"corruption '{self.name}' has {count} severities: define five, from mild to severe")
         self.made = made
         if variant not in (*VARIANTS, BGR):
             raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")
@@ -107,9 +110,7 @@ def register_custom(made: Made) -> str:
         UsageError: the method `draw` (`draw_scene` if depth is required) or `apply` is missing, or the name is invalid
             or used by this package.
     """
-    for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
-        if not callable(getattr(made, method, None)):
-            raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
+    _check_methods(made)
     name = checked_name(made, "corruption", lambda name: name in SHIPPED or on_disk(name) is not None)
     _own[name] = made
     return name
@@ -121,17 +122,19 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
     Returns None if the corruption belongs to this package or exists only as files.
 
     Raises:
-        UsageError: the name is unknown, or the class cannot be instantiated.
+        UsageError: the name is unknown, the entry point is not a corruption of that name, or the class cannot be
+            instantiated.
     """
-    if name not in _own:
-        if name in SHIPPED or on_disk(name) is not None:
-            return None
+    if name in SHIPPED or on_disk(name) is not None:
+        return None
+    made = _own.get(name)
+    if made is None:
         made = CORRUPTIONS.get(name)
+        _check_methods(made)
         if own_name(made) != name:
             raise UsageError(
                 f"the entry point '{name}' provides a corruption named '{own_name(made)}'; the names must match"
             )
-    made = _own.get(name) or CORRUPTIONS.get(name)
     return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
 
 
@@ -147,6 +150,12 @@ def own_among(names: Iterable[str]) -> tuple[Made, ...]:
     """
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
+
+
+def _check_methods(made: Made) -> None:
+    for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
+        if not callable(getattr(made, method, None)):
+            raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
 
 
 def _read_only(array: npt.NDArray[Any]) -> Any:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..psf.psf_field import SIZE, PsfField
+from ..psf.psf_field import FIELDS, SIZE, PsfField
 from .prescription import PIXEL, Lens
 from .render import field_rays
 
@@ -53,7 +53,7 @@ def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
     return np.abs(stack.sum(3) @ waves), np.abs(stack.sum(2) @ waves)
 
 
-def nominal_rms(lens: Lens, fields: int = 16) -> float:
+def nominal_rms(lens: Lens, fields: int = FIELDS) -> float:
     """Return the mean RMS radius in mm over evenly spaced field points and the three colours, including all rays.
 
     The paper identifies its lenses by this value.

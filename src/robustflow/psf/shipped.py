@@ -21,6 +21,8 @@ from ..severity import SEVERITIES, check_severity
 from .psf_field import SIZE, PsfField
 
 DATA = Path(str(resources.files(__package__))) / "data"
+RMS_RADII = (0.0273, 0.0776, 0.1021, 0.1508, 0.1864)
+"""Mean RMS radius of each lens over the field and the colours, in mm; 4 to 8 % below those in the paper."""
 _MIDDLE = SIZE // 2
 
 

@@ -32,6 +32,7 @@ class CameraMotionBlur(Corruption):
 
     name = "camera_motion_blur"
     family = "blur"
+    temporal = True
     level = Shake
     paper_severities = ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15))
 

@@ -29,9 +29,10 @@ maximum error.
 class PsfBlur(Corruption):
     """Applies the spatially varying blur of one of five lenses (paper, Sec. 3 and appendix, PSF blur).
 
-    The severity parameter is the nominal RMS radius of the lens in mm. The lenses are part of this package (`robustflow
-    optics`) and designed to produce the same amount of blur as those in the paper; set `psf_dir` to load the paper's
-    lenses from the reference code's files. Both frames are blurred identically, nothing is random, and the PSFs are
+    The severity parameter is the RMS radius of the paper's lens in mm. The lenses are part of this package (`robustflow
+    optics`) and designed to produce the same amount of blur as those in the paper, although their RMS radii are 4 to
+    8 % smaller (`robustflow.psf.shipped.RMS_RADII`); set `psf_dir` to load the paper's lenses from the reference code's
+    files. Both frames are blurred identically, nothing is random, and the PSFs are
     centred so that the blur does not shift the image.
 
     `variant="reference"` truncates grey levels, as the reference code does; otherwise they are rounded. The reference
@@ -69,7 +70,7 @@ class PsfBlur(Corruption):
                 raise UsageError(f"psf_blur has no lens with an RMS radius of {rms} mm: choose from {known}")
 
     def field(self, rms: float) -> PsfField:
-        """Return the PSFs of the lens with this nominal RMS radius in mm."""
+        """Return the PSFs of the lens for a severity parameter."""
         if self.psf_dir is not None:
             return _reference(self.psf_dir, rms)
         return shipped_field(self.paper_severities.index(rms) + 1)
@@ -86,7 +87,7 @@ class PsfBlur(Corruption):
         blurred = blur(frame, self.field(state))
         if self.variant == "reference":
             np.floor(blurred + _WHOLE, out=blurred)
-        return np.clip(np.rint(blurred), 0.0, 255.0).astype(np.uint8)
+        return np.clip(np.rint(blurred), 0.0, 255.0).astype(np.uint8, order="C")
 
 
 @lru_cache(maxsize=5)

@@ -12,6 +12,7 @@ from torchvision import tv_tensors
 
 from ...errors import DataError
 from ...severity import SEVERITIES
+from ..base import Corruption
 from .transform import CorruptionTransform
 
 
@@ -36,7 +37,7 @@ class TorchCorruption(torch.nn.Module):
 
     def __init__(
         self,
-        names: Sequence[str] | None = None,
+        names: Sequence[str | Corruption | type[Corruption]] | None = None,
         severities: Sequence[int] = SEVERITIES,
         probability: float = 1.0,
         seed: int = 0,

@@ -46,9 +46,10 @@ class CorruptionTransform:
     """Corrupts images, pairs and clips at random; callable, picklable and safe in data loader workers.
 
     Args:
-        names: corruptions to choose from, with equal probability. By default, these are all image-pair corruptions
-            except psf_blur, which takes ten times as long as the others; to include it, add its name. Stacks such as
-            "fog+jpeg_compression" are allowed; corruptions of entire clips (h264_crf, ...) are not.
+        names: corruptions to choose from, with equal probability: names, or custom corruptions as classes or objects.
+            By default, these are all image-pair corruptions except psf_blur, which takes ten times as long as the
+            others; to include it, add its name. Stacks such as "fog+jpeg_compression" are allowed; corruptions of
+            entire clips (h264_crf, ...) are not.
         severities: severities to choose from, 1 to 5, with equal probability.
         probability: probability of applying a corruption, 0 to 1.
         seed: seed for all random draws.
@@ -70,7 +71,7 @@ class CorruptionTransform:
 
     def __init__(
         self,
-        names: Sequence[str] | None = None,
+        names: Sequence[str | Corruption | type[Corruption]] | None = None,
         severities: Sequence[int] = SEVERITIES,
         probability: float = 1.0,
         seed: int = 0,
@@ -87,10 +88,11 @@ class CorruptionTransform:
         self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
         names = DEFAULT_NAMES if names is None else tuple(names)
         for name in names:
-            self._choices.append((load_corruption(name, variant, scale), _levels(name, levels, scale)))
+            corruption = load_corruption(name, variant, scale)
+            self._choices.append((corruption, _levels(corruption.name, levels, scale)))
         if not self._choices or not levels:
             raise UsageError("nothing to choose from: specify at least one corruption and one severity")
-        self.names: tuple[str, ...] = names
+        self.names = tuple(corruption.name for corruption, _ in self._choices)
         self.severities = levels
         self.probability = probability
         self.seed = check_seed(seed)
