@@ -19,11 +19,13 @@ from robustflow.analysis.audit.row_rules import RULES
 from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import AVERAGE, CLEAN
-from robustflow.analysis.results_file import parse_results
+from robustflow.analysis.results_file import parse_results, results_csv
+from robustflow.analysis.run_results import run_results
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.errors import RunError
 from robustflow.records.audit import audit
+from tests.made_rows import made_run
 
 from ..runs.edited import edit_rows
 
@@ -198,6 +200,16 @@ def test_a_run_folder_fits(run):
     assert not found.findings
     assert found.checked["summary"] > 100
     assert found.checked["rows"] == len(RULES) * run.rows.height
+
+
+def test_exported_means_of_an_incomplete_run_are_not_called_inconsistent(run):
+    """Its clean and its corrupted errors are over different pairs."""
+    last = (pl.col("sample") == run.rows["sample"][-1]) & (pl.col("corruption") == "contrast")
+    part = made_run(run, run.rows.filter(~last))
+    table = parse_results(results_csv(run_results([part])), "results.csv", "file")
+    assert [line.coverage for line in table] == [pytest.approx(8 / 10)]
+    assert "cre" not in audit_results(table).checked
+    assert audit_results(parse_results(results_csv(run_results([run])), "results.csv", "file")).checked["cre"] == 3
 
 
 @pytest.fixture

@@ -289,6 +289,16 @@ def test_p_of_two_models_is_corrected_over_the_lines_of_its_metric():
         assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
 
 
+def test_lines_without_a_test_are_not_counted_as_comparisons():
+    """Snow was measured on two of twenty images, too few for a p-value."""
+    few = (pl.col("corruption") != "snow") | (pl.col("sample") < "00002")
+    found = compare_rows(*(_rows(20, seed=seed).filter(few) for seed in (0, 1))).filter(metric="rcre")
+    assert found.filter(corruption="snow")["p"].to_list() == [None]
+    tested = found.drop_nulls("p")
+    assert tested["p_holm"].to_list() == pytest.approx(holm(tested["p"].to_list()))
+    assert set(tested["comparisons"]) == {tested.height}
+
+
 def test_the_interval_of_a_difference_is_symmetric():
     found = compare_rows(_rows(20), _rows(20, seed=1))
     np.testing.assert_allclose(found["high"] - found["difference"], found["difference"] - found["low"])

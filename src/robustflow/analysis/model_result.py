@@ -129,10 +129,16 @@ class ModelResult:
 
     @property
     def coverage(self) -> float | None:
-        """The fraction of pixels included in the errors; None if the model predicted a flow for all pixels."""
+        """The fraction of pixels included in the errors; None for all pixels. Pixels without a predicted flow and
+        planned rows that are missing are not included."""
         if self.run is None:
             return self.stated_coverage
-        return self.run.summary.coverage if has_gaps(self.run.summary) else None
+        summary = self.run.summary
+        predicted = summary.coverage if has_gaps(summary) else None
+        if not summary.missing:
+            return predicted
+        missing = sum(len(cells.samples) for cells in summary.missing)
+        return (1.0 if predicted is None else predicted) * (1 - missing / len(self.run.planned()))
 
     @cached_property
     def pairs(self) -> int | None:

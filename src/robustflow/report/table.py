@@ -159,7 +159,7 @@ def with_exclusion(note: str, reason: str) -> str:
 
 def full_note(result: ModelResult) -> str:
     """Return the note on the line of a result in a table without a column for the coverage: what was measured, the
-    share of the pixels that the model predicted if not all, and the reason if it is not ranked."""
+    share of the pixels that its errors cover if not all, and the reason if it is not ranked."""
     share = "" if result.coverage is None else f"errors cover {100 * result.coverage:.1f} % of the pixels"
     return with_exclusion("; ".join(filter(None, (result.note, share))), result.excluded)
 

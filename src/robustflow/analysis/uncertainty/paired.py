@@ -168,15 +168,16 @@ def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFram
     """Tabulate differences, with p-values corrected within each group."""
     records = []
     for group in groups:
-        adjusted = iter(holm([one.interval.p for one in group if one.interval.p is not None]))
+        tested = [one.interval.p for one in group if one.interval.p is not None]
+        adjusted = iter(holm(tested))
         for one in group:
             metric, corruption, _ = one.key
             interval = one.interval
             p_holm = None if interval.p is None else next(adjusted)
             counts = (one.images, one.clusters, level)
             sentence = difference_sentence(
-                one.names, metric, corruption, interval, p_holm, len(group), *counts, *one.gaps
+                one.names, metric, corruption, interval, p_holm, len(tested), *counts, *one.gaps
             )
-            numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, len(group))
+            numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, len(tested))
             records.append((*one.names, metric, corruption, *one.values, *numbers, *counts, sentence))
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
