@@ -119,6 +119,43 @@ def test_every_attack_is_documented_and_has_the_severities_of_its_norm():
         )
 
 
+@pytest.mark.parametrize("norm", ["linf", "rms"])
+def test_a_change_of_the_frame_that_stays_clean_is_undone(norm):
+    class ChangesTheSecond:
+        name = "changes_the_second"
+        needs_gradients = False
+
+        def run(self, problem, rng):
+            images = problem.ball.clean.copy()
+            images[1] *= 0.5
+            problem.score(images)
+            return images
+
+    pair = random_pair()
+
+    attacked = rf.attack(*pair, smooth_model(), ChangesTheSecond, moved="first", norm=norm)
+
+    assert np.array_equal(attacked.frames, pair)
+    assert attacked.loss == attacked.clean_loss
+
+
+def test_rounding_keeps_the_pixels_that_a_share_of_the_frame_allows():
+    ball = Ball(*np.full((2, 10, 100, 3), 100, np.uint8), 0.7, "area")  # 100 * (7 / 1000) is above 0.7 in floats
+    change = ball.to_8_bits(ball.project(ball.clean + np.float32(50 / 255))) - 100
+
+    assert sorted(change.ravel())[-42:] == [50] * 42  # seven pixels in each frame
+
+
+@pytest.mark.parametrize(("name", "norm"), [("random_sign", "linf"), ("random_gauss", "rms")])
+def test_a_control_that_changes_both_frames_alike_uses_the_whole_budget(name, norm):
+    frames = np.full((2, 20, 30, 3), 128, np.uint8)
+
+    attacked = rf.attack(*frames, smooth_model(), name, moved="joint")
+
+    assert np.array_equal(*attacked.frames)
+    assert attacked.rms == pytest.approx(attacked.budget, rel=0.05)
+
+
 def test_a_ball_moves_uphill_by_the_size_of_its_step():
     ball = Ball(*(np.full((2, 4, 5, 3), 128, np.uint8)), 10, "rms")
     gradient = Rng.of(0).normals(ball.clean.size).astype(np.float32).reshape(ball.clean.shape)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import robustflow as rf
 from robustflow.attacks import load_attack
 from robustflow.attacks.registry import norm_of
+from robustflow.errors import UsageError
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
@@ -82,6 +83,22 @@ def test_the_name_of_an_attack_in_a_run_has_its_options_and_gives_it_again(given
     assert attack.label == label
     assert load_attack(label) == attack
     assert norm_of(label) == attack.norm
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [["pgd:steps=5", "apgd"], "pgd:steps=5+apgd", "transfer:tiny+transfer:dis", [load_attack("pgd"), "apgd"]],
+)
+def test_a_worst_of_whose_label_would_give_other_attacks_is_refused(parts):
+    with pytest.raises(UsageError, match=r"attack worst_of: .*(options apply to every part|by their names)"):
+        load_attack("worst_of", parts=parts)
+
+
+def test_a_worst_of_has_the_target_of_all_its_parts():
+    attack = load_attack("worst_of", parts=["pgd:target=zero", "bim:target=zero"])
+
+    assert attack.target == "zero"
+    assert load_attack(attack.label) == attack
 
 
 def test_a_variant_reaches_the_attacks_inside_others_unless_they_have_one():

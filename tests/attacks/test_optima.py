@@ -90,14 +90,16 @@ def test_attacks_beat_random_noise_of_the_same_norm(name):
     assert attacked_pair(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
 
 
-@pytest.mark.parametrize(("target", "steps"), [("zero", 5), ("negative", 20)])
-def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps):
-    _, attacked = attacked_pair("pcfa", target=target, steps=steps)
-    _, noise = attacked_pair("random_gauss", target=target)
+@pytest.mark.parametrize("target", ["zero", "negative"])
+def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target):
+    # at severity 4, LBFGS without a line search jumps so far that rounding errors decide whether it gains anything
+    _, attacked = attacked_pair("pcfa", severity=3, target=target, steps=5)
+    _, noise = attacked_pair("random_gauss", severity=3, target=target)
 
     assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
     goal = 0 if target == "zero" else -attacked.clean_flow
-    before, after = (np.linalg.norm(flow - goal, axis=-1).mean() for flow in (attacked.clean_flow, attacked.flow))
+    flows = (flow.astype(np.float64) for flow in (attacked.clean_flow, attacked.flow))
+    before, after = (np.linalg.norm(flow - goal, axis=-1).mean() for flow in flows)
     assert attacked.way_gone == pytest.approx((before - after) / before)
 
 

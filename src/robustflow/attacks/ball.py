@@ -91,7 +91,8 @@ class Ball:
         if self.norm == "linf":
             return float(np.abs(moved).max())
         if self.norm == "area":
-            return float(100 * moved.any(axis=1).mean(axis=(1, 2)).max())
+            changed = np.count_nonzero(moved.any(axis=1), axis=(1, 2)).max()
+            return float(100 * changed / (moved.shape[2] * moved.shape[3]))
         means = (moved**2).mean(axis=(1, 2, 3))
         return float(np.sqrt(means.max() if self.per_frame else means.mean()))
 
@@ -100,7 +101,8 @@ class Ball:
         change = images - self.clean
         inside = images.min() >= 0 and images.max() <= 1
         together = self.moved != "joint" or np.abs(change[0] - change[1]).max() <= _SLACK
-        return bool(inside and together and self.size_of(change) <= float(self.radius) * (1 + _SLACK) + 1e-7)
+        still = not np.delete(change, np.r_[self.perturbed], axis=0).any()
+        return bool(inside and together and still and self.size_of(change) <= float(self.radius) * (1 + _SLACK) + 1e-7)
 
     def project(self, images: Images) -> Images:
         """Project images: clip the change to the ball, then the values to 0..1."""
@@ -157,13 +159,15 @@ class Ball:
     def random(self, rng: Rng) -> Images:
         """Draw a random start inside the ball: uniform values, or for "rms" a random direction scaled to the full
         radius."""
-        shape = self.clean.shape
         count = self.clean.size
         if self.norm != "rms":
-            change = (2 * rng.uniforms(count) - 1) * (1 if self.norm == "area" else float(self.radius))
+            drawn = (2 * rng.uniforms(count) - 1) * (1 if self.norm == "area" else float(self.radius))
         else:
-            change = rng.normals(count) * float(self.radius)
-        images: Images = self.clean + change.astype(np.float32).reshape(shape)
+            drawn = rng.normals(count) * float(self.radius)
+        change = drawn.astype(np.float32).reshape(self.clean.shape)
+        if self.moved == "joint":
+            change[1] = change[0]
+        images: Images = self.clean + change
         return self.project(self._whole_length(images))
 
     def _whole_length(self, images: Images) -> Images:

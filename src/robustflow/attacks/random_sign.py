@@ -24,4 +24,6 @@ class RandomSign(Control):
         """See `Attack.run`."""
         ball = problem.ball
         up = (rng.bits(ball.clean.size) & np.uint64(1)).astype(np.float32).reshape(ball.clean.shape)
+        if ball.moved == "joint":
+            up[1] = up[0]
         return ball.project(ball.clean + (2 * up - 1) * ball.radius)

@@ -26,7 +26,7 @@ class WorstOf(Attack):
     Options are passed to every part that supports them: `worst_of:apgd+square:queries=100`.
 
     Args:
-        parts: attacks with the same norm, as names joined by "+" or as a sequence of attacks.
+        parts: attacks with the same norm; given to `load_attack` as names joined by "+" or as a sequence of names.
     """
 
     name: ClassVar[str] = "worst_of"
@@ -40,10 +40,10 @@ class WorstOf(Attack):
     @classmethod
     def made(cls, **options: Any) -> Self:
         """See `Attack.made`."""
-        given: str | Sequence[str | Attack] = options.pop("parts", "apgd+square")
+        given: str | Sequence[str] = options.pop("parts", "apgd+square")
         names = given.split(_PLUS) if isinstance(given, str) else list(given)
-        if not names:
-            raise UsageError("attack worst_of needs at least one attack, as in worst_of:apgd+square")
+        if not names or not all(isinstance(name, str) for name in names):
+            raise UsageError("attack worst_of: give its parts by their names, as in worst_of:apgd+square")
         known = [load_attack(name).known_options() for name in names]
         for option in options:
             if not any(option in each for each in known):
@@ -60,8 +60,18 @@ class WorstOf(Attack):
                 f"attack worst_of: {', '.join(f'{part.name} has norm {part.norm}' for part in parts)}; "
                 "all parts share a budget, so they must have the same norm"
             )
+        every = {option: value for part in parts for option, value in part.options().items()}
+        for part in parts:
+            takes = part.known_options()
+            same = load_attack(part.name, **{option: value for option, value in every.items() if option in takes})
+            if same.label != part.label:
+                raise UsageError(
+                    f"attack worst_of: {part.label} would have to be {same.label}, because options apply to every part "
+                    "that has them; list these attacks separately"
+                )
         shared = {each.name for each in fields(Attack)} - {"norm"}
-        return cls(parts=tuple(parts), norm=norms.pop(), **{k: v for k, v in options.items() if k in shared})
+        chosen = {option: value for option, value in (options | every).items() if option in shared}
+        return cls(parts=tuple(parts), norm=norms.pop(), **chosen)
 
     def with_variant(self, variant: str) -> Self:
         """See `Attack.with_variant`; applies to every part that supports the variant."""
