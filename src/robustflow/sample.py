@@ -140,7 +140,7 @@ def check_frame(frame: Any, first: Frame, what: str) -> None:
         raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {described_array(frame)}")
     if frame.shape != first.shape:
         raise DataError(
-            f"{what}: frames differ in size, {first.shape[1]}x{first.shape[0]} and {frame.shape[1]}x{frame.shape[0]}; "
+            f"{what}: frames differ in size, {first.shape[0]}x{first.shape[1]} and {frame.shape[0]}x{frame.shape[1]}; "
             "all frames of a pair or clip must have the same size"
         )
 

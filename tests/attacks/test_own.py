@@ -229,7 +229,7 @@ def test_the_checker_passes_what_keeps_the_contract():
     ],
 )
 def test_the_checker_says_what_is_wrong(made, message):
-    with pytest.raises(UsageError, match=rf"attack '\w+' at severity [12] on 40x32 pixels .*{message}"):
+    with pytest.raises(UsageError, match=rf"attack '\w+' at severity [12] on 32x40 pixels .*{message}"):
         check_attack(made)
 
 

@@ -58,7 +58,7 @@ def test_without_depth_it_is_refused_and_says_where_depth_comes_from():
 def test_depth_maps_of_a_different_size_than_the_frames_are_refused(name):
     frame, metres, known = np.zeros((40, 60, 3), np.uint8), np.ones((20, 30), np.float32), np.ones((20, 30), bool)
     depth = SceneDepth((metres, metres), (known, known), Camera((30.0, 30.0), (15.0, 10.0)))
-    with pytest.raises(DataError, match="the depth maps are 30x20, but the frames are 60x40"):
+    with pytest.raises(DataError, match="the depth maps are 20x30, but the frames are 40x60"):
         corrupt(frame, frame, name, 3, depth=depth)
 
 

@@ -51,5 +51,5 @@ def test_the_definition_of_the_reference_folder_agrees(shared):
 
 
 def test_images_of_two_sizes_are_refused():
-    with pytest.raises(DataError, match="12x8"):
+    with pytest.raises(DataError, match="8x12"):
         Ssim(np.zeros((8, 12, 3), np.uint8))(np.zeros((8, 13, 3), np.uint8))

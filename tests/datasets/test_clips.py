@@ -105,7 +105,7 @@ def test_a_frame_of_another_size_is_named(tmp_path):
     for number in (9, 10, 11):
         picture(tmp_path / f"other-data/Army/frame{number:02d}.png", height=HEIGHT + (number == 9))
     flow(tmp_path / "other-gt-flow/Army/flow10.flo")
-    with pytest.raises(DataError, match=r"frame10.png is 8x6, .*frame09.png is 8x7"):
+    with pytest.raises(DataError, match=r"frame10.png is 6x8, .*frame09.png is 7x8"):
         load_dataset("middlebury", tmp_path).frame("Army", -1)
 
 

@@ -109,11 +109,11 @@ def test_ground_truth_that_does_not_fit(tmp_path: Path) -> None:
     flow(tmp_path / "flow_occ" / "000001_10.png", np.zeros((HEIGHT, WIDTH), bool))
     picture(tmp_path / "image_2" / "000002_11.png", HEIGHT, WIDTH + 1)
     dataset = load_dataset("kitti2015", tmp_path)
-    with pytest.raises(DataError, match=r"the flow is 8x7, but the frame 000000_10\.png is 8x6"):
+    with pytest.raises(DataError, match=r"the flow is 7x8, but the frame 000000_10\.png is 6x8"):
         dataset.load("000000")
     with pytest.raises(DataError, match="no pixel with known flow"):
         dataset.load("000001")
-    with pytest.raises(DataError, match=r"000002_10\.png is 8x6, .*000002_11\.png is 9x6"):
+    with pytest.raises(DataError, match=r"000002_10\.png is 6x8, .*000002_11\.png is 6x9"):
         dataset.load("000002")
     with pytest.raises(UsageError, match="no sample '000009'; keys look like"):
         dataset.load("000009")

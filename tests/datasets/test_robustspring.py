@@ -162,7 +162,7 @@ def test_mistakes_that_only_reading_shows(root):
     damaged.write_bytes(b"no picture")
     pairs = RobustSpring(root)
     key = "0028/flow_FW_left/flow_FW_left_0001"
-    with pytest.raises(DataError, match=r"spring/test.* is 64x48.*fog/test.* is 32x24"):
+    with pytest.raises(DataError, match=r"spring/test.* is 48x64.*fog/test.* is 24x32"):
         pairs.corrupted(key, FOG, 1)
     with pytest.raises(RobustFlowError, match="rain/test"):
         pairs.corrupted(key, RAIN, 1)

@@ -86,5 +86,5 @@ def test_what_is_not_a_flow_is_refused(wrong):
 
 def test_sizes_that_differ_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
-    with pytest.raises(DataError, match="4x3, but its reference is 3x4"):
+    with pytest.raises(DataError, match="3x4, but its reference is 4x3"):
         epe_map(flow, np.zeros((4, 3, 2), np.float32))

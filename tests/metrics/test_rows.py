@@ -105,9 +105,9 @@ def test_what_does_not_fit_the_sample_is_refused():
     sample = Sample("a", (frame, frame), flow, np.ones((4, 5), np.bool_))
     regions = Regions.of(sample)
     small = np.zeros((2, 2, 2), np.float32)
-    with pytest.raises(DataError, match="sample 'a' is 5x4"):
+    with pytest.raises(DataError, match="sample 'a' is 4x5"):
         measure(small, small, sample, regions)
-    with pytest.raises(DataError, match="5x4, but its reference is 2x2"):
+    with pytest.raises(DataError, match="4x5, but its reference is 2x2"):
         measure(flow, small, sample, regions)
     with pytest.raises(DataError, match=r"pass Regions\.of"):
         measure(flow, flow, sample, None)

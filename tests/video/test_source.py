@@ -177,7 +177,7 @@ def test_missing(tmp_path):
 def test_pictures_of_two_sizes(tmp_path):
     folder = clips.folder(tmp_path / "seq", 3)
     write_image(folder / "000004.png", clips.frames(1, 50, 64)[0])
-    with pytest.raises(DataError, match=r"64x50.*64x48"):
+    with pytest.raises(DataError, match=r"50x64.*48x64"):
         list(PictureFolder(folder).frames())
 
 

@@ -91,7 +91,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
         path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "an image")
         height, width = stored_size(path)
         if height * width > MAX_PIXELS:
-            raise DataError(f"{path}: {width}x{height} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
+            raise DataError(f"{path}: {height}x{width} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
         paths.append(path)
     frames = read_frames((paths[0], paths[1]))
     name = f"{paths[0].name}, {paths[1].name}"
@@ -100,7 +100,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
     if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # checked before decompression
         height, width = stored_size(truth)
-        raise DataError(f"{truth}: {width}x{height} is not the size of the frames; the files do not match")
+        raise DataError(f"{truth}: {height}x{width} is not the size of the frames; the files do not match")
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")

@@ -150,12 +150,12 @@ def diameter(problem: Problem) -> int:
         size -= 1
     if not size:
         raise DataError(
-            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels is smaller than one pixel; choose a "
+            f"a patch of {problem.ball.budget:g} % of {height}x{width} pixels is smaller than one pixel; choose a "
             "higher severity, a larger budget or larger frames"
         )
     if size > min(height, width):
         raise DataError(
-            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels has a diameter of {size}, which does not "
+            f"a patch of {problem.ball.budget:g} % of {height}x{width} pixels has a diameter of {size}, which does not "
             "fit into the frame; choose a lower severity, a smaller budget or larger frames"
         )
     return size

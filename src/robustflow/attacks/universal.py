@@ -119,8 +119,8 @@ class Universal(Trained):
         shape, frames = first.shape[2:], problem.ball.clean.shape[2:]
         if shape != frames:
             raise DataError(
-                f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, but the frames of sample "
-                f"'{problem.pair.key}' are {frames[1]}x{frames[0]}; give a file for this size"
+                f"{self.file} is for frames of {shape[0]}x{shape[1]} pixels, but the frames of sample "
+                f"'{problem.pair.key}' are {frames[0]}x{frames[1]}; give a file for this size"
             )
         return np.concatenate([first, first if second is None else second]) if len(first) == 1 else first
 

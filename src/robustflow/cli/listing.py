@@ -201,7 +201,7 @@ def _datasets() -> list[str]:
         )
         stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
         lines += [f"    {what}: {text}" for what, text in stated.items() if text]
-    return lines
+    return [*lines, "Sizes of frames are HEIGHTxWIDTH."]
 
 
 def _recipes() -> list[str]:

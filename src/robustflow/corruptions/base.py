@@ -161,7 +161,7 @@ class DepthCorruption(Corruption):
         if depth is not None and depth.maps[0].shape != shape:
             height, width = depth.maps[0].shape
             raise DataError(
-                f"{self.name}: the depth maps are {width}x{height}, but the frames are {shape[1]}x{shape[0]}; "
+                f"{self.name}: the depth maps are {height}x{width}, but the frames are {shape[0]}x{shape[1]}; "
                 "the sizes must match"
             )
         return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)

@@ -80,8 +80,8 @@ class ContextFrames:
         for number, frame in around.items():
             if frame.shape != sample.frames[0].shape:
                 raise DataError(
-                    f"sample '{sample.key}': the frame {number} steps from its first frame is {frame.shape[1]}x"
-                    f"{frame.shape[0]}, but the pair is {sample.shape[1]}x{sample.shape[0]}; all frames of a clip must "
+                    f"sample '{sample.key}': the frame {number} steps from its first frame is {frame.shape[0]}x"
+                    f"{frame.shape[1]}, but the pair is {sample.shape[0]}x{sample.shape[1]}; all frames of a clip must "
                     "have the same size"
                 )
         return replace(sample, frames=(*sample.frames[:2], *around.values()))

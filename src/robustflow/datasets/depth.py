@@ -57,8 +57,8 @@ def scene_depth(
 def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: str) -> None:
     """Raise a DataError unless a map has the size of the frames."""
     if values.shape != shape:
-        size = "x".join(map(str, values.shape[::-1]))
-        raise DataError(f"{what} is {size}, but the frames are {shape[1]}x{shape[0]}; give a map of the same size")
+        size = "x".join(map(str, values.shape))
+        raise DataError(f"{what} is {size}, but the frames are {shape[0]}x{shape[1]}; give a map of the same size")
 
 
 def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float64]:

@@ -32,7 +32,7 @@ class FlyingChairs(PairDataset):
     name = "flyingchairs"
     facts = DatasetFacts(
         title="FlyingChairs",
-        description="Synthetic pairs of chairs moving over photographs, 512x384.",
+        description="Synthetic pairs of chairs moving over photographs, 384x512.",
         pairs=22872,
         licence=NON_COMMERCIAL,
         citation="Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",

@@ -38,7 +38,7 @@ class FlyingThings3D(PairDataset):
     name = "flyingthings3d"
     facts = DatasetFacts(
         title="FlyingThings3D",
-        description="2,239 training and 437 test scenes of ten synthetic frames, 960x540.",
+        description="2,239 training and 437 test scenes of ten synthetic frames, 540x960.",
         pairs=20151,
         clips="always",
         licence=NON_COMMERCIAL,

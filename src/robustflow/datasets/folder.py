@@ -111,6 +111,6 @@ def _check(folder: Path, frames: list[Path]) -> None:
         if image_size(frame) != size:
             (h, w), (other_h, other_w) = size, image_size(frame)
             raise DataError(
-                f"frames differ in size: {frames[0]} is {w}x{h}, {frame} is {other_w}x{other_h}; "
+                f"frames differ in size: {frames[0]} is {h}x{w}, {frame} is {other_h}x{other_w}; "
                 "put them in separate folders, or resize them"
             )

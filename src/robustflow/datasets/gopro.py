@@ -1,4 +1,4 @@
-"""GoPro: frames of 33 hand-held sequences at 1280x720, no ground truth.
+"""GoPro: frames of 33 hand-held sequences at 720x1280, no ground truth.
 
     test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
     test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
@@ -35,7 +35,7 @@ class GoPro(PairDataset):
     has_flow = False
     facts = DatasetFacts(
         title="GoPro",
-        description="33 hand-held sequences, 1280x720, recorded at 240 frames per second.",
+        description="33 hand-held sequences, 720x1280, recorded at 240 frames per second.",
         ground_truth="none",
         clips="always",
         licence="CC BY 4.0",

@@ -1,4 +1,4 @@
-"""HD1K: 36 driving sequences with ground truth and uncertainties, 2560x1080, flow in KITTI's format.
+"""HD1K: 36 driving sequences with ground truth and uncertainties, 1080x2560, flow in KITTI's format.
 
     hd1k_input/image_2/000000_0000.png ...      sequence_frame
     hd1k_flow_gt/flow_occ/000000_0000.png ...   one per frame; the last frame of a sequence has no second frame
@@ -25,7 +25,7 @@ class HD1K(PairDataset):
     name = "hd1k"
     facts = DatasetFacts(
         title="HD1K",
-        description="36 driving sequences, 2560x1080.",
+        description="36 driving sequences, 1080x2560.",
         ground_truth="sparse",
         pairs=1047,
         clips="always",

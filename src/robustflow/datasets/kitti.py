@@ -88,7 +88,7 @@ class Kitti2015(KittiSequences):
     name = "kitti2015"
     facts = DatasetFacts(
         title="KITTI flow 2015",
-        description="Driving with moving cars, about 1242x375.",
+        description="Driving with moving cars, about 375x1242.",
         ground_truth="sparse",
         pairs=200,
         depth="disparity and calibration",
@@ -140,7 +140,7 @@ class Kitti2012(KittiSequences):
     name = "kitti2012"
     facts = DatasetFacts(
         title="KITTI flow 2012",
-        description="Driving through static scenes, about 1242x375.",
+        description="Driving through static scenes, about 375x1242.",
         ground_truth="sparse",
         pairs=194,
         clips="with the multi-view extension",

@@ -39,7 +39,7 @@ class KittiRaw(PairDataset):
     has_flow = False
     facts = DatasetFacts(
         title="KITTI raw",
-        description="Complete drives with a car, about 1242x375 at 10 Hz.",
+        description="Complete drives with a car, about 375x1242 at 10 Hz.",
         ground_truth="none",
         clips="always",
         licence="CC BY-NC-SA 3.0",

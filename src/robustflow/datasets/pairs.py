@@ -189,4 +189,4 @@ def _walk(step: Mapping[Path, Path], frame: Path, most: int) -> list[Path]:
 
 
 def _size(array: Any) -> str:
-    return f"{array.shape[1]}x{array.shape[0]}"
+    return f"{array.shape[0]}x{array.shape[1]}"

@@ -44,7 +44,7 @@ class RobustSpring(Samples):
     has_flow = False
     facts = DatasetFacts(
         title="RobustSpring",
-        description="Spring's ten test sequences, 1920x1080, under 20 corruptions, which are distributed as files.",
+        description="Spring's ten test sequences, 1080x1920, under 20 corruptions, which are distributed as files.",
         ground_truth="none",
         pairs=3960,
         clips="always",

@@ -41,7 +41,7 @@ class Sintel(PairDataset):
     name = "sintel"
     facts = DatasetFacts(
         title="MPI-Sintel",
-        description="23 scenes of an animated film, 1024x436, in a clean and a final rendering.",
+        description="23 scenes of an animated film, 436x1024, in a clean and a final rendering.",
         pairs=1041,
         depth="exact, with its depth package",
         clips="always",
@@ -115,5 +115,5 @@ def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:
 def _fitting(path: Path, shape: tuple[int, ...]) -> Mask:
     mask = read_mask(path)
     if mask.shape != shape:
-        raise DataError(f"{path}: {mask.shape[1]}x{mask.shape[0]} pixels, but the flow has {shape[1]}x{shape[0]}")
+        raise DataError(f"{path}: {mask.shape[0]}x{mask.shape[1]} pixels, but the flow has {shape[0]}x{shape[1]}")
     return mask

@@ -1,4 +1,4 @@
-"""Spring: 37 training sequences of an animated film at 1920x1080, ground truth at 3840x2160. Needs the extra `h5`.
+"""Spring: 37 training sequences of an animated film at 1080x1920, ground truth at 2160x3840. Needs the extra `h5`.
 
     train/0001/frame_left/frame_left_0001.png ...
     train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...      from this frame to the next
@@ -49,7 +49,7 @@ class Spring(PairDataset):
     name = "spring"
     facts = DatasetFacts(
         title="Spring",
-        description="37 sequences of an animated film, 1920x1080, with detailed ground truth.",
+        description="37 sequences of an animated film, 1080x1920, with detailed ground truth.",
         pairs=4963,
         depth="disparity and intrinsics",
         clips="always",
@@ -77,7 +77,7 @@ class Spring(PairDataset):
         flow, valid = read_flow(pair.flow)
         if flow.shape[0] % 2 or flow.shape[1] % 2:
             raise DataError(
-                f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel on each axis"
+                f"{pair.flow}: {flow.shape[0]}x{flow.shape[1]} vectors; Spring has two per pixel on each axis"
             )
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 

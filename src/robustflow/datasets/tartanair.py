@@ -1,4 +1,4 @@
-"""TartanAir: 369 flights through 18 rendered environments, 640x480, dense ground truth; left camera.
+"""TartanAir: 369 flights through 18 rendered environments, 480x640, dense ground truth; left camera.
 
     abandonedfactory/Easy/P000/image_left/000000_left.png ...
     abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
@@ -45,7 +45,7 @@ class TartanAir(PairDataset):
     name = "tartanair"
     facts = DatasetFacts(
         title="TartanAir",
-        description="369 flights through 18 rendered environments, 640x480.",
+        description="369 flights through 18 rendered environments, 480x640.",
         pairs=306268,
         depth="exact",
         clips="always",

@@ -64,7 +64,7 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
         raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
     if max(array.shape[:2]) > MAX_SIDE:
-        raise DataError(f"{path}: a flow of {array.shape[1]}x{array.shape[0]} exceeds {MAX_SIDE} pixels per side")
+        raise DataError(f"{path}: a flow of {array.shape[0]}x{array.shape[1]} exceeds {MAX_SIDE} pixels per side")
     mask = np.ones(array.shape[:2], bool) if valid is None else np.asarray(valid)
     if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
         raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
@@ -77,13 +77,13 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
 def claimed_size(path: Path, width: int, height: int) -> None:
     """Reject implausible dimensions before memory is allocated."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; download it again")
+        raise DataError(f"{path}: the header claims {height}x{width} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {width}x{height} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
+        raise DataError(f"{path}: {height}x{width} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
 
 
 def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
     """Reject a file whose length does not match its header."""
     if size != expected:
         state = "truncated" if size < expected else "too long"
-        raise DataError(f"{path}: {state}: {size} bytes, but {width}x{height} pixels need {expected}; copy it again")
+        raise DataError(f"{path}: {state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")

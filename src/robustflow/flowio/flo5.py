@@ -1,6 +1,6 @@
 """Spring .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; requires the extra `h5`.
 
-Spring stores 3840x2160 vectors for frames of 1920x1080, in pixels of the frames; `datasets.spring` uses every second
+Spring stores 2160x3840 vectors for frames of 1080x1920, in pixels of the frames; `datasets.spring` uses every second
 vector, as the benchmark does. Source: Mehl et al., CVPR 2023, and `flow_IO` from the benchmark's code.
 """
 

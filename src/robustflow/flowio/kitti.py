@@ -73,5 +73,5 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
     raw[..., 1] = np.where(valid, scaled[..., 1], 0)
     encoded, data = cv2.imencode(".png", raw)
     if not encoded:
-        raise DataError(f"{path}: OpenCV could not encode {flow.shape[1]}x{flow.shape[0]} pixels as PNG; write .flo")
+        raise DataError(f"{path}: OpenCV could not encode {flow.shape[0]}x{flow.shape[1]} pixels as PNG; write .flo")
     return data.tobytes()

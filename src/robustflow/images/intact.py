@@ -48,7 +48,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
     if width * height * bits * header.channels > 8 * MOST_INFLATED * len(data):
         raise DataError(
-            f"{path}: damaged: {len(data)} bytes are too few for {width}x{height} pixels; copy or download it again"
+            f"{path}: damaged: {len(data)} bytes are too few for {height}x{width} pixels; copy or download it again"
         )
     view, start, name = memoryview(data), 8, b""
     while name != b"IEND":

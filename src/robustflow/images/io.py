@@ -217,7 +217,7 @@ def _open(path: Path, data: bytes) -> Image.Image:
         raise DataError(f"{path}: not an image ({kinds}), or its header is damaged; check the file") from error
     width, height = image.size
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {width}x{height} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
+        raise DataError(f"{path}: {height}x{width} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
     if deep or _is_deep(image):
         raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (flow maps are not images)")
     return image

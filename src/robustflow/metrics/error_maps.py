@@ -103,7 +103,7 @@ def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(
-            f"the flow is {a.shape[1]}x{a.shape[0]}, but its reference is {b.shape[1]}x{b.shape[0]}; "
+            f"the flow is {a.shape[0]}x{a.shape[1]}, but its reference is {b.shape[0]}x{b.shape[1]}; "
             "both must have the size of the frames"
         )
     return a, b

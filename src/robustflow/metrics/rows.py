@@ -160,7 +160,7 @@ def measure(
     pred = flow_array(pred)
     if pred.shape[:2] != sample.shape or (regions is not None and regions.valid.shape != sample.shape):
         raise DataError(
-            f"sample '{sample.key}' is {sample.shape[1]}x{sample.shape[0]}: the prediction "
+            f"sample '{sample.key}' is {sample.shape[0]}x{sample.shape[1]}: the prediction "
             f"(shape {pred.shape}) and the regions must have that size"
         )
     if (regions is None) != (sample.flow is None):

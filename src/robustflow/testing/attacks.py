@@ -65,7 +65,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
     model = _Smooth()
     for shape in _SHAPES:
         for severity in SEVERITIES:
-            where = f"attack '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
+            where = f"attack '{first.name}' at severity {severity} on {shape[0]}x{shape[1]} pixels"
             texture, shifted, black, white = frames_of(shape)
             for frames in ((texture, shifted), (black, white)):
                 truth = np.zeros((*shape, 2), np.float32) if severity % 2 else None

@@ -46,7 +46,7 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
         for severity in SEVERITIES:
             if first.severities[severity - 1] is None:
                 continue
-            where = f"corruption '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
+            where = f"corruption '{first.name}' at severity {severity} on {shape[0]}x{shape[1]} pixels"
             frames = frames_of(shape)
             before = [frame.copy() for frame in frames]
             scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None

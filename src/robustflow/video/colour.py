@@ -56,7 +56,7 @@ def i420_to_rgb(picture: I420, height: int, width: int) -> Frame:
     """
     rows, columns = even_size(height, width)
     if picture.shape != (rows * 3 // 2, columns):
-        raise ValueError(f"I420 for {width}x{height} has the shape {(rows * 3 // 2, columns)}, not {picture.shape}")
+        raise ValueError(f"I420 for {height}x{width} has the shape {(rows * 3 // 2, columns)}, not {picture.shape}")
     picture = np.ascontiguousarray(picture)
     chroma = picture[rows:].reshape(2, rows // 2, columns // 2)
     out = np.empty((height, width, 3), np.uint8)

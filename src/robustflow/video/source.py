@@ -54,8 +54,8 @@ class PictureFolder:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
                 raise DataError(
-                    f"{path}: {frame.shape[1]}x{frame.shape[0]}, but the first image is "
-                    f"{self.size[1]}x{self.size[0]}; all images of a clip must have the same size"
+                    f"{path}: {frame.shape[0]}x{frame.shape[1]}, but the first image is "
+                    f"{self.size[0]}x{self.size[1]}; all images of a clip must have the same size"
                 )
             yield frame
 

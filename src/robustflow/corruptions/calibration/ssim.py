@@ -49,8 +49,8 @@ class Ssim:
         luma = _luma(image)
         if luma.shape != self._luma.shape:
             raise DataError(
-                f"images differ in size: {self._luma.shape[1]}x{self._luma.shape[0]} and "
-                f"{luma.shape[1]}x{luma.shape[0]}; the sizes must match"
+                f"images differ in size: {self._luma.shape[0]}x{self._luma.shape[1]} and "
+                f"{luma.shape[0]}x{luma.shape[1]}; the sizes must match"
             )
         return float(_mean_ssim(self._mean, self._square, *_moments(luma, self._luma)))
 

@@ -29,6 +29,6 @@ class JpegCompression(Corruption):
         bgr = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR)
         done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, state])
         if not done:
-            raise RobustFlowError(f"OpenCV cannot encode a JPEG of {frame.shape[1]}x{frame.shape[0]} pixels")
+            raise RobustFlowError(f"OpenCV cannot encode a JPEG of {frame.shape[0]}x{frame.shape[1]} pixels")
         decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
         return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB, dst=decoded)

@@ -87,7 +87,7 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
         free = (shape[0] - 2 * margin - crop[0], shape[1] - 2 * margin - crop[1])
         if min(free) < 0:
             raise DataError(
-                f"its frames are {shape[1]}x{shape[0]}, smaller than the crop of {crop[1]}x{crop[0]}"
+                f"its frames are {shape[0]}x{shape[1]}, smaller than the crop of {crop[0]}x{crop[1]}"
                 + (f" with a margin of {margin} pixels" if margin else "")
             )
         top, left = margin + rng.integer(0, free[0] + 1), margin + rng.integer(0, free[1] + 1)

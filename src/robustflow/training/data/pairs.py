@@ -208,7 +208,7 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
         flow, valid = np.zeros((*first.shape[:2], 2), np.float32), np.zeros(first.shape[:2], bool)
     if flow.shape[:2] != first.shape[:2]:
         raise DataError(
-            f"its flow is {flow.shape[1]}x{flow.shape[0]}, but its frames are {first.shape[1]}x{first.shape[0]}"
+            f"its flow is {flow.shape[0]}x{flow.shape[1]}, but its frames are {first.shape[0]}x{first.shape[1]}"
         )
     return (first, second), flow, valid
 
