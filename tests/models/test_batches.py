@@ -26,7 +26,7 @@ from .textures import textured_pair
 pytestmark = pytest.mark.torch
 
 NAMES = (*BATCHED, *NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
-PAIR_BY_PAIR = {"flowformer", "onnx", "torch_export", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
+PAIR_BY_PAIR = {"flowformer", "onnx", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
 """Registered models that are not networks, or that process one pair at a time."""
 LARGE = ("samflow_b", "samflow_h")
 SIZE, SMALLER = (125, 187), (61, 93)

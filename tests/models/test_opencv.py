@@ -68,6 +68,15 @@ def test_a_pair_does_not_remember_the_one_before(moved):
     np.testing.assert_array_equal(model.predict(*moved), first)
 
 
+@pytest.mark.parametrize("name", ["farneback", "dis"])
+@pytest.mark.parametrize(
+    "other", [np.zeros((64, 95, 3), np.uint8), np.zeros((64, 96, 3)), np.zeros((64, 96), np.uint8)]
+)
+def test_what_is_not_a_pair_is_refused(name, other):
+    with pytest.raises(UsageError, match=r"expected RGB uint8|differ in size"):
+        load_model(name).predict(np.zeros((64, 96, 3), np.uint8), other)
+
+
 @pytest.mark.parametrize(("height", "width", "fits"), [(8, 12, True), (12, 8, True), (11, 11, False), (7, 40, False)])
 def test_the_smallest_frames_of_dis(height, width, fits):
     frame = np.random.default_rng(0).integers(0, 255, (height, width, 3)).astype(np.uint8)

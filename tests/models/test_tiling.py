@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import UsageError
+from robustflow.errors import ModelError, UsageError
 from robustflow.models import load_model
 from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights
 
@@ -117,6 +117,16 @@ def test_pairs_of_any_size_give_alone_and_together_the_same():
     assert model.tiles == [3, 1, 1, 1, 1, 1, 1, 1]
     for pair, flow in zip(pairs, together, strict=True):
         np.testing.assert_array_equal(TiledModel(model, "64x96").predict(*pair), flow)
+
+
+@pytest.mark.parametrize("shape", [(2,), (64, 96, 1), (1, 1, 2)])
+def test_answer_of_another_shape_than_the_tile_is_refused(shape):
+    class Broadcasts:
+        def predict(self, frame1, frame2):
+            return np.ones(shape, np.float32)
+
+    with pytest.raises(ModelError, match=r"on a tile; expected a float array of shape \(64, 96, 2\)"):
+        TiledModel(Broadcasts(), "64x96").predict(*position_frames(64, 96))
 
 
 def test_any_model_takes_the_option(tmp_path):

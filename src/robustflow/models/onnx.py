@@ -151,6 +151,11 @@ class OnnxModel(PairNetwork):
                 "need (e.g. -O multiple=64), or export it again"
             ) from None
         flow = np.asarray(flow)
+        if flow.dtype.kind != "f":
+            raise ModelError(
+                f"the network's output {self._output} is {flow.dtype}; export it with a floating-point flow, or "
+                "choose a different output with -O output="
+            )
         pairs, _, height, width = image1.shape
         channels_last = flow_layout(flow.shape, pairs, height, width) == "nhwc"
         return list((flow if channels_last else flow.transpose(0, 2, 3, 1)).astype(np.float32))
@@ -186,7 +191,10 @@ def _session(path: Path, device: str, threads: int) -> Any:
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:  # onnxruntime has a separate class for each kind of failure
-        raise damaged(path, error) from None
+        raise ModelError(
+            f"{path}: onnxruntime {onnxruntime.__version__} cannot load it ({first_line(error)[:300]}); if its size is "
+            "that of the original, update onnxruntime, or export the network again with a lower opset"
+        ) from None
     if device != "cpu" and _CUDA not in session.get_providers():
         raise ModelError(f"onnxruntime cannot use device '{device}': its CUDA libraries cannot be loaded; use cpu")
     session.disable_fallback()
@@ -202,6 +210,8 @@ def _parse_device(device: str) -> str:
 
 def _chosen_output(nodes: list[Any], name: str | None) -> str:
     names = [str(node.name) for node in nodes]
+    if not names:
+        raise ModelError("the network has no outputs; export it with its flow as an output")
     chosen = names[-1] if name is None else str(name)  # the command line parses a name like 1234 as a number
     if chosen not in names:
         raise unknown_name("output of the network", chosen, names)
@@ -285,17 +295,17 @@ def _messages(message: Any, kind: type) -> Iterator[Any]:
 
 def _weights_sha256(path: Path, name: str) -> str:
     folder = path.resolve().parent
-    file = (folder / name).resolve()
-    if not name or not file.is_relative_to(folder):
-        raise ModelError(
-            f"{path}: it reads weights from '{name[:200]}', outside its own folder; get the original "
-            "file, or save it again with its weights in the same folder"
-        )
-    if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
-        raise ModelError(f"{path}: its weights '{name[:200]}' are not a regular file; get the original file")
     try:
+        file = (folder / name).resolve()
+        if not name or not file.is_relative_to(folder):
+            raise ModelError(
+                f"{path}: it reads weights from '{name[:200]}', outside its own folder; get the original "
+                "file, or save it again with its weights in the same folder"
+            )
+        if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
+            raise ModelError(f"{path}: its weights '{name[:200]}' are not a regular file; get the original file")
         return sha256_of_file(file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
         reason = getattr(error, "strerror", None) or error
         raise ModelError(
             f"{path}: its weights '{name[:200]}' cannot be read ({reason}); put that file in the same folder"

@@ -15,6 +15,7 @@ from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
 from ..threads import one_opencv_thread
 from .option_checks import check_count
+from .pairs import check_pair
 
 
 class Farneback:
@@ -72,7 +73,12 @@ class Farneback:
         return {"name": "farneback", "opencv": cv2.__version__, **self._parameters}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`."""
+        """Predict a flow as in `FlowModel.predict`.
+
+        Raises:
+            UsageError: the frames are not RGB uint8 of equal size.
+        """
+        check_pair(frame1, frame2)
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
             flow = cv2.calcOpticalFlowFarneback(grey1, grey2, None, flags=0, **self._parameters)
@@ -105,9 +111,11 @@ class Dis:
         """Predict a flow as in `FlowModel.predict`.
 
         Raises:
+            UsageError: the frames are not RGB uint8 of equal size.
             ModelError: one side of the frames is smaller than 8 pixels, or both sides are smaller than 12; this is too
                 small for OpenCV's pyramid.
         """
+        check_pair(frame1, frame2)
         height, width = frame1.shape[:2]
         if min(height, width) < 8 or max(height, width) < 12:
             raise ModelError(

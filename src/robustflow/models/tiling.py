@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..errors import UsageError
 from ..sample import Flow, Frame
 from ..size import parse_size
-from .base import AnyModel, ClipModel, FlowModel, model_identity
+from .base import AnyModel, ClipModel, FlowModel, checked_flow, model_identity
 
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""
@@ -126,8 +126,8 @@ class TiledModel:
         for index in range(max((len(blend.windows) for blend in blends), default=0)):
             active = [blend for blend in blends if index < len(blend.windows)]
             tiles1, tiles2 = zip(*(blend.tiles(index) for blend in active), strict=True)
-            for blend, flow in zip(active, self._predict_tiles(tiles1, tiles2), strict=True):
-                blend.add(index, flow)
+            for blend, tile, flow in zip(active, tiles1, self._predict_tiles(tiles1, tiles2), strict=True):
+                blend.add(index, checked_flow(flow, (tile,), "a tile"))
         return [blend.flow() for blend in blends]
 
     def _predict_tiles(self, tiles1: Sequence[Frame], tiles2: Sequence[Frame]) -> Sequence[Flow]:

@@ -49,7 +49,7 @@ def test_beyond_1024_pixels_there_are_no_positions():
     net = SamVit(SamSize(width=8, depth=1, heads=2, global_blocks=(0,)))
     with torch.no_grad():
         assert net(torch.zeros(1, 3, 32, 1024)).shape == (1, 256, 2, 64)
-        with pytest.raises(ModelError, match=r"1024 x 1024 pixels, not for 32 x 1040; predict in tiles"):
+        with pytest.raises(ModelError, match=r"1024x1024 pixels, not for 32x1040; predict in tiles"):
             net(torch.zeros(1, 3, 32, 1040))
 
 

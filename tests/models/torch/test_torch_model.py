@@ -259,7 +259,7 @@ def test_a_compiled_network_gives_the_same_flow():
 
 def test_a_frame_too_small_for_upflow_says_so():
     model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
-    with pytest.raises(ModelError, match="wider or taller than 64 pixels, not 64 x 40"):
+    with pytest.raises(ModelError, match="wider or taller than 64 pixels, not 40x64"):
         model.predict(*noise_pair(40, 64))
 
 

@@ -172,8 +172,8 @@ class SamVit(nn.Module):
         height, width = x.shape[1:3]
         if max(height, width) > _GRID:
             raise ModelError(
-                f"the SAM encoder has position tables for {_PATCH * _GRID} x {_PATCH * _GRID} pixels, not for "
-                f"{_PATCH * height} x {_PATCH * width}; predict in tiles (option tile)"
+                f"the SAM encoder has position tables for {_PATCH * _GRID}x{_PATCH * _GRID} pixels, not for "
+                f"{_PATCH * height}x{_PATCH * width}; predict in tiles (option tile)"
             )
         x = x + self.pos_embed[:, :height, :width]
         for block in self.blocks:

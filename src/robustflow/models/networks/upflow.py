@@ -124,7 +124,7 @@ class UPFlow(nn.Module):
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
             raise ModelError(
-                f"upflow needs frames wider or taller than 64 pixels, not {width} x {height}; use larger frames"
+                f"upflow needs frames wider or taller than 64 pixels, not {height}x{width}; use larger frames"
             )
         features1, features2 = (self.feature_pyramid_extractor(image)[:0:-1] for image in (image1, image2))
         forward = backward = torch.zeros_like(features1[0][:, :2], dtype=torch.float32)
