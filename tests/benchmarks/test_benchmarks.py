@@ -119,11 +119,11 @@ def test_whole_kitti_fc_is_opened_without_a_word(tmp_path, recwarn):
     [
         (
             THE_80[3:],
-            rf"3 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[:3])}\); the result is not",
+            rf"3 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[:3])}\); the result is not",
         ),
         (
             OTHERS[:2] + THE_80[:1],
-            rf"79 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[1:21])} and 59 more\), "
+            rf"79 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[1:21])} and 59 more\), "
             "and 2 of the 3 evaluated are not part of KITTI-FC; the result is not a KITTI-FC result",
         ),
         (

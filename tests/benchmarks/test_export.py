@@ -21,6 +21,7 @@ from robustflow.report.site.models import model_pages
 from tests.datasets.layouts import picture
 from tests.made_rows import made_run
 
+_SEQUENCES = ("374_11_02", "379_11_00", "384_11_02", "385_11_00", "386_11_00")
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 
@@ -69,10 +70,19 @@ def test_a_part_of_the_released_gopro_fc_is_marked_beside_the_published_rows(tmp
     for folder in ("clean", "contrast_1"):
         for number in (0, 1):
             picture(tmp_path / "fc" / folder / "GOPR0374_11_02" / f"000032_{number}.png", 48, 64)
-    run = rf.evaluate(DIS, "gopro-fc", tmp_path / "fc", tmp_path / "run")
+    with pytest.warns(UserWarning, match="4 of GoPro-FC's 5 sequences are missing .*; the result is not a GoPro-FC"):
+        run = rf.evaluate(DIS, "gopro-fc", tmp_path / "fc", tmp_path / "run")
     assert comparison_note(run).startswith("1 pair, not the paper's 675; ")
     copies = pl.concat(run.rows.with_columns(sample=pl.col("sample") + f" copy {number}") for number in range(675))
     assert "pair" not in comparison_note(made_run(run, copies))
+
+
+def test_the_five_sequences_of_gopro_fc_are_opened_without_a_word(tmp_path, recwarn):
+    for folder in ("clean", "contrast_1"):
+        for name in (f"GOPR0{number}/000032_{index}.png" for number in _SEQUENCES for index in (0, 1)):
+            picture(tmp_path / folder / name, 8, 8)
+    assert len(load_benchmark("gopro-fc", tmp_path).keys) == 5
+    assert not recwarn.list
 
 
 def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):

@@ -259,7 +259,10 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "mine.mp4"
     clips.clip(path, 60, HEIGHT, WIDTH, fps=30)
-    with pytest.warns(UserWarning, match="30 frames per second, so object_motion_blur averages over up to 1.03 s"):
+    with (
+        pytest.warns(UserWarning, match="30 frames per second, so object_motion_blur averages over up to 1.03 s"),
+        pytest.warns(UserWarning, match="1 of the 1 evaluated is not part of GoPro-FC; the result is not a GoPro-FC"),
+    ):
         benchmark = load_benchmark("gopro-fc", path)
     assert benchmark.corruptions == PAPER_ORDER
     assert benchmark.keys[0] == "mine/000015"

@@ -4,6 +4,7 @@ appendix)."""
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from ..corruptions import PAPER_ORDER
 from ..errors import DataError, UsageError
 from .base import Benchmark
 from .facts import BenchmarkFacts
+from .whole import warn_unless_whole
 
 if TYPE_CHECKING:
     from ..datasets.gopro_fc_prepared import GoProFCPrepared
@@ -54,6 +56,7 @@ class GoProFC:
             return _prepared(GoProFCPrepared(data))
         if (data / "clean").is_dir():
             dataset = GoProFCReleased(data)
+            _check_sequences(dataset.keys())
             return released("gopro-fc", dataset, dataset.keys(), GoProFC.facts)
         raise DataError(
             f"{data}: neither a prepared nor the released GoPro-FC; prepare it with robustflow prepare gopro-fc "
@@ -73,5 +76,13 @@ def _prepared(dataset: GoProFCPrepared) -> Benchmark:
                 "of rolling_shutter takes equally long; prepare it with --factor to shorten both",
                 stacklevel=2,
             )
+    _check_sequences(dataset.keys())
     protocol = {"frames": "prepared", "clips": dataset.identity()}
     return Benchmark("gopro-fc", dataset, tuple(dataset.keys()), PAPER_ORDER, protocol=protocol, facts=GoProFC.facts)
+
+
+def _check_sequences(keys: Sequence[str]) -> None:
+    """Warn if these are not the sequences of GoPro-FC."""
+    from ..video.prepare_folder import SEQUENCES
+
+    warn_unless_whole("GoPro-FC", "sequence", SEQUENCES, list(dict.fromkeys(key.partition("/")[0] for key in keys)))

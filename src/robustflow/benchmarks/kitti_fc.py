@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..corruptions import IMAGE_PAIR
 from ..errors import DataError, UsageError
-from ..text import first_of
 from .base import Benchmark
 from .facts import BenchmarkFacts, QuickSubset
+from .whole import warn_of_part, warn_unless_whole
 
 if TYPE_CHECKING:
     from ..datasets.kitti import KittiPairs
+
+_PAIRS = 80
 
 
 class KittiFC:
@@ -31,7 +31,7 @@ class KittiFC:
         data="the KITTI-2015 folder, which contains training/, or the released KITTI-FC, which contains clean/",
         published=True,
         paper_corruptions=IMAGE_PAIR,
-        paper_pairs=80,
+        paper_pairs=_PAIRS,
         training_set="kitti2015",
         same_domain=("kitti2012", "kitti-raw"),
         quick=QuickSubset(
@@ -53,7 +53,7 @@ class KittiFC:
         """See `Definition.open`."""
         from ..datasets.kitti import Kitti2015
         from ..datasets.kitti_fc_released import KittiFCReleased
-        from ..datasets.split import kitti_split, selected
+        from ..datasets.split import KITTI_KEYS, kitti_split, selected
         from .released import released
 
         if data is None:
@@ -65,20 +65,17 @@ class KittiFC:
             _check_truth(files)
             keys = selected(split, files.keys(), files.name) if split else files.keys()
             if split is None and len(keys) < _PAIRS:
-                _warn(f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {files.folder}", "")
+                warn_of_part("KITTI-FC", f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {files.folder}")
             return released("kitti-fc", files, keys, KittiFC.facts)
         dataset = Kitti2015(data)
         _check_truth(dataset)
         if split is None:
             keys = kitti_split(dataset.keys()).evaluation
-            _check_pairs(keys)
+            wanted = kitti_split(KITTI_KEYS).evaluation
+            warn_unless_whole("KITTI-FC", "pair", wanted, keys, ": unpack all 200 pairs to get one")
         else:
             keys = selected(split, dataset.keys(), dataset.name)
         return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR, facts=KittiFC.facts)
-
-
-_PAIRS = 80
-_MOST_NAMED = 20
 
 
 def _check_truth(dataset: KittiPairs) -> None:
@@ -88,24 +85,3 @@ def _check_truth(dataset: KittiPairs) -> None:
             f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
             "on flow_noc/ with --benchmark kitti2015, which labels the results accordingly"
         )
-
-
-def _check_pairs(keys: Sequence[str]) -> None:
-    """Warn if these are not the pairs of KITTI-FC."""
-    from ..datasets.split import KITTI_KEYS, kitti_split
-
-    wanted = kitti_split(KITTI_KEYS).evaluation
-    missing = [key for key in wanted if key not in set(keys)]
-    others = len(set(keys) - set(wanted))
-    remarks = []
-    if missing:
-        named = first_of(missing, _MOST_NAMED)
-        remarks.append(f"{len(missing)} of KITTI-FC's {_PAIRS} pairs are not in this folder ({named})")
-    if others:
-        remarks.append(f"{others} of the {len(keys)} evaluated {'is' if others == 1 else 'are'} not part of KITTI-FC")
-    if remarks:
-        _warn(", and ".join(remarks), ": unpack all 200 pairs to get one")
-
-
-def _warn(what: str, remedy: str) -> None:
-    warnings.warn(f"{what}; the result is not a KITTI-FC result{remedy}", stacklevel=4)
