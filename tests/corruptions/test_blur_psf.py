@@ -113,11 +113,15 @@ def test_other_stacks_are_another_run(stacks, tmp_path, monkeypatch):
         rf.evaluate("dis", **options)
 
 
-def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):
+def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
     with pytest.raises(AssetError, match="does not exist"):
-        PsfBlur(psf_dir=tmp_path / "nowhere").field(0.0296)
-    with pytest.raises(AssetError, match=r"0 files named \*rms0.0296\*"):
-        PsfBlur(psf_dir=tmp_path).field(0.0296)
+        PsfBlur(psf_dir="~/nowhere").field(0.0296)
+    with pytest.raises(AssetError, match=rf"{tmp_path} contains 0 files named \*rms0.0296\*"):
+        PsfBlur(psf_dir="~").field(0.0296)
+    (tmp_path / "x_rms0.0296.pth").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(DataError, match=r"cannot read the PSF stack .*x_rms0.0296.pth: No such file"):
+        PsfBlur(psf_dir="~").field(0.0296)
 
 
 @pytest.mark.torch

@@ -123,6 +123,14 @@ def test_severities_in_an_array_are_used_as_a_tuple():
     assert load_corruption(evenly).severities == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
+def test_severities_of_the_wrong_number_or_form_are_refused():
+    with pytest.raises(UsageError, match="'contrast' has 2 severities: define five"):
+        Contrast(severities=(0.4, 0.3))
+    for wrong in (1.5, (1.5,), "15"):
+        with pytest.raises(UsageError, match=r"a severity of 'fog' is .*: it must be the tuple \(strength, decay\)"):
+            Fog(severities=((1.5, 2.0), wrong, (2.5, 1.7), (2.5, 1.5), (3.0, 1.4)))
+
+
 class Empty(Veil):
     """An object that counts as false."""
 

@@ -3,6 +3,8 @@
 Statistics are computed on fixed streams, so every test is deterministic; the limits are about five standard errors.
 """
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -84,6 +86,11 @@ def test_seekable(start, count):
 def test_names_do_not_run_together():
     names = [("a", "b"), ("ab",), ("a", "b", ""), (1, 2), (12,), ("1", 2), ("a\x1fb",), ("a\x1fstr:1:b",)]
     assert len({key_of(*name) for name in names}) == len(names)
+
+
+def test_a_file_name_that_is_not_utf8_names_a_stream():
+    name = os.fsdecode(b"frame_\xff.png")
+    assert key_of(name) != key_of("frame_.png")
 
 
 @pytest.mark.parametrize("part", [None, 0.5, True])

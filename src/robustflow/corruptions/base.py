@@ -52,15 +52,27 @@ class Corruption(ABC):
         """Create the corruption; `severities` overrides the paper's five parameters, e.g. for the calibrated scale.
 
         None marks a severity that does not exist on the scale.
+
+        Raises:
+            UsageError: the variant is unknown, or a severity is missing or has the wrong number of parameters.
         """
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
         levels = severities if severities is not None else self.severities_of(variant)
+        if len(levels) != len(SEVERITIES):
+            raise UsageError(f"'{self.name}' has {len(levels)} severities: define five, from mild to severe")
         self.severities = tuple(map(self._named, levels))
 
     def _named(self, parameters: Any) -> Any:
-        return parameters if self.level is None or parameters is None else self.level(*parameters)
+        if self.level is None or parameters is None:
+            return parameters
+        if not isinstance(parameters, tuple | list) or len(parameters) != len(self.level._fields):
+            raise UsageError(
+                f"a severity of '{self.name}' is {parameters!r:.60}: it must be the tuple "
+                f"({', '.join(self.level._fields)})"
+            )
+        return self.level(*parameters)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
         """Return the five parameters for a variant; override this method if the reference code uses different

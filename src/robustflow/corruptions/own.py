@@ -56,8 +56,6 @@ class OwnCorruption(Corruption):
             self.paper_severities = tuple(given)
         except TypeError:
             raise UsageError(f"corruption '{self.name}' has `severities` {given!r:.60}: give a tuple of five") from None
-        if (count := len(self.paper_severities)) != len(SEVERITIES):
-            raise UsageError(f"corruption '{self.name}' has {count} severities: define five, from mild to severe")
         self.made = made
         if variant not in (*VARIANTS, BGR):
             raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")

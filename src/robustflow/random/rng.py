@@ -63,7 +63,7 @@ def key_of(*parts: str | int) -> int:
     True
     """
     text = "\x1f".join(map(_encoded, parts))
-    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
+    return int.from_bytes(hashlib.blake2b(text.encode(errors="surrogatepass"), digest_size=8).digest(), "little")
 
 
 def check_seed(seed: Any) -> int:

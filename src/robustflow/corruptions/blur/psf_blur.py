@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import UsageError
+from ...layout import user_path
 from ...psf.blur import blur
 from ...psf.psf_field import PsfField
 from ...psf.shipped import shipped_field
@@ -63,7 +64,7 @@ class PsfBlur(Corruption):
         """
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
-        self.psf_dir = Path(chosen) if chosen else None
+        self.psf_dir = user_path(chosen) if chosen else None
         for rms in self.severities:
             if rms is not None and rms not in self.paper_severities:
                 known = ", ".join(str(value) for value in self.paper_severities)

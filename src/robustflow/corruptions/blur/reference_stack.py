@@ -56,12 +56,16 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
 
     Raises:
         AssetError: the file is missing, or PyTorch is required but not installed.
-        DataError: the file is not a PSF stack.
+        DataError: the file cannot be read, or is not a PSF stack.
     """
     path = find_stack(Path(folder), rms)
-    if path.stat().st_size > LARGEST:
-        raise DataError(f"{path} is not a PSF stack: it has {path.stat().st_size} bytes instead of 2.9 million")
-    data = path.read_bytes()
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise DataError(f"{path} is not a PSF stack: it has {size} bytes instead of 2.9 million")
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read the PSF stack {path}: {error.strerror}") from error
     source = hashlib.sha256(data).hexdigest()
     kept = cache_folder("psf") / f"{source}.stack"
     stack = _read_kept(kept, source)
