@@ -67,6 +67,7 @@ def test_a_split_is_the_analysis_of_variance_in_sums_of_squares():
     split = variance_split(runs, "cre")
     assert _of(split, "image") ** 2 == pytest.approx((ms_image - inter) / (seeds * levels))
     assert _of(split, "seed") ** 2 == pytest.approx((ms_seed - inter) / (images * levels))
+    assert _of(split, "severity") ** 2 == pytest.approx(ss_level / (images * seeds * (levels - 1)))
     assert _of(split, "rest") ** 2 == pytest.approx(inter / levels + within)
     variance_of_mean = (ms_image + ms_seed - inter) / (images * seeds * levels)
     assert (split["error_of_mean"].drop_nulls() ** 2).sum() == pytest.approx(variance_of_mean)

@@ -5,8 +5,8 @@ t* = (theta* - theta) / se* approximates the unknown distribution of (theta - tr
 
     truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
 
-where q are the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below
-a if and only if the interval of level 1 - a excludes 0, up to the resolution of the resamples.
+where q are the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value is a quantile of |t*|: it is below a if
+and only if the symmetric interval of level 1 - a excludes 0, up to the resolution of the resamples.
 
 Errors are skewed, so the two tails of a mean are estimated separately. In three cases they are estimated together
 (quantiles of |t*|, a symmetric interval): for a difference between models, which is nearly symmetric and whose test
@@ -204,21 +204,18 @@ def _interval(values: StatisticValues, pivots: Array, symmetric: bool, level: fl
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
         return _without_interval(values)
-    count = len(pivots)
     observed = estimate / error if error > 0 else float(np.sign(estimate)) * np.inf
     if symmetric:
         reach = np.quantile(np.abs(pivots), level, method="inverted_cdf")
         below, above = -reach, reach
-        p = float(1 + np.count_nonzero(np.abs(pivots) >= abs(observed))) / (count + 1)
     else:
         below, above = np.quantile(pivots, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
-        tail = min(np.count_nonzero(pivots >= observed), np.count_nonzero(pivots <= observed))
-        p = min(1.0, 2 * (1 + tail) / (count + 1))
+    p = float(1 + np.count_nonzero(np.abs(pivots) >= abs(observed))) / (len(pivots) + 1)
     if error == 0:
-        return Interval(estimate, 0.0, estimate, estimate, 1.0 if estimate == 0 else float(p))
+        return Interval(estimate, 0.0, estimate, estimate, 1.0 if estimate == 0 else p)
     if not np.isfinite([below, above]).all():
         return _without_interval(values)
-    return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), float(p))
+    return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), p)
 
 
 def _without_interval(values: StatisticValues) -> Interval:
