@@ -13,8 +13,8 @@ from typing import BinaryIO
 from ..errors import ModelError, UsageError
 
 _NO_MODEL = {
-    b"<": "a web page: the download returned a login or error page instead of the file",
-    b"version https://git-lfs": "a Git LFS pointer: fetch the file itself with `git lfs pull`",
+    rb"<[!?a-zA-Z]": "a web page: the download returned a login or error page instead of the file",
+    rb"version https://git-lfs": "a Git LFS pointer: fetch the file itself with `git lfs pull`",
 }
 
 
@@ -76,7 +76,7 @@ def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
     if not head:
         raise ModelError(f"{path}: the file is empty; download it again")
     for start, what in _NO_MODEL.items():
-        if head.startswith(start):
+        if re.match(start, head):
             raise ModelError(f"{path}: the file is {what}; download the checkpoint itself, for example in a browser")
 
 

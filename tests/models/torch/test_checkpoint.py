@@ -4,9 +4,11 @@ their code, and weights that do not match the network are rejected.
 
 import argparse
 import hashlib
+import json
 import os
 import pickle
 import random
+import struct
 import zipfile
 
 import numpy as np
@@ -15,6 +17,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
+from safetensors.torch import save_file
 
 from robustflow.errors import ModelError, UsageError
 
@@ -59,6 +62,40 @@ def test_layouts_of_the_authors(path, state, layout, zipped, kind):
         assert torch.equal(found, expected)
     assert cast is None
     assert read.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_safetensors_are_read_whatever_the_length_of_their_header(path, state):
+    """A header of 0x3c20 bytes starts with a space and "<", like a web page."""
+    save_file(state, path)
+    content = path.read_bytes()
+    length = struct.unpack("<Q", content[:8])[0]
+    path.write_bytes(struct.pack("<Q", 0x3C20) + content[8 : 8 + length].ljust(0x3C20) + content[8 + length :])
+    net, read, cast = load(path)
+    assert all(torch.equal(value, state[key]) for key, value in net.state_dict().items())
+    assert (cast, read.trained_on) == (None, None)
+
+
+ONE = {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]}
+
+
+@pytest.mark.parametrize(
+    ("header", "data", "length"),
+    [
+        ({"a": {**ONE, "data_offsets": [0, 400]}}, bytes(4), None),
+        ({"a": {**ONE, "shape": [1 << 40]}}, bytes(4), None),
+        ({"a": ONE, "b": ONE}, bytes(4), None),
+        ({"a": {**ONE, "data_offsets": [4, 0]}}, bytes(4), None),
+        ({"a": {**ONE, "dtype": "F31"}}, bytes(4), None),
+        ({"a": ONE}, bytes(400), None),
+        ({"a": ONE}, bytes(4), 1 << 31),
+    ],
+    ids=["beyond the end", "huge", "overlapping", "negative", "unknown dtype", "spare bytes", "long header"],
+)
+def test_safetensors_whose_header_lies_are_refused(path, header, data, length):
+    text = json.dumps(header).encode()
+    path.write_bytes(struct.pack("<Q", length or len(text)) + text + data)
+    with refused(ModelError, r"weights\.pth: truncated or damaged .*Safetensor"):
+        load(path)
 
 
 def test_a_file_that_contains_itself_is_refused(path):

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import safetensors.torch
 import torch
 from torch import Tensor
 
@@ -63,10 +64,11 @@ class Checkpoint:
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
-    """Read a file saved with `torch.save`: a state dict, or a dict that contains one under a key in `HELD_AS`.
+    """Read a safetensors file, or a file saved with `torch.save`: a state dict, or a dict that contains one under a key
+    in `HELD_AS`.
 
-    No code in the file is executed: the declared sizes are compared with the file size, and the file is then read with
-    `weights_only=True`.
+    No code in the file is executed: a safetensors file contains none; in a file saved with `torch.save`, the declared
+    sizes are compared with the file size, and the file is then read with `weights_only=True`.
 
     Args:
         path: path of the file.
@@ -91,14 +93,30 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 
 
 def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
-    """Return the contents of a file saved with `torch.save`, read with the same checks, and the file's SHA-256.
+    """Return the contents of a file, read with the same checks, and the file's SHA-256.
 
     Raises:
         ModelError, UsageError: see `read_checkpoint`.
     """
     with opened(path, sha256) as (file, digest):
+        if _is_safetensors(file):
+            return _load_safetensors(path, file), digest
         _check_archive(path, file)
         return _load(path, file), digest
+
+
+def _is_safetensors(file: BinaryIO) -> bool:
+    """Return whether a file starts like safetensors: the length of its header in 8 bytes, then the header in JSON."""
+    start = file.read(9)
+    file.seek(0)
+    return start[4:] == b"\0\0\0\0{"
+
+
+def _load_safetensors(path: Path, file: BinaryIO) -> dict[str, Tensor]:
+    try:
+        return safetensors.torch.load(file.read())
+    except Exception as error:  # SafetensorError, or KeyError for a data type that PyTorch does not have
+        raise damaged(path, error) from None
 
 
 def _check_archive(path: Path, file: BinaryIO) -> None:
