@@ -10,6 +10,7 @@ from robustflow.analysis.observations.evidence import Evidence
 from robustflow.analysis.run_names import run_names
 from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
+from robustflow.cli.tables import print_result
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
 from robustflow.report.assemble import ALL_TABLES, ATTACK_TABLES, FLAT_AND_DEPTH, figures_of, results_of, tables_of
@@ -59,6 +60,22 @@ def _table(runs, published=False):
     return [column.label for column in table.columns], [line for part in table.sections for line in part.lines]
 
 
+def _all_of_the_paper_and_a_far_one(run, **identity):
+    """All corruptions of the paper have the same error; one outside the paper has a hundred times that error."""
+    one = run.rows.filter(pl.col("corruption") == "contrast")
+    others = [one.with_columns(corruption=pl.lit(name)) for name in PAPER_ORDER if name in IMAGE_PAIR]
+    far = one.with_columns(corruption=pl.lit("elastic_transform"), epe_sum=100 * pl.col("epe_sum"))
+    return made_run(run, pl.concat([run.rows.filter(corruption="clean"), *others, far]), "DIS", **identity)
+
+
+def test_terminal_names_calibrated_severities_and_the_corruptions_of_each_mean(runs, capsys):
+    for scale in ("paper", "calibrated 00"):
+        print_result(_all_of_the_paper_and_a_far_one(runs[0], severity_scale=scale), report=False)
+        out = capsys.readouterr().out
+        assert ("DIS (knowledge, calibrated severities), 1 pair" in out) == (scale != "paper")
+        assert "mean over the paper's 20 corruptions: EPE" in out
+
+
 def _average(run, published):
     columns, lines = _table([run], published)
     line = next(line for line in lines if line.label == "DIS" and line.note)
@@ -66,13 +83,8 @@ def _average(run, published):
 
 
 def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corruptions_were_run(runs):
-    """All corruptions of the paper have the same error; one outside the paper has a hundred times that error."""
-    base = runs[0].rows.filter(pl.col("corruption").is_in(["clean", "contrast"]))
-    one = base.filter(pl.col("corruption") == "contrast")
-    others = [one.with_columns(corruption=pl.lit(name)) for name in PAPER_ORDER if name in IMAGE_PAIR]
-    far = one.with_columns(corruption=pl.lit("elastic_transform"), epe_sum=100 * pl.col("epe_sum"))
     mean = runs[0].summary.corruptions["contrast"].epe
-    whole = made_run(runs[0], pl.concat([base.filter(corruption="clean"), *others, far]), "DIS")
+    whole = _all_of_the_paper_and_a_far_one(runs[0])
     cells, note = _average(whole, published=True)
     assert cells["AVG EPE"] == f"{mean:.2f}"
     assert cells["Elastic transform"] == f"{100 * mean:.2f}"
@@ -80,7 +92,8 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
     cells, note = _average(whole, published=False)
     assert cells["AVG EPE"] == f"{120 * mean / 21:.2f}"
     assert "average over 21 corruptions" in note
-    part = made_run(runs[0], pl.concat([base, far]), "DIS")
+    few = pl.col("corruption").is_in(["clean", "contrast", "elastic_transform"])
+    part = made_run(runs[0], whole.rows.filter(few), "DIS")
     for published in (True, False):
         cells, note = _average(part, published)
         assert cells["AVG EPE"] == f"{101 * mean / 2:.2f}"

@@ -84,7 +84,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         sentence = f"Not a measure of robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None))
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
-        line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
+        line = f"mean over the paper's {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
         console.print(line)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
     _print_conclusions(console, run_results([result]))
@@ -171,8 +171,10 @@ def for_stdout(table: Table) -> str:
 
 
 def _whose(result: Run, with_seed: bool) -> str:
-    seed = result.manifest.identity.frames.made_with["seed"]
-    return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''})"
+    made_with = result.manifest.identity.frames.made_with
+    seed = made_with["seed"]
+    scale = ", calibrated severities" if made_with["severity_scale"] != "paper" else ""
+    return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''}{scale})"
 
 
 def _sentence(result: Run) -> str:
