@@ -17,7 +17,7 @@ from robustflow.models import Window, load_model
 from robustflow.runner.engines.base import Job
 from robustflow.runner.engines.ray_job import files_of
 from robustflow.runs.plan import RunOptions, Unit
-from robustflow.testing import ZeroClipFlow, ZeroFlow
+from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
 from tests.video import clips
 
@@ -223,6 +223,48 @@ def test_wrong_answers_name_the_place(clip_folder, tmp_path):
 
     with pytest.raises(ModelError, match="raised IndexError on sample '0', clean"):
         run(Raises(), clip_folder, tmp_path / "run2", corruptions=["contrast"], severities=[1])
+
+
+class OwnClips(TexturePairs):
+    """A user's dataset with clips, one of whose methods fails."""
+
+    def __init__(self, fault) -> None:
+        super().__init__(2, (24, 32))
+        self._fault = fault
+
+    def _answer(self, method, value):
+        if method == self._fault:
+            raise KeyError("no disk")
+        return None if f"{method} without an answer" == self._fault else value
+
+    def files(self, key):
+        return self._answer("files", [])
+
+    def around(self, key, reach):
+        return self._answer("around", range(-1, 2))
+
+    def frame(self, key, offset):
+        return self._answer("frame", np.zeros((24, 32, 3), np.uint8))
+
+    def frame_files(self, key, offsets):
+        return self._answer("frame_files", [])
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "says"),
+    [
+        ("files", UsageError, r"failed in files\('0'\): KeyError: 'no disk'"),
+        ("around", UsageError, r"failed in around\('0'\): KeyError: 'no disk'"),
+        ("around without an answer", UsageError, r"failed in around\('0'\): expected a range with 0 and 1, got None"),
+        ("frame", UsageError, r"failed in frame\('0', -1\): KeyError: 'no disk'"),
+        ("frame without an answer", DataError, r"sample '0', frame -1: expected RGB uint8 \(H, W, 3\), got NoneType"),
+        ("frame_files", UsageError, r"failed in frame_files\('0'\): KeyError: 'no disk'"),
+    ],
+)
+def test_a_users_dataset_that_fails_is_named(tmp_path, fault, error, says):
+    own = rf.Benchmark("mine", OwnClips(fault), ("0", "1"), ("contrast",))
+    with pytest.raises(error, match=says):
+        rf.evaluate(Recorder(), own, output=tmp_path / "run")
 
 
 def test_a_damaged_frame_of_the_clip_is_named(tmp_path):

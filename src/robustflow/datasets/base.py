@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from ..errors import UsageError
 from ..sample import Frame, Sample, SceneDepth
+from ..target import called
 
 
 @runtime_checkable
@@ -121,8 +122,19 @@ def has_clips(dataset: Dataset) -> bool:
     """Return whether at least one pair of a dataset has a frame before or after it."""
     if not isinstance(dataset, Clips):
         return False
-    keys = dataset.keys()
-    return any(len(dataset.around(key, 1)) > 2 for key in keys)
+    return any(len(range_around(dataset, key, 1)) > 2 for key in dataset.keys())  # noqa: SIM118
+
+
+def range_around(dataset: Clips, key: str, reach: int) -> range:
+    """Return `dataset.around(key, reach)`.
+
+    Raises:
+        UsageError: a user's dataset raised an exception, or did not return a range.
+    """
+    offsets = called(f"the dataset failed in around('{key}')", lambda: dataset.around(key, reach))
+    if not (isinstance(offsets, range) and offsets.step == 1 and 0 in offsets and 1 in offsets):
+        raise UsageError(f"the dataset failed in around('{key}'): expected a range with 0 and 1, got {offsets!r:.60}")
+    return offsets
 
 
 @runtime_checkable

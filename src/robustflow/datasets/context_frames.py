@@ -13,12 +13,13 @@ from pathlib import Path
 
 from ..corruptions.api import corrupt_clip
 from ..corruptions.base import Corruption
-from ..errors import DataError, UsageError
+from ..errors import UsageError
 from ..models.base import AnyModel, ClipModel, FlowModel
 from ..models.window import Window, window_of
-from ..sample import Frame, Sample
+from ..sample import Frame, Sample, check_frame
+from ..target import called
 from . import DATASETS, dataset_facts
-from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
+from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
@@ -63,28 +64,34 @@ class ContextFrames:
 
     def offsets(self, key: str) -> tuple[int, ...]:
         """Return the offsets of the model's input frames, in the model's order; an offset may occur twice."""
-        return self._window.offsets(self._dataset.around(key, self._window.reach))
+        return self._window.offsets(range_around(self._dataset, key, self._window.reach))
 
     def files(self, key: str) -> list[Path]:
         """Return the files of the frames around a pair."""
         numbers = self._numbers(key)[2:]
-        return self._dataset.frame_files(key, numbers) if numbers else []
+        if not numbers:
+            return []
+        return called(
+            f"the dataset failed in frame_files('{key}')", lambda: list(self._dataset.frame_files(key, numbers))
+        )
 
     def add(self, sample: Sample) -> Sample:
         """Return the sample with the frames around its pair appended.
 
         Raises:
-            DataError: a frame cannot be read, or differs in size.
+            DataError: a frame cannot be read, is not an image, or differs in size.
+            UsageError: a user's dataset raised an exception.
         """
-        around = {number: self._dataset.frame(sample.key, number) for number in self._numbers(sample.key)[2:]}
-        for number, frame in around.items():
-            if frame.shape != sample.frames[0].shape:
-                raise DataError(
-                    f"sample '{sample.key}': the frame {number} steps from its first frame is {frame.shape[0]}x"
-                    f"{frame.shape[1]}, but the pair is {sample.shape[0]}x{sample.shape[1]}; all frames of a clip must "
-                    "have the same size"
-                )
-        return replace(sample, frames=(*sample.frames[:2], *around.values()))
+        around = [self._frame(sample, number) for number in self._numbers(sample.key)[2:]]
+        return replace(sample, frames=(*sample.frames[:2], *around))
+
+    def _frame(self, sample: Sample, number: int) -> Frame:
+        key = sample.key
+        frame: Frame = called(
+            f"the dataset failed in frame('{key}', {number})", lambda: self._dataset.frame(key, number)
+        )
+        check_frame(frame, sample.frames[0], f"sample '{key}', frame {number}")
+        return frame
 
     def corrupt(
         self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False

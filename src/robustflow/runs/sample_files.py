@@ -7,6 +7,7 @@ from pathlib import Path
 from ..datasets.base import Clips, Dataset, Depths
 from ..datasets.context_frames import ContextFrames
 from ..models.window import Window
+from ..target import called
 
 
 def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
@@ -17,8 +18,11 @@ def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: D
         key: key of the sample.
         window: window of frames that a multi-frame model receives; None for a two-frame model.
         depths: source of the depth; None if depth is not read.
+
+    Raises:
+        UsageError: a user's dataset raised an exception.
     """
-    files = dataset.files(key)
+    files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
     if window is not None:
         assert isinstance(dataset, Clips)
         files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
