@@ -277,6 +277,13 @@ def test_other_frames_are_not_compared():
         compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
 
 
+def test_a_run_without_a_finite_flow_is_not_compared():
+    rows = _rows(6)
+    zero = {name: pl.lit(0, dtype) for name, dtype in rows.schema.items() if name in ("n_valid", "n_all")}
+    with pytest.raises(RunError, match="A and B have no measured mean in common"):
+        compare_rows(rows, rows.with_columns(**zero), ("A", "B"))
+
+
 def test_samples_in_other_groups_are_not_compared():
     with pytest.raises(RunError, match="group their samples differently"):
         compare_rows(_rows(20, groups=5), _rows(20, groups=4))

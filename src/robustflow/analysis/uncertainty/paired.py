@@ -70,10 +70,15 @@ def compare_rows(
         A table with the columns of `COMPARISON_SCHEMA`.
 
     Raises:
-        RunError: if the runs have nothing in common on the same frames and ground truth.
+        RunError: if the runs have nothing in common on the same frames and ground truth, or no mean of either was
+            measured.
     """
     one, other = (ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
     differences = _differences(names, (one, other), statistics_of(one), level, resamples, seed)
+    if not differences:
+        raise RunError(
+            f"{names[0]} and {names[1]} have no measured mean in common; robustflow show lists those of each"
+        )
     return _table((list(of_metric) for _, of_metric in groupby(differences, lambda each: each.key[0])), level)
 
 
