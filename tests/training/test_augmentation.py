@@ -3,6 +3,8 @@ images."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +22,9 @@ from robustflow.training.augmentation.geometry import (
     warp_frame,
     warp_sparse,
 )
+from robustflow.training.data.find import OpenPart
+from robustflow.training.data.order import Order
+from robustflow.training.data.pairs import TrainingPairs
 from robustflow.training.recipe import Part
 
 pytestmark = pytest.mark.training
@@ -189,6 +194,25 @@ def test_the_flow_stays_true_to_the_pictures(augmentation):
         flow, valid = warp(sample.flow, seen, one.geometry, one.crop)
         still = warp_error(frames[0], frames[1], np.zeros_like(flow), valid)
         assert warp_error(frames[0], frames[1], flow, valid) < max(3 * before + 2, 0.35 * still)
+
+
+class UnknownFlow(TexturePairs):
+    """Pairs that mark unknown flow with NaN."""
+
+    def load(self, key):
+        sample = super().load(key)
+        known = np.arange(sample.flow.shape[0])[:, None] + np.zeros(sample.flow.shape[1]) > 40
+        return replace(sample, flow=np.where(known[..., None], sample.flow, np.float32(np.nan)), valid=known)
+
+
+@pytest.mark.parametrize("augmentation", ["dense", "sparse"])
+def test_unknown_flow_that_a_users_dataset_marks_with_nan_cannot_reach_the_loss(augmentation):
+    dataset = UnknownFlow(count=4, size=(120, 160))
+    part = Part(data="mine", augmentation=augmentation, log2_scale=(-0.1, 0.4), flip=True)
+    pairs = TrainingPairs([OpenPart(part, dataset, tuple(dataset.keys()))], Order(4, 1, seed=0), (96, 128), seed=0)
+    drawn = [pairs[position] for position in range(8)]
+    assert all(np.isfinite(pair.flow).all() for pair in drawn)
+    assert 0 < np.mean([pair.valid for pair in drawn]) < 0.9
 
 
 def test_a_draw_applied_twice_gives_the_same_and_leaves_its_input_alone():

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -32,12 +33,14 @@ from robustflow.models.torch.raft_net import TorchvisionRaft  # noqa: E402
 from robustflow.runner.named_model import name_model  # noqa: E402
 from robustflow.runs.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
+from robustflow.training.checkpoint import read_progress  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+from robustflow.training.validate import Scores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
 from ..runner.processes import descendants  # noqa: E402
@@ -307,18 +310,63 @@ def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):
     assert (request.output / "best.pth").exists()
 
 
-def test_the_best_weights_are_those_of_the_present_validation(request_for, monkeypatch):
-    errors = {"sintel": [1.0], "kitti2015": [5.0, 4.0, 6.0]}
+@pytest.fixture
+def scored(monkeypatch):
+    """A list that receives the number of updates at each validation, which scores 1 / updates, or fails instead if the
+    benchmark is "fails"; the data of a validation identify its pairs."""
+    validated = []
 
-    def scores(model, folder, validation):
-        return lambda updates: {"epe": errors[validation.benchmark].pop(0)}
+    def validator(model, folder, validation):
+        def validate(updates):
+            if validation.benchmark == "fails":
+                raise DataError("the benchmark is gone")
+            validated.append(updates)
+            return Scores({"epe": 1 / updates + (9 if validation.data else 0)}, str(validation.data))
 
-    monkeypatch.setattr(session, "validator", scores)
-    request = request_for(steps=4, validation=Validation("sintel", every=1), checkpoints=Checkpoints(1))
-    run_training(request, StopAfter(1))
-    run_training(replace(request, resume=True, validation=Validation("kitti2015", every=1)))
+        return validate
+
+    monkeypatch.setattr(session, "validator", validator)
+    return validated
+
+
+def test_best_weights_are_compared_on_the_same_pairs_alone(request_for, scored):
+    request = request_for(steps=4, validation=Validation("sintel", every=1))
+    run_training(request, StopAfter(3))
+    run_training(replace(request, resume=True, validation=Validation("sintel", "other pairs", every=1)))
     best = json.loads(torch.load(request.output / "best.pth", weights_only=True)["robustflow_training"])
-    assert (best["updates"], best["best"], best["best_on"]) == (3, 4.0, "kitti2015")
+    assert scored == [1, 2, 3, 4]
+    assert (best["updates"], best["best"], best["best_on"]) == (4, 9.25, "other pairs")
+
+
+def test_a_validation_that_fails_costs_no_update_and_is_made_up_for(request_for, scored):
+    request = request_for(steps=4, validation=Validation("sintel", every=2), checkpoints=Checkpoints(1000))
+    run_training(request)
+    for name, fails, stop in (("failed", True, StopAfter(9)), ("stopped", False, StopAfter(2))):
+        parted = replace(request, output=request.output.parent / name)
+        with pytest.raises(DataError) if fails else nullcontext():
+            run_training(replace(parted, validation=Validation("fails" if fails else "sintel", every=2)), stop)
+        assert read_progress(parted.output / "last.pth")[1].updates == 2
+        scored.clear()
+        run_training(replace(parted, resume=True))
+        assert scored == [2, 4]
+        assert_same_training(request.output, parted.output)
+        assert (parted.output / "best.pth").read_bytes() == (request.output / "best.pth").read_bytes()
+
+
+def test_two_trainings_in_one_folder_are_refused(request_for):
+    request = request_for(checkpoints=Checkpoints(1), steps=3)
+    messages = []
+
+    def start_another() -> bool:
+        if (request.output / "last.pth").exists():
+            with pytest.raises(RunError, match="is locked by another training run") as caught:
+                run_training(replace(request, resume=True))
+            messages.append(caught)
+        return False
+
+    run_training(request, start_another)
+    assert len(messages) == 2
+    run_training(replace(request, resume=True))  # the lock is released
 
 
 def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):

@@ -241,13 +241,16 @@ class Net(nn.Module):
 
 
 def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch):
-    (tmp_path / "own_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", 'error, {"squared": error}'))
+    (tmp_path / "own_loss_for_test.py").write_text(
+        OWN_LOSS.replace("RETURNED", 'error, {"squared": error, "update": 7}')
+    )
     (tmp_path / "bad_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", "[error]"))
     monkeypatch.syspath_prepend(tmp_path)
     request = request_for(options=OPTIONS)
     own = replace(request, recipe=request.recipe.changed(method="own_loss_for_test:Net"))
     run_training(own)
     assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in lines(own.output))
+    assert [entry["update"] for entry in lines(own.output)] == [0, 1]
     _, first = load_network(own.recipe, "random", "cpu", dict(OPTIONS))
     assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
     bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")

@@ -155,7 +155,7 @@ def run_experiment(
 def claimed(folder: Path) -> Iterator[bool]:
     """Lock a folder within the block; yield whether this process holds the lock."""
     make_folder(folder)
-    lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released when the process is killed
+    lock = FileLock(folder / ".claim", fallback_to_soft=False)  # released when the process is killed
     try:
         lock.acquire(blocking=False)
     except Timeout:

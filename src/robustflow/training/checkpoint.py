@@ -37,13 +37,15 @@ class TrainingProgress:
         updates: number of updates so far.
         identity: everything that determines the weights: recipe, seed and data.
         best: smallest validation error so far, in pixels; None before the first validation.
-        best_on: benchmark of the validation with this error.
+        best_on: name that identifies the pairs of the validation with this error.
+        validated: number of updates before the last validation.
     """
 
     updates: int
     identity: dict[str, Any]
     best: float | None = None
     best_on: str = ""
+    validated: int = 0
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
@@ -88,8 +90,8 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         best = None if about["best"] is None else float(about["best"])
         if any(not isinstance(content[name], dict) for name in _STATE):
             raise ValueError("its parts have the wrong types")
-        progress = TrainingProgress(int(about["updates"]), dict(about["identity"]), best, str(about["best_on"]))
-        return content, progress
+        updates, validated = int(about["updates"]), int(about["validated"])
+        return content, TrainingProgress(updates, dict(about["identity"]), best, str(about["best_on"]), validated)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
             f"{path} is damaged ({first_line(error)}); restore it, or restart from a weights file"

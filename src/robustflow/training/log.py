@@ -13,6 +13,7 @@ from ..errors import DataError
 from ..links import not_a_link
 
 METRICS_FILE = "metrics.jsonl"
+_VALIDATION = '"validation_epe"'
 
 
 class MetricsLog:
@@ -22,13 +23,15 @@ class MetricsLog:
         folder: folder of the training run.
         first: number of the next update; existing lines from this update on, which a killed run wrote after its last
             checkpoint, are removed.
+        validates: whether the run first validates again; if so, the line of the validation before `first` is removed.
     """
 
-    def __init__(self, folder: Path, first: int) -> None:
+    def __init__(self, folder: Path, first: int, validates: bool = False) -> None:
         self._path = folder / METRICS_FILE
         if self._path.exists():
             text = self._path.read_text(encoding="utf-8", errors="replace")  # a crash may leave any bytes
-            lines = [line for line in text.splitlines() if _update(line) < first]
+            again = first - validates
+            lines = [line for line in text.splitlines() if _update(line) < (again if _VALIDATION in line else first)]
             write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
         try:
             self._file = open(self._path, "a", encoding="utf-8", opener=not_a_link)  # noqa: SIM115  # closed by __exit__
@@ -57,7 +60,8 @@ class MetricsLog:
             DataError: the disk is full.
         """
         try:
-            self._file.write(json.dumps({"update": update, **values}) + "\n")
+            line = {"update": update} | values | {"update": update}  # a user's loss may return a value of this name
+            self._file.write(json.dumps(line) + "\n")
             self._file.flush()
         except OSError as error:
             raise DataError(f"cannot write {self._path}: {error.strerror}; free up disk space and resume") from error

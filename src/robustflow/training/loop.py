@@ -34,6 +34,7 @@ from .recipe import Recipe
 from .request import Request
 from .schedules import rate_of
 from .unsupervised.objective import TrainingStep
+from .validate import Scores
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,7 @@ class TrainingSetup:
         folder: folder for checkpoints and the log.
         trained_on: names of all training sets of the final weights; None if unknown.
         pairs: training pairs.
-        validate: function that takes the number of updates and returns the network's scores, with `epe` in pixels; None
-            for no validation.
+        validate: function that takes the number of updates and validates the network; None for no validation.
         stop: function called after each update; training stops if it returns True.
     """
 
@@ -54,7 +54,7 @@ class TrainingSetup:
     folder: Path
     trained_on: str | None
     pairs: TrainingPairs
-    validate: Callable[[int], dict[str, float]] | None = None
+    validate: Callable[[int], Scores] | None = None
     stop: Callable[[], bool] = lambda: False
 
 
@@ -89,10 +89,12 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     with (
         workers_watched(),
         closing(batches(training.pairs, share, steps, request.data.loaders)) as stream,  # ends its processes
-        MetricsLog(training.folder, first) if leads else nullcontext() as log,
+        MetricsLog(training.folder, first, _owes_validation(training, state)) if leads else nullcontext() as log,
         progress,
     ):
         progress.start("update", last, first)
+        if log is not None:
+            _validate(training, state, log)
         for update in range(first, last):
             began = time.perf_counter()
             rate = rate_of(recipe, update)
@@ -104,16 +106,16 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
                 log.write(update, numbers)
                 shown = f"loss {numbers['loss']:.3g}, EPE {numbers['epe']:.3g} px" if "epe" in numbers else ""
                 progress.update("update", update + 1, shown)
-            if _due(update + 1, request.validate_every, last) and leads:
-                _validate(training, state, log)
             stopped = process.any(training.stop())
-            if leads and (stopped or _due(update + 1, checkpoints.every, last)):
+            if leads and (stopped or _due(update + 1, checkpoints.every, last) or _owes_validation(training, state)):
                 _save(training, state)
             if leads and checkpoints.keep_every and (update + 1) % checkpoints.keep_every == 0:
                 path = training.folder / f"update-{update + 1}.pth"
                 save_weights(path, network.weights(), state.done, training.trained_on)
             if stopped:
                 return
+            if log is not None:
+                _validate(training, state, log)
 
 
 def _update(
@@ -180,20 +182,27 @@ def _due(update: int, every: int | None, last: int) -> bool:
     return every is not None and (update % every == 0 or update == last)
 
 
-def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog | None) -> None:
-    validation = training.request.validation
-    assert validation is not None
-    assert training.validate is not None
+def _owes_validation(training: TrainingSetup, state: TrainingState) -> bool:
+    """Return whether a validation is due after the last update; a run that was stopped before it makes up for it."""
+    request, done = training.request, state.done
+    return done.validated < done.updates and _due(done.updates, request.validate_every, request.recipe.updates)
+
+
+def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog) -> None:
+    """Validate the network if it is due. The checkpoint of the last update has been saved, because a validation may
+    fail."""
+    if training.validate is None or not _owes_validation(training, state):
+        return
     state.network.eval()
-    numbers = training.validate(state.done.updates)
+    scores = training.validate(state.done.updates)
     state.network.train()
-    if log is not None:
-        log.write(state.done.updates - 1, {f"validation_{name}": value for name, value in numbers.items()})
-    error = numbers["epe"]
-    best = state.done.best if state.done.best_on == validation.benchmark else None
-    if best is None or error < best:
-        state.done = replace(state.done, best=error, best_on=validation.benchmark)
+    log.write(state.done.updates - 1, {f"validation_{name}": value for name, value in scores.numbers.items()})
+    error = scores.numbers["epe"]
+    state.done = replace(state.done, validated=state.done.updates)
+    if state.done.best is None or state.done.best_on != scores.pairs or error < state.done.best:
+        state.done = replace(state.done, best=error, best_on=scores.pairs)
         save_weights(training.folder / BEST, state.network.weights(), state.done, training.trained_on)
+    _save(training, state)
 
 
 def _save(training: TrainingSetup, state: TrainingState) -> None:

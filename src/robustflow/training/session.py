@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock, Timeout
 
 from ..atomic import make_folder, write_json
 from ..datasets import dataset_facts
@@ -41,7 +43,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         UsageError: the options contradict each other, or the folder contains a different training run.
         DataError: data are missing or cannot be read, or the folder cannot be written.
         ModelError: weights cannot be loaded, or the loss is not finite.
-        RunError: there is no training run to resume, or it is not the requested one.
+        RunError: there is no training run to resume, it is not the requested one, or the folder is locked.
     """
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data.sources, recipe.objective is None) for part in mix_parts(recipe.mix)]
@@ -70,9 +72,6 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         scaler = torch.amp.GradScaler(process.device.type, enabled=recipe.precision == "fp16")
         if content is not None:
             _load_state(folder / LAST, content, network, optimizer, scaler)
-        if process.rank == 0 and not request.resume:
-            make_folder(folder)
-            write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
         training = TrainingSetup(
             request=request,
             folder=folder,
@@ -81,8 +80,25 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             validate=validator(model, folder, request.validation) if request.validation else None,
             stop=stop,
         )
-        train(training, TrainingState(network, optimizer, scaler, done), process, ProgressBar(process.rank == 0))
+        with _locked(folder) if process.rank == 0 else nullcontext():
+            if process.rank == 0 and not request.resume:
+                write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
+            train(training, TrainingState(network, optimizer, scaler, done), process, ProgressBar(process.rank == 0))
     return folder / LAST
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Create the folder of a training run and lock it; the lock ends with the process."""
+    make_folder(folder)
+    try:
+        lock = FileLock(folder / ".lock", fallback_to_soft=False).acquire(blocking=False)
+    except Timeout:
+        raise RunError(
+            f"{folder} is locked by another training run; wait for it to end, or choose a different --output"
+        ) from None
+    with lock:
+        yield
 
 
 def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:

@@ -6,16 +6,19 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from ..errors import ModelError, UsageError
+from ..metrics.rows import CLEAN
 from ..models.base import FlowModel, model_identity
 from ..runner.compute_missing import compute_missing
 from ..runner.engines.serial import SERIAL
 from ..runner.progress import Silent
 from ..runner.setup import open_benchmark, set_up
+from ..runs.comparable import measured_cells, sample_set_of
 from ..runs.run import Run
 from ..runs.store import RunFolder
 from ..sample import Flow, Frame
@@ -43,9 +46,20 @@ class _AtUpdate:
         return flow
 
 
-def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
-    """Return a function that takes the number of updates and returns the model's scores on a benchmark: `epe` on clean
-    frames, and `cre` and `rcre` if corruptions are given, in pixels.
+class Scores(NamedTuple):
+    """The result of a validation.
+
+    Attributes:
+        numbers: `epe` on clean frames, and `cre` and `rcre` if corruptions are given, in pixels.
+        pairs: name that identifies the clean pairs; errors on different pairs are not compared.
+    """
+
+    numbers: dict[str, float]
+    pairs: str
+
+
+def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], Scores]:
+    """Return a function that takes the number of updates and measures the model on a benchmark.
 
     Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation is
     restarted.
@@ -64,7 +78,7 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
             "choose a different one"
         )
 
-    def validate(updates: int) -> dict[str, float]:
+    def validate(updates: int) -> Scores:
         place = folder / "validation" / f"update-{updates}"
         if place.exists():
             shutil.rmtree(place)
@@ -80,6 +94,7 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
         numbers = {"epe": run.epe_clean}
         if corruptions:
             numbers |= {name: value for name, value in (("cre", run.cre), ("rcre", run.rcre)) if value is not None}
-        return numbers
+        clean = run.rows.filter(pl.col("corruption") == CLEAN)
+        return Scores(numbers, sample_set_of(run.manifest.identity.frames.record(), measured_cells(clean)))
 
     return validate

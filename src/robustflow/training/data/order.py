@@ -33,8 +33,8 @@ class Order:
 
     >>> order = Order(count=7, block=3, seed=1)
     >>> first = [order.place(position) for position in range(6)]
-    >>> len(set(first)), order.epoch(5), order.epoch(6)
-    (6, 0, 1)
+    >>> len(set(first)), order.updates
+    (6, 2)
     """
 
     def __init__(self, count: int, block: int, seed: int) -> None:
@@ -46,10 +46,6 @@ class Order:
         self.seed = seed
         self.updates = count // block
         self._each = self.updates * block
-
-    def epoch(self, position: int) -> int:
-        """Return the epoch of a position."""
-        return position // self._each
 
     def place(self, position: int, attempt: int = 0) -> int:
         """Return the place in the epoch, 0 to `count` - 1, for a position.

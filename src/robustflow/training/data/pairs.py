@@ -118,11 +118,6 @@ class TrainingPairs:
                 warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {error}", stacklevel=2)
         raise DataError(f"{_ATTEMPTS} consecutive pairs cannot be read, the last one being '{key}'; check the data")
 
-    def name(self, position: int) -> str:
-        """Return dataset and key of the pair at a position."""
-        part, key = self._at(self.order.place(position))
-        return f"{part.dataset.name} {key}"
-
     def _at(self, place: int) -> tuple[OpenPart, str]:
         for part in self.parts:
             if place < len(part):
@@ -206,6 +201,10 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
         if labelled:
             raise DataError("it has no ground truth to train on")
         flow, valid = np.zeros((*first.shape[:2], 2), np.float32), np.zeros(first.shape[:2], bool)
+    if not np.isfinite(
+        flow
+    ).all():  # a user's dataset may mark unknown flow with NaN, which no mask removes from a loss
+        flow = np.where(valid[..., None], flow, np.float32(0))
     if flow.shape[:2] != first.shape[:2]:
         raise DataError(
             f"its flow is {flow.shape[0]}x{flow.shape[1]}, but its frames are {first.shape[0]}x{first.shape[1]}"
