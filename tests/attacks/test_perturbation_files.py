@@ -67,7 +67,7 @@ def test_a_perturbation_file_of_an_unknown_user_is_refused():
         (_npy(np.zeros((8, 10))), r"an array float64 \(8, 10\)"),
         (_npy(np.zeros((2, 2, 8, 10))), r"an array \(2, 2, 8, 10\)"),
         (_npy(np.full((3, 8, 10), np.nan)), "NaN or infinite"),
-        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, but the frames of sample '' are 10x8"),
+        (_npy(np.zeros((3, 9, 10))), "is for frames of 9x10 pixels, but the frames of sample '' are 8x10"),
     ],
 )
 def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, content, message):

@@ -43,7 +43,7 @@ from .smooth_net import Given, random_pair, smooth_model  # noqa: E402
         ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at valid pixels"),
         ({"name": "pgd:steps=3:steps=4"}, UsageError, "'pgd:steps=3:steps=4' sets the option steps twice"),
         ({"name": "worst_of", "parts": []}, UsageError, "give its parts by their names"),
-        ({"name": "patch", "severity": 1}, DataError, r"0.1 % of 10x8 pixels is smaller than one pixel"),
+        ({"name": "patch", "severity": 1}, DataError, r"0.1 % of 8x10 pixels is smaller than one pixel"),
         (
             {"flow": np.zeros((8, 10, 2), np.float32), "valid": [[1]]},
             DataError,

@@ -70,8 +70,8 @@ def test_holes_take_the_farther_of_their_measured_neighbours(values):
         (np.full((4, 4), np.nan), "no pixel has a measured depth"),
         (np.zeros((4, 4)), "no pixel has a measured depth"),
         (np.full((4, 4), -1.0), "negative depths"),
-        (np.ones((4, 5)), "5x4, but the frames are 4x4"),
-        (np.ones((4, 4, 1)), "1x4x4, but the frames are 4x4"),
+        (np.ones((4, 5)), "4x5, but the frames are 4x4"),
+        (np.ones((4, 4, 1)), "4x4x1, but the frames are 4x4"),
     ],
 )
 def test_a_depth_map_that_cannot_be_one_is_refused_in_a_sentence(values, message):
@@ -269,7 +269,7 @@ NO_MAPS = {
     "text.png": (b"depth", "PNG"),
     "negative.npy": (npy(-metres()), "negative depths"),
     "holes.npy": (npy(0 * metres()), "no pixel has a measured depth"),
-    "small.npy": (npy(metres((40, 55))), "55x40, but the frames are 56x40"),
+    "small.npy": (npy(metres((40, 55))), "40x55, but the frames are 40x56"),
 }
 
 

@@ -66,7 +66,7 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
     refused(tmp_path, "1 frame, but pairs with a step of 1 need 2 or more")
     picture(tmp_path / "b.png", height=9)
-    refused(tmp_path, r"a\.png is 8x6, .*b\.png is 8x9")
+    refused(tmp_path, r"a\.png is 6x8, .*b\.png is 9x8")
     picture(tmp_path / "b.png")
     refused(tmp_path, "need 3 or more", step=2)
     picture(tmp_path / "b.bmp")
