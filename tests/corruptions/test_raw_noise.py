@@ -9,13 +9,14 @@ from scipy.ndimage import convolve
 
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.sensor.camera import CameraColours, bytes_of_linear, draw_camera, linear_of_bytes
-from robustflow.corruptions.sensor.exposure import BLACK, WHITE, Sensor, digitised, exposed, sensor_at
+from robustflow.corruptions.sensor.exposure import BLACK, WHITE, Sensor, exposed, sensor_at
 from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
 from robustflow.random.rng import Rng
 
 from .pictures import picture
 
 SPAN = WHITE - BLACK
+NOISELESS = Sensor(0.0, 0.0)
 ISO = load_corruption("raw_noise").severities
 
 
@@ -115,7 +116,8 @@ def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, mo
     smooth = rng.uniform(16, 230) - 123 + (waves * heights)[..., :3] + (waves * heights)[..., 3:]
     frame = np.rint(123 + 107 * np.tanh(smooth / 100)).astype(np.uint8)
     camera = draw_camera(Rng.of("smooth", seed))
-    back = developed(digitised(light_on_sensor(frame, camera)), camera, denoise=None)
+    raw = np.rint(BLACK + light_on_sensor(frame, camera) * SPAN).astype(np.uint16)
+    back = developed(raw, camera, NOISELESS)
     difference = np.abs(back.astype(int) - frame)[2:-2, 2:-2]
     assert difference.max() <= most
     assert (difference > 1).mean() <= share
@@ -142,7 +144,7 @@ def test_demosaicing_is_that_of_malvar_he_and_cutler():
     )
     levels = len(bytes_of_linear())
     shown = bytes_of_linear()[np.clip(np.floor(expected * levels), 0, levels - 1).astype(int)]
-    difference = np.abs(developed(raw, camera, denoise=None).astype(int) - shown)
+    difference = np.abs(developed(raw, camera, NOISELESS).astype(int) - shown)
     assert difference.max() <= 1
     assert (difference > 0).mean() < 0.001  # at the boundary between two parts of the table
 
@@ -153,7 +155,7 @@ def test_denoising_averages_alike_pixels_and_keeps_edges():
     frame = np.full((200, 300, 3), 70, np.uint8)
     frame[:, 150:] = 200
     raw = exposed(light_on_sensor(frame, camera), sensor, np.uint64(5))
-    noisy, clean = (developed(raw, camera, which).astype(float) for which in (None, sensor))
+    noisy, clean = (developed(raw, camera, which).astype(float) for which in (NOISELESS, sensor))
     for half in (np.s_[:, 10:140], np.s_[:, 160:290]):
         assert clean[half].std() < 0.6 * noisy[half].std()
     np.testing.assert_allclose(clean[:, 146:154].mean((0, 2)), noisy[:, 146:154].mean((0, 2)), atol=6)

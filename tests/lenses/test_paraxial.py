@@ -15,7 +15,7 @@ TINY = 1e-5
 def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
     lens = cooke_triplet()
     order = first_order_of(lens)
-    end = trace(lens, bundle(TINY), 0.55)
+    _, end = trace(lens, bundle(TINY), 0.55)
     slope = end.m[0] / end.n[0]
     assert order.focal_length == pytest.approx(-TINY / slope, rel=1e-9)
     assert order.back_focus == pytest.approx(lens.surfaces[-1].thickness - end.y[0] / slope, rel=1e-9)
@@ -24,10 +24,10 @@ def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
 def test_the_entrance_pupil_is_where_the_stop_seems_to_be():
     lens = cooke_triplet()
     order = first_order_of(lens)
-    chief = trace(lens, bundle(-TINY * order.pupil_position, TINY), 0.55, surface=lens.stop)
-    assert abs(chief.y[0]) < 1e-12
-    edge = trace(lens, bundle(TINY * order.pupil_magnification), 0.55, surface=lens.stop)
-    assert edge.y[0] == pytest.approx(TINY, rel=1e-9)
+    chief, _ = trace(lens, bundle(-TINY * order.pupil_position, TINY), 0.55)
+    assert abs(chief[lens.stop, 1, 0]) < 1e-12
+    edge, _ = trace(lens, bundle(TINY * order.pupil_magnification), 0.55)
+    assert edge[lens.stop, 1, 0] == pytest.approx(TINY, rel=1e-9)
 
 
 def test_a_stop_in_front_is_its_own_entrance_pupil():

@@ -51,7 +51,7 @@ def test_rays_land_where_the_tracer_says():
     tangent = 0.5 * lens.field_tangent
     cosine = 1.0 / np.sqrt(1.0 + tangent**2)
     one = np.ones(1)
-    chief = trace(lens, Rays(0 * one, 0 * one, 0 * one, 0 * one, tangent * cosine * one, cosine * one, one), 0.54)
+    _, chief = trace(lens, Rays(0 * one, 0 * one, 0 * one, 0 * one, tangent * cosine * one, cosine * one, one), 0.54)
     assert weight.sum() > 0
     # the stop is in front of the lens, so the ray through its centre is the chief ray
     assert y[weight > 0].min() < chief.y[0] / PIXEL < y[weight > 0].max()

@@ -20,7 +20,7 @@ from .merit import aim
 from .paraxial import DESIGN_WAVELENGTH, first_order_of
 from .prescription import IMAGE_RADIUS, Lens
 from .render import field_rays
-from .trace import Rays, trace_path
+from .trace import Rays, trace
 from .transfer import modulation, moments, nominal_rms
 
 COLOURS = ("tab:red", "tab:green", "tab:blue")
@@ -153,7 +153,7 @@ def _fan(
     heights = np.linspace(y[2], y[1], 7)
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     zero, one = np.zeros(7), np.ones(7)
-    path, last = trace_path(lens, Rays(zero, heights, zero, zero, one * tangent * cosine, one * cosine, one), 0.55)
+    path, last = trace(lens, Rays(zero, heights, zero, zero, one * tangent * cosine, one * cosine, one), 0.55)
     before = -0.15 * vertex[-1]
     return [
         (

@@ -77,53 +77,30 @@ def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any
                 at[0, i], at[1, i], at[2, i] = x[i], y[i], z[i] + gap
 
 
-_NO_PATH = np.empty((0, 3, 0))
-
-
-def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None, clip: bool = False) -> Rays:
-    """Trace rays from the vertex plane of the first surface to the sensor, or to the plane of a surface's vertex.
+def trace(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
+    """Trace rays from the vertex plane of the first surface to the sensor; rims and the stop block none of them.
 
     Args:
+        lens: prescription of the lens.
         rays: rays with positions relative to the first vertex; they are not modified.
         wavelength: wavelength in micrometres.
-        surface: index of the surface at whose vertex plane tracing ends; by default, this is the sensor.
-        clip: whether rays are blocked by the rims of the elements and by the stop.
 
     Returns:
-        Rays in that plane (z = 0). Rays with `alive` 0 must be ignored; their positions are the last valid ones.
+        The intersections with each surface in mm relative to its vertex, float64 (K, 3, R), and the rays at the sensor
+        (z = 0). Rays with `alive` 0 must be ignored; their positions are the last valid ones.
 
     >>> import numpy as np
-    >>> from robustflow.lenses.prescription import Lens, Surface
-    >>> stop = Surface(curvature=0, thickness=1, semi_diameter=1)
-    >>> front = Surface(curvature=0.05, thickness=2, glass="N-BK7", semi_diameter=5)
-    >>> lens = Lens(name="demo", surfaces=(stop, front, Surface(curvature=0, thickness=36, semi_diameter=5)),
-    ...             stop=0, f_number=19, half_field=5)
+    >>> from robustflow.lenses.shipped import shipped_lens
     >>> one, zero = np.ones(1), np.zeros(1)
-    >>> axis = trace(lens, Rays(zero, zero, zero, zero, zero, one, one), 0.55)
-    >>> float(axis.y[0]), float(axis.alive[0])
-    (0.0, 1.0)
+    >>> path, axis = trace(shipped_lens(2), Rays(zero, zero, zero, zero, zero, one, one), 0.55)
+    >>> path.shape, float(axis.y[0]), float(axis.alive[0])
+    ((3, 3, 1), 0.0, 1.0)
     """
-    return _traced(lens, rays, wavelength, len(lens.surfaces) if surface is None else surface, clip, _NO_PATH)
-
-
-def trace_path(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
-    """Return the intersections with each surface, float64 (K, 3, R), and the rays at the sensor.
-
-    Intersections are in mm relative to the vertex of the surface.
-    """
-    path = np.empty((len(lens.surfaces), 3, rays.x.size))
-    return path, _traced(lens, rays, wavelength, len(lens.surfaces), False, path)
-
-
-def _traced(lens: Lens, rays: Rays, wavelength: float, last: int, clip: bool, path: Array) -> Rays:
-    """Return the rays in the vertex plane of surface `last`, and write their intersections to `path`."""
-    carried = Rays(*(np.array(part, np.float64) for part in rays))
+    carried, path = Rays(*(np.array(part, np.float64) for part in rays)), np.empty((len(lens.surfaces), 3, rays.x.size))
     propagate(
-        lens.column("curvature")[:last], lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
-        lens.column("semi_diameter") if clip else np.full(len(lens.surfaces), np.inf),
-        tuple(carried), path,
+        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
+        np.full(len(lens.surfaces), np.inf), tuple(carried), path,
     )  # fmt: skip
     to_plane = -carried.z / np.where(carried.n > 0.0, carried.n, 1.0)
-    return carried._replace(
-        x=carried.x + to_plane * carried.l, y=carried.y + to_plane * carried.m, z=np.zeros_like(carried.z)
-    )
+    x, y = carried.x + to_plane * carried.l, carried.y + to_plane * carried.m
+    return path, carried._replace(x=x, y=y, z=np.zeros_like(x))

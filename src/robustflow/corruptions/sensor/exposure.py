@@ -60,18 +60,6 @@ def sensor_at(iso: int) -> Sensor:
     return Sensor(float(shot), round(float(((_SLOPE * shot.ln() + _OFFSET) / 2).exp()), 12))
 
 
-def digitised(light: Light) -> Raw:
-    """Compute the noise-free RAW image.
-
-    Args:
-        light: light as a fraction of the saturation level, float32 (H, W).
-
-    Returns:
-        uint16 (H, W), from 0 to `WHITE`.
-    """
-    return np.clip(np.rint(np.float32(BLACK) + light * np.float32(WHITE - BLACK)), 0, WHITE).astype(np.uint16)
-
-
 def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
     """Compute a noisy RAW image.
 

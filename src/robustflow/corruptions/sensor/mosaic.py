@@ -48,20 +48,19 @@ def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
     return out
 
 
-def developed(raw: Raw, camera: CameraColours, denoise: Sensor | None) -> Frame:
+def developed(raw: Raw, camera: CameraColours, sensor: Sensor) -> Frame:
     """Develop a RAW image.
 
     Args:
         raw: RAW image, uint16 (H, W), from 0 to the white level.
         camera: camera that recorded the RAW image.
-        denoise: noise parameters for denoising, or None to skip denoising.
+        sensor: noise parameters for denoising; without read noise, the image is not denoised.
 
     Returns:
         RGB uint8 (H, W, 3).
     """
     matrix, gains = _single(camera.to_srgb, camera.gains)
-    shot, read = (denoise.shot, denoise.read) if denoise is not None else (0.0, 0.0)
-    noise = np.float32(_WIDTH * shot), np.float32(_WIDTH * read**2)
+    noise = np.float32(_WIDTH * sensor.shot), np.float32(_WIDTH * sensor.read**2)
     out = np.empty((*raw.shape, 3), np.uint8)
     _develop(raw, *noise, gains, matrix, bytes_of_linear(), out)
     return out

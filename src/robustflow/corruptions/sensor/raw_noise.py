@@ -44,4 +44,4 @@ class RawNoise(Corruption):
         """Expose and develop frame `index`, 0 or 1."""
         key = np.uint64(state.stream.spawn("frame", index).key)
         raw = exposed(light_on_sensor(frame, state.camera), state.sensor, key)
-        return developed(raw, state.camera, denoise=state.sensor)
+        return developed(raw, state.camera, state.sensor)
