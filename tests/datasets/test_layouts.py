@@ -145,7 +145,9 @@ def tartanair(root: Path, environment: str = "office", inner: bool = False) -> P
             values = np.arange(HEIGHT * WIDTH * 2, dtype=np.float32).reshape(HEIGHT, WIDTH, 2) / 8 + number
             values[0, 0] = np.nan
             np.save(f"{name}_flow.npy", values)
-            np.save(f"{name}_mask.npy", np.eye(HEIGHT, WIDTH, dtype=np.uint8) * 100)
+            mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+            mask[1:, :3] = 1, 10, 100
+            np.save(f"{name}_mask.npy", mask)
     return folder
 
 
@@ -160,11 +162,11 @@ def test_tartanair(tmp_path: Path, inner: bool) -> None:
     sample = dataset.load("office/Hard/P001/000001")
     place = folder / "Hard" / "P001"
     stored = np.load(place / "flow" / "000001_000002_flow.npy")
-    stored[0, 0] = 0
+    stored[0, 0], stored[1:, 2] = 0, 0
     np.testing.assert_array_equal(sample.flow, stored)
-    assert not sample.valid[0, 0]
-    assert sample.valid.sum() == HEIGHT * WIDTH - 1
-    np.testing.assert_array_equal(sample.occluded, np.eye(HEIGHT, WIDTH, dtype=bool))
+    np.testing.assert_array_equal(sample.valid, stored.any(axis=2))
+    assert sample.occluded[1:, :2].all()
+    assert sample.occluded.sum() == 2 * (HEIGHT - 1)
     for frame, number in zip(sample.frames, (1, 2), strict=True):
         np.testing.assert_array_equal(frame, read_image(place / "image_left" / f"{number:06d}_left.png"))
     np.save(place / "flow" / "000000_000001_flow.npy", np.zeros((2, 2), np.float32))

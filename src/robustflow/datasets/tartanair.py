@@ -2,13 +2,15 @@
 
     abandonedfactory/Easy/P000/image_left/000000_left.png ...
     abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
-    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is also
-                                                                    visible in the next frame
+    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W): 0 visible in the next frame,
+                                                                    1 or 10 occluded, 100 out of view
     abandonedfactory/Easy/P000/depth_left/000000_left_depth.npy     for depth: float32 (H, W), metres
     abandonedfactory/Easy/P000/pose_left.txt                        for depth: tx ty tz qx qy qz qw of each frame
 
-The environment's folder may be nested, as in the unpacked archives (abandonedfactory/abandonedfactory/Easy). Source:
-Wang et al., IROS 2020.
+The flow is computed from depth and camera motion. Pixels out of view are not evaluated, because they include points
+behind the camera, whose vectors are meaningless. The environment's folder may be nested, as in the unpacked archives
+(abandonedfactory/abandonedfactory/Easy). Source: Wang et al., IROS 2020, and `flow_and_warping_error.py` in their
+tartanair_tools.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError
+from ..flowio.arrays import known
 from ..flowio.depth import read_depth_npy, read_npy
 from ..layout import choice, folders, following, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
@@ -29,6 +32,7 @@ from .pairs import PairDataset, PairFiles, Truth
 
 _DIFFICULTIES = ("Easy", "Hard")
 _FOCAL, _CENTRE = 320.0, (320.0, 240.0)
+_OUT_OF_VIEW = 100
 _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
 
 
@@ -68,15 +72,16 @@ class TartanAir(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """Read flow and mask; occluded pixels have true flow, as in KITTI."""
+        """Read flow and mask; pixels out of view are unknown, as in the training of SEA-RAFT."""
         if pair.flow is None or pair.occlusion is None:
             return None
         flow, mask = read_npy(pair.flow, "a flow", (2,)), read_npy(pair.occlusion, "a mask")
         if mask.shape != flow.shape[:2]:
             raise DataError(f"{pair.flow}: {flow.shape} with a mask of {mask.shape}; the files do not match")
-        valid = np.isfinite(flow).all(axis=2)
-        flow = np.where(valid[..., None], flow, 0).astype(np.float32)
-        return Truth(flow, valid, mask != 0)
+        flow, valid = known(flow)
+        valid &= mask < _OUT_OF_VIEW
+        flow[~valid] = 0
+        return Truth(flow, valid, valid & (mask > 0))
 
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`. The depth is exact. The poses are in a north-east-down world frame; the camera's axes are
