@@ -87,7 +87,9 @@ def test_methods_that_table_3_omits_have_no_published_crer():
 
 def test_a_video_is_data_for_gopro_fc(robustflow, tmp_path):
     video = clips.clip(tmp_path / "walk.mp4", 8).path
-    assert "too few for one pair of key frames" in robustflow.refuses("reproduce", "tab4", "--data", video, code=1)
+    assert "too few frames for one pair of key frames" in robustflow.refuses(
+        "reproduce", "tab4", "--data", video, code=1
+    )
 
 
 @pytest.mark.parametrize(

@@ -274,6 +274,8 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
 def test_what_is_none_of_the_three(tmp_path):
     with pytest.raises(UsageError, match="gopro-fc needs data"):
         load_benchmark("gopro-fc")
+    with pytest.raises(DataError, match=r"none\.mp4: no such file or folder"):
+        load_benchmark("gopro-fc", tmp_path / "none.mp4")
     with pytest.raises(DataError, match="neither a prepared"):
         load_benchmark("gopro-fc", tmp_path)
     with pytest.raises(UsageError, match="no split"):

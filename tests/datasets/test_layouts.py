@@ -192,6 +192,7 @@ def test_the_subset_of_flyingthings3d(tmp_path: Path) -> None:
     options = {"render_pass": "final", "side": "right"}
     dataset = load_dataset("flyingthings3d", tmp_path, **options)
     assert dataset.keys() == [f"train/{n:07d}" for n in (0, 1, 3)]
+    assert [sample.group for sample in dataset] == ["train/0000000", "train/0000000", "train/0000003"]
     images, flows = tmp_path / "train/image_final/right", tmp_path / "train/flow/right"
     check(dataset, "train/0000001", *(images / f"{n:07d}.png" for n in (1, 2)), flows / "into_future/0000001.flo")
     past = load_dataset("flyingthings3d", tmp_path, direction="past", **options)

@@ -32,6 +32,12 @@ def test_lossless_is_lossless_at_any_size(tmp_path_factory, height, width, count
     assert all((picture == noise[index]).all() for index, picture in read)
 
 
+def test_frames_wider_than_the_encoder_accepts_are_refused():
+    assert Encoder(16, 16384, Fraction(30), lossless("ultrafast")).header
+    with pytest.raises(DataError, match="at most 16384 pixels per side, but the frames are 16386x16"):
+        Encoder(16, 16386, Fraction(30), lossless("ultrafast"))
+
+
 @pytest.mark.parametrize("encoding", [crf(30), abr(200_000)])
 def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
     """The transcoded stream is never written to a file; its frames are identical to those of a file written by

@@ -94,8 +94,9 @@ def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str
         if not needed.is_dir():
             raise DataError(f"{needed}: no such folder; unpack that part of the FlyingThings3D subset there")
     ahead = 1 if direction == "future" else -1
-    pairs = {}
-    for number, flow in numbered(flows, r"(\d{7})\.flo").items():
+    pairs, known, scene = {}, numbered(flows, r"(\d{7})\.flo"), 0
+    for number, flow in known.items():
         first, second = (partner(images / f"{one:07d}.png", flow) for one in (number, number + ahead))
-        pairs[f"{part.name}/{number:07d}"] = PairFiles((first, second), flow, group=part.name)
+        scene = scene if number - 1 in known else number  # a scene ends with a frame without flow
+        pairs[f"{part.name}/{number:07d}"] = PairFiles((first, second), flow, group=f"{part.name}/{scene:07d}")
     return pairs

@@ -17,8 +17,11 @@ import av
 import numpy as np
 from av.codec.context import Flags
 
-from ..errors import UsageError, unknown_name
+from ..errors import DataError, UsageError, unknown_name
 from .colour import I420
+
+_LONGEST_SIDE = 16384
+"""Largest width and height that x264 accepts, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,16 @@ def abr(rate: int) -> Encoding:
 
 
 def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
-    """Set up an encoder context; `height` and `width` are even."""
+    """Set up an encoder context; `height` and `width` are even.
+
+    Raises:
+        DataError: a side exceeds the encoder's limit.
+    """
+    if max(height, width) > _LONGEST_SIDE:
+        raise DataError(
+            f"H.264 encodes at most {_LONGEST_SIDE} pixels per side, but the frames are {width}x{height}; scale them "
+            "down, or cut them"
+        )
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"

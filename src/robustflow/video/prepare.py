@@ -103,10 +103,12 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     if len(keys) < 2:
         second = step * max(1, -(-REACH // step)) + step  # the first key frame is at least REACH frames from the start
         needed = second + max(step, REACH) + 1
-        frames = -(-needed // preparation.factor) + (WINDOW if preparation.factor > 1 else 0)
+        if preparation.factor > 1:
+            needed = -(-(needed - 1) // preparation.factor) + WINDOW - 1
+        smaller = ", or prepare it with a smaller --step" if len(choose_key_frames(count, 1)) > 1 else ""
         raise DataError(
-            f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
-            f"{REACH} more on each side; use a clip with at least {frames} frames or a smaller --step"
+            f"{source.name}: too few frames for one pair of key frames {step} apart with {REACH} more on each side: "
+            f"{source.count} instead of at least {needed}; use a longer clip{smaller}"
         )
     return ClipTiming(fps, count, step, tuple(keys))
 

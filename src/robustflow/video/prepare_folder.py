@@ -14,6 +14,7 @@ from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.folder import images_in
 from ..layout import folders
+from ..progress_bar import ProgressBar
 from ..safe_path import safe_path
 from ..sealed import sealed
 from .interpolation import load_interpolator
@@ -114,13 +115,15 @@ def prepare_folder(
 
 
 def prepare_video(path: Path) -> Path:
-    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart.
+    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart; show
+    progress.
 
     Returns the prepared folder, which is created by the first call and reused by later calls.
     """
     sources = find_sources(path)
     output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}-v{VERSION}"
-    prepare_folder(sources, output, Preparation(factor=1))
+    with ProgressBar() as progress:
+        prepare_folder(sources, output, Preparation(factor=1), progress=progress.stage)
     return output
 
 
