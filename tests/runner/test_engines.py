@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import threading
+import time
+
 import pytest
 
 import robustflow as rf
+from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.runner.engines.base import Engine
+from robustflow.runner.engines.base import Engine, Job
+from robustflow.runner.engines.processes import processes
 from robustflow.runner.engines.serial import serial
 from robustflow.runner.progress import Silent
-from robustflow.testing import ZeroFlow
+from robustflow.runs.plan import RunOptions, Unit
+from robustflow.testing import TexturePairs, ZeroFlow
 
 MODELS = "tests.runner.models_for_tests"
 KINDS = {
@@ -48,6 +55,43 @@ def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path, requ
     assert staged.rows.equals(whole.rows)
     assert halves.rows.equals(whole.rows)
     assert (halves.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+@pytest.mark.parametrize("model", ["Sure", "Accelerated"])
+def test_a_dataset_that_cannot_be_sent_to_workers_is_named(tmp_path, model):
+    data = TexturePairs(1, (24, 32))
+    data.file = threading.Lock()
+    benchmark = rf.Benchmark("mine", data, ("0",), ("contrast",))
+    with pytest.raises(
+        UsageError, match=r"this dataset or corruption cannot be sent to worker processes .*_thread\.lock"
+    ):
+        rf.evaluate(f"{MODELS}:{model}", benchmark, output=tmp_path / "run", engine="processes")
+
+
+def test_an_engine_does_not_start_without_units(tmp_path, monkeypatch):
+    started = []
+
+    def compute(job, units):
+        started.append(len(units))
+        yield from serial(job, units)
+
+    monkeypatch.setattr("robustflow.runner.engines.choose.SERIAL", Engine(lambda units: "", compute))
+    for _ in range(2):
+        rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1])
+    assert started == [2]
+
+
+def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, quick_workers, monkeypatch):
+    """Sample 1 is being predicted while the rows of sample 0 are written."""
+    monkeypatch.setenv("PREDICTION_LOG", os.devnull)
+    data = TexturePairs(2, (24, 32))
+    model = ModelSpec(f"{MODELS}:Logged", (("shape", "24x32"), ("pause", "key 1")))
+    (tmp_path / "clean").mkdir()
+    job, units, finished = Job(data, model, RunOptions(), tmp_path), [Unit(key, "clean", (0,)) for key in "01"], []
+    for done in processes(job, units, 2, 0.6):
+        time.sleep(0.7)
+        finished.append(done.unit.key)
+    assert finished == ["0", "1"]
 
 
 def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeypatch):

@@ -25,6 +25,11 @@ def test_every_row_of_a_run(run):
     assert said.startswith(f"{run.rows.height} of {run.rows.height} rows")
 
 
+def test_no_temporary_folder_is_needed(run, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", "/no such folder")
+    recheck(run.manifest.identity, run.rows, count=1)
+
+
 def test_the_draw_follows_from_its_seed_and_is_new_without(run):
     said = [recheck(run.manifest.identity, run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
     assert said[0] == said[1]

@@ -60,7 +60,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     places = dict(manifest.places)
     start = time.perf_counter()
     with closing(engine.compute(job, units)) as computed:  # an error while the engine ends is raised, not just printed
-        for done in computed:
+        for done in computed if units else ():  # the engine starts with the first unit, which may take seconds
             folder.write_rows(done.unit, done.rows)
             left[done.unit.key] -= 1
             if not left[done.unit.key]:

@@ -28,7 +28,8 @@ class MeasureStage:
 
     Args:
         options: options of the run.
-        clean_path: function from a sample's key to the file in which its clean flow is stored between units.
+        clean_path: function from a sample's key to the file in which its clean flow is stored between units; None to
+            store nothing.
         kept: clean rows measured earlier, by sample (see `clean_row_check`).
         seconds: counters; the time is added to "measure".
     """
@@ -36,7 +37,7 @@ class MeasureStage:
     def __init__(
         self,
         options: RunOptions,
-        clean_path: Callable[[str], Path],
+        clean_path: Callable[[str], Path] | None,
         kept: Mapping[str, dict[str, Any]],
         seconds: Seconds,
     ) -> None:
@@ -52,6 +53,8 @@ class MeasureStage:
         Raises:
             RunError: see `keep_clean`.
         """
+        if self._clean_path is None:
+            return None
         clean = read_array(self._clean_path(loaded.sample.key), loaded.clean_flow_key)
         if clean is not None:
             self._check(loaded, clean)
@@ -64,7 +67,8 @@ class MeasureStage:
             RunError: the run's clean row of the sample was measured with different frames, ground truth or a different
                 model.
         """
-        write_array(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
+        if self._clean_path is not None:
+            write_array(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
 
     def row(self, loaded: Loaded, clean: Answer, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:

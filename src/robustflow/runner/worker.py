@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -49,7 +48,8 @@ class Worker:
     """Compute units of one run, keeping the latest sample and its clean flow in memory.
 
     Args:
-        clean_path: function from a sample's key to the file in which its clean flow is stored between units.
+        clean_path: function from a sample's key to the file in which its clean flow is stored between units; None to
+            store nothing.
         on_predict: callback that receives a description before each prediction and None after it; the processes engine
             uses it to enforce the timeout.
         batch_size: number of severities of a unit predicted, or of pairs attacked, in one call, if the model supports
@@ -63,7 +63,7 @@ class Worker:
         dataset: Dataset,
         model: AnyModel,
         options: RunOptions,
-        clean_path: Callable[[str], Path],
+        clean_path: Callable[[str], Path] | None,
         on_predict: Callable[[str | None], None] = lambda what: None,
         batch_size: int = 1,
         kept: Mapping[str, dict[str, Any]] | None = None,
@@ -156,10 +156,9 @@ class Worker:
 
 @contextmanager
 def temporary_worker(dataset: Dataset, model: AnyModel, options: RunOptions) -> Iterator[Worker]:
-    """Create a worker for a few cells. Its clean flow is stored outside any run folder until the block ends, and OpenCV
-    runs in one thread, as in every engine."""
-    with TemporaryDirectory(prefix="robustflow-") as folder, one_opencv_thread():
-        yield Worker(dataset, model, options, lambda key: Path(folder) / "clean.npy")
+    """Create a worker for a few cells, which writes no files. OpenCV runs in one thread, as in every engine."""
+    with one_opencv_thread():
+        yield Worker(dataset, model, options, None)
 
 
 class NoMotion:

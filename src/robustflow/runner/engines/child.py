@@ -17,14 +17,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
 from ...figure_style import ignore_local_settings
-from ...models import ModelSpec
 from ...safe_path import environment_variables, safe_path
 from .malloc import keep_freed_memory
+
+if TYPE_CHECKING:
+    from .base import Job
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
 ONE_THREAD = dict.fromkeys(_THREADS, "1")
@@ -123,26 +125,27 @@ def may_have_children() -> bool:
         return False
 
 
-def check_picklable(model: Any) -> None:
-    """Raise if a model object cannot be sent to another process.
+def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
+    """Return a job as it is sent to other processes.
+
+    Args:
+        job: job to send.
+        dumps: function that pickles an object.
 
     Raises:
-        UsageError: the object cannot be sent.
+        UsageError: the model object, the dataset or a user's corruption cannot be sent.
     """
-    if isinstance(model, ModelSpec):
-        return
     try:
-        pickle.dumps(model)
+        return dumps(job)
     except Exception as error:
-        raise cannot_be_sent(error) from error
-
-
-def cannot_be_sent(error: Exception) -> UsageError:
-    """Return the error for a model object that pickling refuses with `error`."""
-    return UsageError(
-        f"this model object cannot be sent to worker processes ({type(error).__name__}: {error}); use engine='serial' "
-        "without a timeout, or name the model as 'module:attribute'"
-    )
+        what, advice = "dataset or corruption", "use engine='serial' without a timeout"
+        try:
+            dumps(job.model)
+        except Exception:
+            what, advice = "model object", f"{advice}, or name the model as 'module:attribute'"
+        raise UsageError(
+            f"this {what} cannot be sent to worker processes ({type(error).__name__}: {error}); {advice}"
+        ) from error
 
 
 @contextmanager

@@ -12,14 +12,14 @@ from multiprocessing.connection import Connection, wait
 from ...runs.plan import Unit
 from ..seconds import pop_timings
 from .base import FinishedUnit, FinishedUnits, Job
-from .child import Child, check_picklable
+from .child import Child, pickled
 from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
 
 
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> FinishedUnits:
     """Compute the units in `workers` processes; `timeout` is the time limit of a single prediction, in seconds."""
-    check_picklable(job.model)
+    pickled(job)
     pool: list[_WorkerHandle] = []
     schedule = Schedule(units)
     try:
@@ -29,6 +29,9 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
             process.give(schedule)
         while any(process.unit for process in pool):
             ready = wait([process.child.pipe for process in pool if process.unit], timeout=0.2 if timeout else None)
+            for process in pool:  # before rows are yielded, because writing them can take longer than the timeout
+                if process.child.pipe not in ready:
+                    process.timeout.check()
             for process in pool:
                 if process.child.pipe in ready:
                     done = process.receive()
@@ -39,8 +42,6 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
                         if idle.unit is None:
                             idle.give(schedule)
                     yield done
-                else:
-                    process.timeout.check()
     finally:
         for process in pool:
             process.child.end()

@@ -19,11 +19,11 @@ from ...errors import RunError
 from ...models.base import describe_cell
 from ...runs.plan import Unit
 from .base import FinishedUnit, FinishedUnits, Job
-from .child import rebuilt
+from .child import pickled, rebuilt
 from .prediction_timeout import too_slow
 from .ray_actor import Answer, Files, UnitActor, check_installed, installed
-from .ray_cluster import connected
-from .ray_job import files_of, needs_gpu, pickled, variables
+from .ray_cluster import connected, ray_module
+from .ray_job import files_of, needs_gpu, variables
 from .schedule import Schedule
 
 ATTEMPTS = 3
@@ -60,7 +60,7 @@ def on_ray(
         DataError, ModelError: as for the other engines.
     """
     gpu = needs_gpu(job)
-    sent = pickled(job)
+    sent = bytes(pickled(job, ray_module().cloudpickle.dumps))
     with connected(address, workers, len(sent)) as ray:
         crew = _Crew(ray, job, sent, units, workers, timeout, gpu, address is None)
         try:

@@ -1,4 +1,4 @@
-"""Describe what a node needs for a job: the job itself, a GPU if required, the model, and the data files."""
+"""Describe what a node needs for a job: a GPU if required, the model, and the data files."""
 
 from __future__ import annotations
 
@@ -11,21 +11,7 @@ from ...models.devices import device_of, is_accelerator
 from ...runs.plan import Unit
 from ...runs.sample_files import files_of_sample
 from .base import Job
-from .child import ONE_THREAD, cannot_be_sent
-from .ray_cluster import ray_module
-
-
-def pickled(job: Job) -> bytes:
-    """Return the job as it is sent to every node.
-
-    Raises:
-        UsageError: the job cannot be sent, or Ray is not installed.
-    """
-    cloudpickle = ray_module().cloudpickle
-    try:
-        return bytes(cloudpickle.dumps(job))
-    except Exception as error:
-        raise cannot_be_sent(error) from error
+from .child import ONE_THREAD
 
 
 def needs_gpu(job: Job) -> bool:

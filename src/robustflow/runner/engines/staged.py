@@ -19,7 +19,7 @@ from ...models.base import describe_cell
 from ...runs.plan import Cell, Unit
 from .base import FinishedUnit, FinishedUnits, Job
 from .cell_schedule import CellSchedule
-from .child import Child, check_picklable
+from .child import Child, pickled
 from .feeder import cells_ahead, feed_forever
 from .prediction_timeout import PredictionTimeout
 from .predictor import Link, predict_forever
@@ -40,10 +40,10 @@ def staged(
         timeout: time limit of a prediction or batch, in seconds; None for no limit.
 
     Raises:
-        UsageError: the model object cannot be sent to a process.
+        UsageError: the model object or the dataset cannot be sent to a process.
         RunError, ModelError, DataError: as for the other engines.
     """
-    check_picklable(job.model)
+    pickled(job)
     schedule = CellSchedule(units)
     predictors: list[_PredictorHandle] = []
     pool: list[_FeederHandle] = []
