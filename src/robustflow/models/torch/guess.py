@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -113,7 +113,6 @@ class _TriedConvention:
 
 def infer_convention(
     module: nn.Module,
-    call: Callable[[list[Any]], Any],
     declared: Declared,
     multiple: int,
     device: torch.device,
@@ -123,7 +122,6 @@ def infer_convention(
 
     Args:
         module: module in evaluation mode, on `device`.
-        call: function that calls the module with its list of inputs.
         declared: convention declared by the user.
         multiple: number of which the input's height and width must be multiples.
         device: device on which the module runs.
@@ -136,7 +134,7 @@ def infer_convention(
         ModelError: no convention works, none is clearly best, or the declared convention is wrong.
     """
     with torch.inference_mode(), reproducible(threads):
-        trial = _Trial(module, call, device, multiple)
+        trial = _Trial(module, device, multiple)
         layouts = trial.working_layouts(declared)
         if declared.complete:
             return _checked(trial, replace(declared, layout=layouts[0]))
@@ -233,7 +231,6 @@ def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None =
 @dataclass
 class _Trial:
     module: nn.Module
-    call: Callable[[list[Any]], Any]
     device: torch.device
     multiple: int
 
@@ -310,7 +307,7 @@ class _Trial:
         """Return the declared output, or, if `every` is true or no output is declared, each output that is a flow,
         float32 (H, W, 2).
         """
-        net = ModuleNet(self.module, self.call, way.layout or "pair", None, batched=True)
+        net = ModuleNet(self.module, way.layout or "pair", None, batched=True)
         convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self.multiple)
         images = [fitted_images([frame], convention, self.device) for frame in pair[:2]]
         returned = net.returned(*images)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import torch
@@ -24,7 +24,6 @@ class ModuleNet(nn.Module):
 
     Args:
         module: network; its training or evaluation mode is not changed.
-        call: function that calls the module with its list of inputs.
         layout: input layout, one of `MODULE_LAYOUTS`.
         output: index or key of the flow among several outputs; None for the last one.
         batched: whether the module accepts several pairs per call; otherwise each pair is predicted separately.
@@ -33,14 +32,12 @@ class ModuleNet(nn.Module):
     def __init__(
         self,
         module: nn.Module,
-        call: Callable[[list[Any]], Any],
         layout: str,
         output: Any,
         batched: bool,
     ) -> None:
         super().__init__()
         self.module = module
-        self.call = call
         self.layout = layout
         self.output = output
         self.batched = batched
@@ -77,7 +74,7 @@ class ModuleNet(nn.Module):
         """
         inputs = self._inputs(image1, image2)
         try:
-            return self.call(inputs)
+            return self.module(*inputs)
         except RobustFlowError:
             raise
         except Exception as error:  # any operator can fail; the last line of its message is the reason

@@ -118,12 +118,9 @@ class TorchModel(NetworkModel):
         if declared.output is None and declared.layout == known.layout:
             declared = replace(declared, output=known.output)
 
-        def call(inputs: list[Any]) -> Any:
-            return module(*inputs)
-
         multiple = known_multiple if multiple is None else multiple
         if library is None or declared != known:  # the conventions of these libraries are known
-            declared, remark = infer_convention(module, call, declared, multiple, find_device(device), threads)
+            declared, remark = infer_convention(module, declared, multiple, find_device(device), threads)
             if remark:
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
@@ -141,7 +138,7 @@ class TorchModel(NetworkModel):
             "output": "last" if declared.output in (None, LAST_OUTPUT) else declared.output,
             "batched": batched,
         }
-        wrapped = ModuleNet(module, call, declared.layout or "pair", declared.output, batched)
+        wrapped = ModuleNet(module, declared.layout or "pair", declared.output, batched)
         self._class = type(net).__name__
         super().__init__(name or self._class, wrapped, convention, settings, execution)
         self.frozen = frozenset(f"module.{name}" for name in frozen)
