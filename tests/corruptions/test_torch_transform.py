@@ -47,6 +47,16 @@ def test_structures_keep_all_but_the_images():
     assert out["flow"] is sample["flow"]
 
 
+def test_masks_beside_a_plain_tensor_are_kept_and_a_video_is_refused():
+    """The frames of a video belong together, but the items of a batch are drawn independently."""
+    grey, mask = image(0, (1, 24, 32)), tv_tensors.Mask(image(1, (1, 24, 32)))
+    out, kept = TorchCorruption(["contrast"], [5])(grey, mask)
+    assert not torch.equal(out, grey)
+    assert kept is mask
+    with pytest.raises(DataError, match="no image"):
+        TorchCorruption(["contrast"])(tv_tensors.Video(image(0, (4, 3, 8, 8))))
+
+
 def test_it_composes_with_torchvision():
     chain = v2.Compose([v2.ToDtype(torch.float32, scale=True), TorchCorruption(["gaussian_noise"]), v2.CenterCrop(16)])
     out = chain(tv_tensors.Image(image()))

@@ -21,8 +21,8 @@ class TorchCorruption(torch.nn.Module):
 
     Tensors are uint8, or float32 in [0, 1]. As in torchvision v2, the input may be any structure of lists, tuples and
     dicts: every `tv_tensors.Image` in it is corrupted, and everything else is returned unchanged. If there is no
-    `tv_tensors.Image`, every tensor is treated as an image. All images in a call belong together (frame 1, frame 2,
-    ...) and share one random draw, while the items of a batch are drawn independently.
+    `tv_tensors.Image`, every plain tensor is treated as an image. All images in a call belong together (frame 1, frame
+    2, ...) and share one random draw, while the items of a batch are drawn independently.
 
     Accepts the same arguments as `CorruptionTransform`; see the docstring of the module `transform` for how draws
     differ between `DataLoader` workers.
@@ -61,14 +61,14 @@ class TorchCorruption(torch.nn.Module):
             DataError: the inputs contain no image, or an image is not supported by `CorruptionTransform`.
         """
         leaves, structure = tree_flatten(inputs if len(inputs) != 1 else inputs[0])
-        kind = tv_tensors.Image if any(isinstance(leaf, tv_tensors.Image) for leaf in leaves) else torch.Tensor
-        places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, kind)]
+        places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, tv_tensors.Image)]
+        places = places or [place for place, leaf in enumerate(leaves) if _is_plain(leaf)]
         if not places:
             raise DataError("the inputs contain no image: expected tensors (C, H, W) or (B, C, H, W)")
         images = [leaves[place] for place in places]
         for place, image, corrupted in zip(places, images, self._corrupt(images, key), strict=True):
             fresh = torch.from_numpy(corrupted).to(image.device)
-            leaves[place] = tv_tensors.wrap(fresh, like=image) if isinstance(image, tv_tensors.TVTensor) else fresh
+            leaves[place] = fresh if _is_plain(image) else tv_tensors.wrap(fresh, like=image)
         return tree_unflatten(leaves, structure)
 
     def extra_repr(self) -> str:
@@ -89,6 +89,10 @@ class TorchCorruption(torch.nn.Module):
         for item, frames in enumerate(zip(*arrays, strict=True)):
             items.append(self._transform(list(frames), None if key is None else f"{key}/{item}"))
         return [_channels_first(np.stack(frames)) for frames in zip(*items, strict=True)]
+
+
+def _is_plain(leaf: Any) -> bool:
+    return isinstance(leaf, torch.Tensor) and not isinstance(leaf, tv_tensors.TVTensor)
 
 
 def _channels_first(array: Any) -> Any:
