@@ -241,7 +241,7 @@ def evaluate(
     folder = RunFolder(output)
     folder.lock()
     try:
-        with capture_slider_pictures(setup) if examples else nullcontext(setup) as keeping:
+        with capture_slider_pictures(setup, folder.path) if examples else nullcontext(setup) as keeping:
             with shown(progress) as listener:
                 compute_missing(folder, keeping, compute, batch_size, listener)
             if isinstance(benchmark, str):

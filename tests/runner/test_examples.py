@@ -99,6 +99,13 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     assert _files(rf.evaluate(DIS, **asked)) == kept, "images from frames in memory equal those from recomputed ones"
 
 
+def test_a_run_needs_no_temporary_folder(tmp_path, monkeypatch, small):
+    monkeypatch.setattr("tempfile.tempdir", "/no such folder")
+    run = rf.evaluate(DIS, output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
+    assert are_current(run)
+    assert not list(run.path.rglob(".partial-*"))
+
+
 def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch, small):
     run = {"output": tmp_path / "run", "severities": [2]}
     first = rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)

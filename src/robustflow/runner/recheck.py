@@ -110,6 +110,8 @@ def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all"), ("spread_sum", "n_all")):
         if made[total] is None or row[total] is None:
             gaps.append(0.0 if made[total] is row[total] else math.inf)
-        elif made[count] and row[count]:
+        elif bool(made[count]) != bool(row[count]):
+            gaps.append(math.inf)
+        elif row[count]:
             gaps.append(abs(made[total] / made[count] - row[total] / row[count]))
     return max(gaps)

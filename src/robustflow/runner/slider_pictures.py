@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..atomic import write_bytes
+from ..atomic import TEMPORARY, write_bytes
 from ..digest import digest_of_bytes
 from ..errors import DataError
 from ..images.io import jpeg_bytes, shrunk
@@ -33,8 +33,9 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 
 
 @contextmanager
-def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
-    """Yield a setup whose workers store the slider's pictures, if the sample to show is already known.
+def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
+    """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
+    show is already known.
 
     The sample is known if the run has only one sample. Otherwise it is chosen at the end, because storing the pictures
     of all samples would cost more than making them again.
@@ -42,8 +43,8 @@ def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
         return
-    with TemporaryDirectory(prefix="robustflow-", ignore_cleanup_errors=True) as folder:
-        options = replace(setup.options, pictures=Path(folder))
+    with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
+        options = replace(setup.options, pictures=Path(pictures))
         yield replace(setup, plan=replace(setup.plan, options=options))
 
 
