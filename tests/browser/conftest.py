@@ -134,7 +134,7 @@ def pages(tmp_path_factory, real_pictures, small_demo) -> dict[str, Path]:
         patch.setattr(skimage, "__file__", small_demo)
         run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
     hostile = [
-        replace(line, name=HOSTILE if line.name == "A" else line.name, note=HOSTILE)
+        replace(line, name=HOSTILE if line.name == "A" else "x" * 200, note=HOSTILE)
         for line in parse_results(_CELLS, "made.csv", "file")
     ]
     paths = {"report": run.path / "report.html"}

@@ -310,6 +310,9 @@ def test_a_hostile_name_stays_text(opened):
     assert page.locator("article:visible h2").inner_text() == HOSTILE
     assert page.title().startswith(HOSTILE)
     assert page.locator("img").count() == 0
+    page.go_back()
+    page.set_viewport_size({"width": 360, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") == 360, "a long word wraps everywhere"
 
 
 def test_downloads_hold_the_numbers_and_no_formula(opened, tmp_path):

@@ -217,6 +217,19 @@ def test_no_statistic_of_fewer_than_five_models_and_no_chart_of_a_single_bar():
     assert "ID: r" not in title.replace("OOD: r", "")
 
 
+def test_families_of_more_models_than_styles_are_those_of_the_models_with_the_lowest_error():
+    """The model with the highest error comes first; colours are those of the other figures, and the figure says that
+    models are missing."""
+    results = _own(*["OOD"] * 10, weather=True)[::-1]
+    styles = {line: MODEL_STYLES[int(line.name[1:])] for line in results[2:]}
+    figure = crer_by_family(results, None, Looks(styles))
+    assert {(mark.model) for marks in figure.marks.values() for mark in marks} == {f"M{index}" for index in range(8)}
+    assert dict(key[:2] for key in figure.key) == {
+        line.name: replace(style, marker="s") for line, style in styles.items()
+    }
+    assert "the 8 of 10 models with the lowest error" in _texts(figure)
+
+
 def test_no_colour_of_a_kind_is_that_of_a_model():
     kinds = [style.colour for style in KIND_STYLES.values()]
     models = [style.colour for style in MODEL_STYLES]

@@ -20,6 +20,7 @@ from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.leaderboard import PLACE, boards_of, by_error
 from robustflow.report.render import render
 from robustflow.report.site.content import whole_content
+from robustflow.report.site.headline import headline
 from robustflow.report.tables import build_table
 
 
@@ -126,6 +127,15 @@ def test_imported_lines_are_the_best_of_nothing():
     for note, best in (("", 1), (NOTE, 0)):
         cells = _cells_of(_file(f'own,A,epe,fog,1.00,"{note}"\nown,B,epe,fog,2.00,"{note}"\n', "note")).values()
         assert sum(of_line["epe", "fog"].best for of_line in cells) == best
+
+
+def test_random_weights_in_a_results_file_are_never_ranked():
+    lines = _file("untrained,A,cre,average,1.00\nOOD,B,cre,average,2.00\nOOD,C,cre,average,3.00\n")
+    untrained, *_ = _cells_of(lines).items()
+    assert not _best(untrained[1])
+    first, *_, last = headline(whole_content([], [("a.csv", lines)], published=False))
+    assert "the lead of B (CRE 2.00 px) over C" in first
+    assert last == "Not ranked: A, because its weights are random."
 
 
 class _Measured(ModelResult):

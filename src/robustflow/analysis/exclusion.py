@@ -13,6 +13,7 @@ from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
 from ..runs.means import clean_flow_length, image_mean
 from ..runs.run import Run
+from .labels import NEVER_RANKED
 
 ACCURATE_BELOW = 0.5
 """Upper bound on the clean EPE of a sound model, as a fraction of the EPE of zero flow. Above this bound,
@@ -34,7 +35,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     A model's flow may change little under corruption because the model ignores its frames: it has random weights, or
     predicts zero or constant flow.
     """
-    reasons = ["its weights are random"] if run.setting == "untrained" else []
+    reasons = [reason] if (reason := NEVER_RANKED.get(run.setting)) else []
     if is_still(run.benchmark):
         return reasons  # zero flow is correct, so a model may ignore its frames
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))

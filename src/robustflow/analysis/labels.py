@@ -30,6 +30,8 @@ SETTING_EXPLANATIONS = {
     "own": "the run does not state what its model was trained on",
     "untrained": "has random weights and is never ranked",
 }
+NEVER_RANKED = {"untrained": "its weights are random"}
+"""Settings whose models are never ranked, with the reason."""
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
 
 _SHORT = {

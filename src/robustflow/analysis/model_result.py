@@ -13,6 +13,7 @@ from ..runs.costs import RunCost, read_cost
 from ..runs.family_means import family_crer
 from ..text import plain
 from ..validated import Frozen
+from .labels import NEVER_RANKED
 from .results import AVERAGE, CLEAN
 from .uncertainty.of_runs import IntervalEnds, interval_ends
 
@@ -120,7 +121,7 @@ class ModelResult:
     @cached_property
     def excluded(self) -> str:
         """The reason why the model is not ranked; "" for a ranked model."""
-        return self.exclusion()
+        return self.exclusion() or NEVER_RANKED.get(self.setting, "")
 
     @cached_property
     def cost(self) -> RunCost | None:

@@ -74,7 +74,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {
-        "classes": lambda results: figures.crer_by_family(results, tuple(line.name for line in results)),
+        "classes": figures.crer_by_family,
         "accuracy": figures.clean_against_cre,
         "relations": figures.relations,
     }

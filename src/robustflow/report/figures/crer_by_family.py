@@ -14,6 +14,7 @@ from ...corruptions.names import MEMBERS
 from ...errors import UsageError
 from ...figure_style import default_style
 from ...text import name_text
+from ..leaderboard import by_error
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
 from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
@@ -34,8 +35,8 @@ def crer_by_family(
 
     Args:
         results: results with EPE per corruption.
-        models: up to eight model names; by default the paper's representative models (Fig. 5) if the results include
-            published values, otherwise all models.
+        models: model names; by default the paper's representative models (Fig. 5) if the results include published
+            values, otherwise all models. Of more than eight models, the eight with the lowest error are drawn.
         looks: styles of the models.
 
     Raises:
@@ -45,7 +46,8 @@ def crer_by_family(
     published = of_paper(results)
     if models is None:
         models = REPRESENTATIVE if published else tuple(line.name for line in crer)
-    shown = [model for model in dict.fromkeys(models) if any(line.name == model for line in crer)][: len(MODEL_STYLES)]
+    lowest = [name for name in dict.fromkeys(line.name for line in sorted(crer, key=by_error)) if name in models]
+    shown = [name for name in dict.fromkeys(models) if name in lowest[: len(MODEL_STYLES)]]
     if not shown:
         raise UsageError("there is no CREr to draw: none of these models has a clean EPE")
     lines = [line for model in shown for line in crer if line.name == model]
@@ -76,6 +78,10 @@ def crer_by_family(
         reached += _bars(figure, axes[0], lines, families, crer, styles, by_setting)
         legend = [(name, Style(style.colour, "s"), True) for name, style in by_name.items()]
         figure.caption = "Mean CREr (CRE divided by the clean EPE) over the corruptions of each class."
+        if len(shown) < len(lowest):
+            part = f"the {len(shown)} of {len(lowest)} models with the lowest error"
+            axes[0].set_title(part, fontsize=9)
+            figure.caption += f" It shows {part}."
     if by_setting:
         settings = dict.fromkeys(line.setting for line in lines)
         legend += [(setting, Style(OTHER.colour, "s"), setting != "ID") for setting in settings]
