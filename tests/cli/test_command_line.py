@@ -54,6 +54,8 @@ def test_ctrl_c_while_the_command_line_is_imported_prints_no_traceback():
 import os, signal, sys
 import robustflow.__main__ as start
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a test in the background inherits SIG_IGN
+
 class Interrupts:
     def find_spec(self, name, path=None, target=None):
         if name == "robustflow.cli.main":
@@ -64,6 +66,20 @@ start.main()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+def test_a_command_that_imported_torch_ends_with_its_objects_collected():
+    """At exit, triton prints thirty lines about objects that were frozen."""
+    script = (
+        "import atexit, gc, sys, types\n"
+        "sys.modules['torch'] = types.ModuleType('torch')\n"
+        "sys.argv = ['robustflow', '--version']\n"
+        "atexit.register(lambda: print(gc.get_freeze_count()))\n"
+        "from robustflow.__main__ import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[1:] == ["0"]
 
 
 def test_version_and_help_do_not_import_the_heavy_parts():

@@ -328,3 +328,20 @@ def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, 
         "run", "-m", "dis", "-m", "tiny", "-c", "contrast", "-s", "1", "--json", "--json", "-o", tmp_path / "runs"
     )
     assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("Broken", "mine:Broken failed in its construction: OSError: no card"),
+        ("Rooted", "mine:Rooted needs the option root, which check cannot pass: give it a default value"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["model", "dataset"])
+def test_a_class_that_cannot_be_made_for_a_check_is_refused(robustflow, tmp_path, monkeypatch, kind, name, says):
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    (tmp_path / "mine.py").write_text(
+        "class Broken:\n    def __init__(self):\n        raise OSError('no card')\n\n\n"
+        "class Rooted:\n    def __init__(self, root): ...\n"
+    )
+    assert says in robustflow.refuses("check", f"mine:{name}", "--kind", kind)

@@ -62,6 +62,33 @@ class Loses(Batched):
         return super().predict_batch(frames1, frames2)[:1]
 
 
+class Broken(ZeroFlow):
+    def __init__(self):
+        raise OSError("no card")
+
+
+class NotANumber(Batched):
+    def predict_batch(self, frames1, frames2):
+        return [flow * np.float32(np.nan) for flow in super().predict_batch(frames1, frames2)]
+
+
+class Fails(Batched):
+    def predict_batch(self, frames1, frames2):
+        raise KeyError("weights")
+
+
+class Forgets(Batched):
+    def predict_batch(self, frames1, frames2):
+        super().predict_batch(frames1, frames2)
+
+
+class WritesInBatch(Batched):
+    def predict_batch(self, frames1, frames2):
+        flows = super().predict_batch(frames1, frames2)
+        frames1[0][:] = 0
+        return flows
+
+
 class SureOfOther(Sure):
     def predict_with_confidence(self, frame1, frame2):
         flow, confidence = super().predict_with_confidence(frame1, frame2)
@@ -98,6 +125,10 @@ def never(frame1, frame2):
         (Remembers(), r"a different flow for the same frames \(off by up to 2 px\)"),
         (Mixes(), "a different flow in a batch than for single pairs"),
         (Loses(), "returned 1 flows for 2 pairs"),
+        (NotANumber(), "a different flow in a batch than for single pairs"),
+        (Fails(), "predict_batch raised KeyError on frames of 128x160: 'weights'"),
+        (Forgets(), "predict_batch returned NoneType on frames of 128x160; expected one flow per pair"),
+        (WritesInBatch(), "modifies its input frames"),
         (
             padded,
             r"returned float32 \(128, 147, 2\) on frames of 121x147; expected a float array of shape",
@@ -107,6 +138,7 @@ def never(frame1, frame2):
         (lambda a, b: [[0]], "returned list"),
         (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),
         (3, "has neither a method predict"),
+        (Broken, "model 'Broken' cannot be built: OSError: no card"),
         (SureOfOther(), "predict_with_confidence returns a different flow than predict on frames of 128x160"),
         (SurerEachTime(), "a different confidence for the same frames on frames of 128x160"),
         (SureOfLess(), r"confidence on frames of 128x160 has the shape \(127, 160\); expected \(128, 160\)"),

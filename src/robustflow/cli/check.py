@@ -24,7 +24,7 @@ def check(
       robustflow check mypackage.climb:Climb
       robustflow check mypackage.data:MyPairs --kind dataset
     """
-    from ..target import import_target
+    from ..target import called, import_target, needed_options
     from ..testing import check_attack, check_corruption, check_dataset, check_model
     from ..text import plain
 
@@ -32,12 +32,20 @@ def check(
         raise UsageError(f"--kind {kind}: choose from {', '.join(KINDS)}")
     thing = import_target(target, kind or "check")
     kind = kind or _kind(thing)
+    if isinstance(thing, type):
+        if missing := needed_options(thing):
+            raise UsageError(
+                f"{target} needs the option {missing[0]}, which check cannot pass: give it a default value, or check "
+                "an object made with it"
+            )
+        if kind in ("model", "dataset"):
+            thing = called(f"{target} failed in its construction", thing)
     if kind == "corruption":
         name = check_corruption(thing)
     elif kind == "attack":
         name = check_attack(thing)
     elif kind == "dataset":
-        name = check_dataset(thing() if isinstance(thing, type) else thing)
+        name = check_dataset(thing)
     else:
         name = check_model(thing)
     typer.echo(f"{kind} '{plain(name)}': all checks passed")

@@ -50,7 +50,7 @@ def as_model(candidate: Any, what: str) -> AnyModel:
         UsageError: the class requires an option.
     """
     if inspect.isclass(candidate):
-        candidate = construct(candidate, what, {})
+        candidate = construct(candidate, candidate.__name__, {})
     if isinstance(candidate, AnyModel):
         return candidate
     if is_module(candidate):

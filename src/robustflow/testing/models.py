@@ -197,13 +197,21 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
 
 
 def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
-    together = list(model.predict_batch(*([clip[i].copy() for clip in clips] for i in (0, 1))))
+    given = [[clip[i].copy() for clip in clips] for i in (0, 1)]
+    try:
+        together = model.predict_batch(*given)
+    except Exception as error:
+        raise ModelError(f"predict_batch raised {type(error).__name__} {where}: {error or 'no message'}") from error
+    if not hasattr(together, "__len__"):
+        raise ModelError(f"predict_batch returned {described_array(together)} {where}; expected one flow per pair")
+    if any(not np.array_equal(given[i][j], clip[i]) for i in (0, 1) for j, clip in enumerate(clips)):
+        raise ModelError(f"predict_batch {where} modifies its input frames: copy them first")
     if len(together) != len(clips):
         raise ModelError(
             f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected one per pair"
         )
     for flow, single in zip(together, alone, strict=True):
-        if np.shape(flow) != single.shape or np.abs(np.asarray(flow) - single).max() > BATCH_TOLERANCE:
+        if np.shape(flow) != single.shape or not np.abs(np.asarray(flow) - single).max() <= BATCH_TOLERANCE:
             raise ModelError(
                 f"the model {where} returns a different flow in a batch than for single pairs: "
                 "process the pairs of a batch independently, or do not implement predict_batch"
@@ -217,7 +225,7 @@ def _check_batched_gradients(model: Differentiable, clips: list[list[Frame]], wh
     with torch.no_grad():
         together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
         alone = torch.cat([model.differentiable(pair[:1], pair[1:]) for pair in pairs])
-    if together.shape != alone.shape or (together - alone).abs().max() > BATCH_TOLERANCE:
+    if together.shape != alone.shape or not (together - alone).abs().max() <= BATCH_TOLERANCE:
         raise ModelError(
             f"the model's method differentiable {where} returns a different flow in a batch than for single pairs: "
             "process the pairs of a batch independently, or do not set batched_gradients"
