@@ -174,6 +174,16 @@ def test_processes_with_copies_of_one_transform_draw_apart():
     assert len({*drawn, transform(flat).tobytes()}) == 5
 
 
+def test_ranks_of_a_distributed_training_draw_apart(monkeypatch):
+    flat, drawn = np.full((16, 16, 3), 128, np.uint8), []
+    for rank in ("0", "1"):
+        monkeypatch.setenv("RANK", rank)
+        transform = CorruptionTransform(["gaussian_noise"], [3])
+        drawn.append((transform(flat).tobytes(), transform(flat, key="a").tobytes()))
+    assert drawn[0][0] != drawn[1][0]
+    assert drawn[0][1] == drawn[1][1]
+
+
 @pytest.mark.parametrize(
     ("image", "says"),
     [

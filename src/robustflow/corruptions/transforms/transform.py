@@ -3,15 +3,16 @@
 Every random draw has a name. With a `key`, the result depends only on the seed, the key and the images. Without a key,
 the name consists of the number of the call and an identifier of the process: in a torch `DataLoader` worker, this is
 the seed that torch assigned to the worker (different in every epoch, fixed by `torch.manual_seed`); in other child
-processes, it is the name of the process. So samples from a data loader never share a draw by accident, regardless of
-the number of workers. Pass a key such as f"{epoch}/{index}" if the bytes must not depend on the number of workers, or
-if several copies of a transform are used in one process (e.g. by a pool that pickles the transform with every task),
-because all copies continue counting from the same number.
+processes, it is the name of the process; torchrun's rank is added. So samples from a data loader never share a draw by
+accident, regardless of the number of workers and ranks. Pass a key such as f"{epoch}/{index}" if the bytes must not
+depend on the number of workers, or if several copies of a transform are used in one process (e.g. by a pool that
+pickles the transform with every task), because all copies continue counting from the same number.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import sys
 import threading
 from collections.abc import Sequence
@@ -208,11 +209,12 @@ def _process() -> tuple[str | int, ...]:
     """Return an identifier that distinguishes the draws of this process from those of its sibling processes."""
     data = sys.modules.get("torch.utils.data")
     worker = data.get_worker_info() if data is not None else None
+    rank = ("rank", os.environ["RANK"]) if "RANK" in os.environ else ()
     if worker is not None:
-        return "worker", int(worker.seed)
+        return "worker", int(worker.seed), *rank
     if multiprocessing.parent_process() is not None:
-        return "process", multiprocessing.current_process().name
-    return ("main",)
+        return "process", multiprocessing.current_process().name, *rank
+    return "main", *rank
 
 
 def _rgb(image: Image) -> Frame:
