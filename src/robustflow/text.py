@@ -82,7 +82,8 @@ def text_cell(text: str) -> str:
     ("'=HYPERLINK(1)", 'RAFT')
     """
     clean = plain(text, 600)
-    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean
+    first = unicodedata.normalize("NFKC", clean[:1])  # some spreadsheets accept full-width characters
+    return f"'{clean}" if first in ("=", "+", "-", "@") else clean
 
 
 def file_name(text: str) -> str:

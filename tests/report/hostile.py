@@ -9,6 +9,7 @@ HOSTILE = [
     "[text](javascript:alert(1)) ![i](x)",
     r"\input{/etc/passwd} $x_1$ & % # ~ ^ { } \end{tabular}",
     "=HYPERLINK(0)",
+    "\uff1dHYPERLINK(0)",
     "@SUM(1+1)*cmd|' /C calc'!A0",
     "a\u202egnp.exe",
     "漢字 emoji 🙂 Ωß",

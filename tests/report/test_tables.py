@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robustflow.analysis.conditions import SeedGroup
 from robustflow.analysis.cost_ranks import printed_cost_ranks
 from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_costs, published_results
@@ -95,6 +96,14 @@ def test_runs_on_the_same_frames_are_compared():
     own = _own("OOD,A,epe,clean,2.0,\nOOD,B,epe,clean,1.0,\nOOD,C,epe,clean,1.00,\n")
     best = {line.label: line.cells[0].best for line in build_table("epe", own).sections[0].lines}
     assert best == {"A": False, "B": True, "C": True}
+
+
+def test_seeds_have_a_mean_only_in_a_section_with_all_of_them():
+    """Runs of one model may differ in the declared training data, or one of them may have no value."""
+    seeds = [SeedGroup("A", (0, 1), (("own", "A 0"), ("own", "A 1")))]
+    for setting, shown in (("OOD", ["A 0", "A 1", "A, 2 seeds"]), ("ID", ["A 0", "A 1"])):
+        own = _own(f"OOD,A 0,epe,clean,1.00,\n{setting},A 1,epe,clean,2.00,\n")
+        assert [line.label for line in build_table("epe", own, seeds).lines] == shown
 
 
 def test_what_cannot_be_made_says_so():

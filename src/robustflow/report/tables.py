@@ -52,7 +52,7 @@ def build_table(
         results: published results, results of runs, or both concatenated. A footnote explains why a model is not
             ranked; a separate column gives the share of predicted pixels if a model did not predict all of them.
         seeds: groups of runs that differ in the seed; a row with their mean and standard deviation follows the last
-            run of each group.
+            run of each group if the section contains all of them.
 
     Raises:
         UsageError: the table is unknown, or the results have no values for it.
@@ -146,6 +146,6 @@ def _lines(
         cells = tuple(TableCell(shown.get(key, "-"), key in best) for key in keys)
         out.append(Line(line.name, cells, with_exclusion(line.note, line.excluded)))
         for group in seeds:
-            if line.key == group.runs[-1]:
+            if line.key == group.runs[-1] and numbers.keys() >= set(group.runs):
                 out.append(seed_line(group, numbers, excluded[group.runs[0]]))
     return tuple(out)

@@ -19,7 +19,7 @@ function records() {
 }
 
 function cell(text, index) {
-  const safe = COLUMNS[index] !== "value" && /^[=+\-@]/.test(text) ? `'${text}` : text;
+  const safe = COLUMNS[index] !== "value" && /^[=+\-@]/.test(text.normalize("NFKC")) ? `'${text}` : text;
   return /[",\n]/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
 }
 
