@@ -29,7 +29,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", [*(name for name in IMAGE_PAIR if name != "psf_blur"), "fog:2+jpeg_compression"])
+@pytest.mark.parametrize("name", ["gaussian_noise", "spatter", "fog:2+jpeg_compression"])
 def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
     image = FORMS[form](picture(40, 56))
     before = image.copy()
@@ -38,7 +38,7 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
     assert out.min() >= 0
     assert out.max() <= (255 if image.dtype == np.uint8 else 1)
     np.testing.assert_array_equal(image, before)
-    assert not np.array_equal(out, image) or name.endswith("exposure")  # exposure changes only one of two frames
+    assert not np.array_equal(out, image)
     assert not np.shares_memory(out, image)
 
 

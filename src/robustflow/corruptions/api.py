@@ -195,7 +195,8 @@ def corrupt(
         key: name of the pair; pairs with different keys get different draws.
         variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (also applied to frames in BGR
             order, as in the published results) or "paper" (following the paper's text literally).
-        scale: severity scale, "paper" or "calibrated"; variant and scale are ignored for a `Corruption` object.
+        scale: severity scale, "paper" or "calibrated"; variant and scale are ignored for an object from
+            `load_corruption`.
         common_draws: whether to use the same random draw (drops, flakes, exposed frame) at all five severities. By
             default, each severity is drawn independently, as in the paper.
         depth: depth maps of both frames, for corruptions in the "depth" family.
