@@ -11,6 +11,7 @@ import unicodedata
 from dataclasses import replace
 
 import pytest
+from rich.cells import cell_len
 
 from robustflow.analysis.published.tables import published_results
 from robustflow.errors import UsageError
@@ -107,6 +108,18 @@ def test_the_terminal_is_never_wider_than_it_is(width):
     text = render_terminal(build_table("epe", published_results()), width)
     assert max(map(len, text.splitlines())) <= width
     assert "51.76" in text
+
+
+@pytest.mark.parametrize("name", ["a name " * 12, "光流" * 40])
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_terminal_cuts_names_and_no_numbers(width, name):
+    cells = tuple(TableCell(f"{index}2.34 [10.00, 15.{index}0]", best=True) for index in range(8))
+    columns = tuple(Column(f"corruption {index}") for index in range(8))
+    sections = tuple(Section(title, (Line(name, cells, note="a note"),)) for title in ("Runs", name))
+    text = render_terminal(Table("x", "Means", columns, sections), width)
+    assert max(map(cell_len, text.splitlines())) <= width
+    assert all(text.count(f" {cell.text}*") == 2 for cell in cells)
+    assert text.count("… [1]") >= 2
 
 
 @pytest.mark.parametrize("width", [60, 120])

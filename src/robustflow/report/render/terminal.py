@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Literal
 
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -14,6 +16,8 @@ from ..table import LONGEST_NOTE, Column, Section, Table
 
 _WIDTH = 120
 _NAME = 60
+_LEAST, _MOST = 10, _NAME + 5
+"""Bounds on the width of the first column: names with the marks of their notes."""
 _GROUP = 11
 
 
@@ -29,10 +33,10 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
         # In tables with prose, each section is a separate grid below its title, because titles and cells are long.
         for section in table.sections:
             console.print(Text(f"\n{plain(section.title, None)}", style="italic"))
-            console.print(_grid(table, (section,), list(range(len(table.columns))), colour))
+            console.print(_grid(table, (section,), list(range(len(table.columns))), width, colour))
     else:
         for block in _blocks(table, width):
-            console.print(_grid(table, table.sections, block, colour))
+            console.print(_grid(table, table.sections, block, width, colour))
     for remark in table.remarks:
         console.print(Text(plain(remark, None)))
     if not colour and any(cell.best for line in table.lines for cell in line.cells):
@@ -42,18 +46,44 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
+def _needs(table: Table) -> list[int]:
+    """Return the width of each column with its separator and the star of its best cell; 0 for prose, which wraps."""
+    return [
+        0
+        if column.prose
+        else 3
+        + max(
+            *(cell_len(part) for part in _heading(column).split("\n")),
+            *(cell_len(plain(line.cells[index].text, None)) + line.cells[index].best for line in table.lines),
+        )
+        for index, column in enumerate(table.columns)
+    ]
+
+
+def _firsts(table: Table, sections: Sequence[Section], width: int) -> list[str]:
+    """Return the texts of the first column in order, including the titles of sections. They are truncated to leave room
+    for any other column, because a truncated number would look like a different number."""
+    notes, longest = table.notes, max(_LEAST, min(_MOST, width - max(_needs(table), default=0)))
+    firsts = []
+    for section in sections:
+        firsts.append(_fitted(plain(section.title), "", longest))
+        for line in section.lines:
+            mark = f" [{notes[line.note]}]" if line.note else ""
+            firsts.append(_fitted(plain(line.label, _NAME), mark, longest))
+    return firsts
+
+
+def _fitted(name: str, mark: str, longest: int) -> str:
+    room = longest - len(mark)
+    return (name if cell_len(name) <= room else f"{set_cell_size(name, room - 1).rstrip()}…") + mark
+
+
 def _blocks(table: Table, width: int) -> list[list[int]]:
     """Return the column indices of each block."""
-    names = [plain(line.label, _NAME) for line in table.lines]
-    room = width - max(map(len, names), default=0) - 6
+    room = width - max(map(cell_len, [plain(table.row_header), *_firsts(table, table.sections, width)]))
     blocks: list[list[int]] = [[]]
     used = 0
-    for index, column in enumerate(table.columns):
-        if column.prose:
-            blocks[-1].append(index)
-            continue
-        texts = [line.cells[index].text for line in table.lines]
-        need = max(map(len, [*texts, *_heading(column).split("\n")])) + 3
+    for index, need in enumerate(_needs(table)):
         if blocks[-1] and used + need > room:
             blocks.append([])
             used = 0
@@ -62,8 +92,8 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
     return blocks
 
 
-def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour: bool) -> RichTable:
-    notes = table.notes
+def _grid(table: Table, sections: tuple[Section, ...], block: list[int], width: int, colour: bool) -> RichTable:
+    firsts = iter(_firsts(table, sections, width))
     grid = RichTable(show_edge=False, pad_edge=False)
     grid.add_column(Text(plain(table.row_header)), no_wrap=True)
     for index in block:
@@ -72,11 +102,11 @@ def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour:
         # a URL that is too long for its column continues on the next line, because a truncated URL is useless
         grid.add_column(Text(_heading(column)), justify=justify, no_wrap=not column.prose, overflow="fold")
     for section in sections:
+        title = Text(next(firsts), style="italic")
         if sections is table.sections:
-            grid.add_row(Text(plain(section.title), style="italic"))
+            grid.add_row(title)
         for line in section.lines:
-            mark = f" [{notes[line.note]}]" if line.note else ""
-            texts = [Text(plain(line.label, _NAME) + mark)]
+            texts = [Text(next(firsts))]
             for index in block:
                 cell = line.cells[index]
                 star = "*" if cell.best and not colour else ""
