@@ -48,16 +48,12 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
 
 def _needs(table: Table) -> list[int]:
     """Return the width of each column with its separator and the star of its best cell; 0 for prose, which wraps."""
-    return [
-        0
-        if column.prose
-        else 3
-        + max(
-            *(cell_len(part) for part in _heading(column).split("\n")),
-            *(cell_len(plain(line.cells[index].text, None)) + line.cells[index].best for line in table.lines),
-        )
-        for index, column in enumerate(table.columns)
-    ]
+    needs = []
+    for index, column in enumerate(table.columns):
+        widths = [cell_len(part) for part in _heading(column).split("\n")]
+        widths += [cell_len(plain(line.cells[index].text, None)) + line.cells[index].best for line in table.lines]
+        needs.append(0 if column.prose else 3 + max(widths))
+    return needs
 
 
 def _firsts(table: Table, sections: Sequence[Section], width: int) -> list[str]:
