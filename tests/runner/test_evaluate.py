@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.corruptions.digital.contrast import Contrast
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.models import ModelSpec
@@ -183,6 +184,21 @@ def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_worker
     with pytest.raises(error, match=says):
         rf.evaluate(f"{MODELS}:{model}", output=tmp_path / "run", corruptions=FAST, **options)
     assert not list((tmp_path / "run" / "rows").iterdir())
+
+
+def _needs_too_much(library):
+    pixel = np.zeros((1, 1), np.uint8)
+    return cv2.copyMakeBorder(pixel, 0, 2**29, 0, 2**29, 0) if library == "OpenCV" else np.zeros((2**29, 2**29))
+
+
+@pytest.mark.parametrize("library", ["NumPy", "OpenCV"])
+def test_too_little_memory_for_a_corruption_names_the_cell_and_keeps_the_rows(tmp_path, monkeypatch, library):
+    monkeypatch.setattr(Contrast, "apply", lambda *_: _needs_too_much(library))
+    with pytest.raises(
+        RunError, match=r"not enough memory to compute sample 'motorcycle', contrast severity 1 \(.*\);"
+    ):
+        rf.evaluate(DIS, output=tmp_path / "run", corruptions="contrast", severities=1)
+    assert rf.load_run(tmp_path / "run").rows["corruption"].to_list() == ["clean"]
 
 
 @pytest.mark.parametrize("batch_size", [1, 2])

@@ -14,10 +14,12 @@ from ..datasets.own import load_checked
 from ..errors import DataError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
+from ..models.base import describe_cell
 from ..models.window import place_of_pair
 from ..runs.plan import Cell, RunOptions
 from ..sample import Frame, Sample, SceneDepth
 from .frames_digest import frames_digest
+from .memory import memory_errors_named
 from .predict_stage import PredictionRequest
 from .seconds import Seconds, timed
 from .slider_pictures import keep_picture
@@ -87,7 +89,7 @@ class FrameStage:
         return frames
 
     def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
-        with timed(self._seconds, "corrupt"):
+        with memory_errors_named(describe_cell(sample.key, name, severity)), timed(self._seconds, "corrupt"):
             paper = self._options.severity_scale == "paper"  # precomputed corrupted frames have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context

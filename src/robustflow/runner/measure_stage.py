@@ -20,6 +20,7 @@ from .clean_row_check import check_same_data, check_same_model
 from .confidence_columns import confidence_columns
 from .frame_stage import Loaded
 from .frames_digest import frames_digest
+from .memory import memory_errors_named
 from .seconds import Seconds, timed
 
 
@@ -84,7 +85,7 @@ class MeasureStage:
             ModelError: the flow has pixels that are not finite, but the run does not allow them.
         """
         _, corruption, severity = cell
-        with timed(self._seconds, "measure"):
+        with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
             flow, clean_flow = flow_of(answer), flow_of(clean)
             row = measure(
                 flow,
