@@ -140,7 +140,7 @@ def test_a_folder_of_flows(tmp_path):
     (tmp_path / "snow_1" / "scene").mkdir(parents=True)
     write_flow(tmp_path / "snow_1" / "scene" / "a.flo", flow, known)
 
-    model = load_model(str(tmp_path))
+    model = load_model(tmp_path)
     assert isinstance(model, FlowLookup)
     np.testing.assert_array_equal(model.lookup("scene/a", "clean", 0), flow)
     np.testing.assert_array_equal(model.lookup("scene/a", "fog", 2), flow + 1)

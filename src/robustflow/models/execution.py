@@ -9,7 +9,7 @@ from functools import wraps
 from typing import Any, TypeVar
 
 from ..errors import unknown_name
-from .option_checks import check_count, check_switch
+from .option_checks import MOST_THREADS, check_count, check_switch
 
 PRECISIONS = ("fp32", "bf16")
 Model = TypeVar("Model")
@@ -41,7 +41,7 @@ class Execution:
     def __post_init__(self) -> None:
         if self.precision not in PRECISIONS:
             raise unknown_name("precision", str(self.precision), PRECISIONS)
-        check_count("threads", self.threads)
+        check_count("threads", self.threads, most=MOST_THREADS)
         check_switch("compile", self.compile)
 
     def record(self, device: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
-from ..errors import ModelError, UsageError, unknown_name
+from ..errors import ModelError, unknown_name
 from .option_checks import check_count
 
 RAFT_SMALLEST = 121
@@ -33,6 +33,8 @@ _SMALLEST, _LARGEST = 4, 2**15
 """Valid range of the side lengths of a fixed-size input, in pixels. A smaller number is probably a channel count; a
 larger one would require too much memory.
 """
+_LARGEST_MULTIPLE = 1024
+"""Maximum multiple in pixels: frames are padded to it, and a larger one would require too much memory."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ def named_convention(
         size: (height, width) of the input in pixels if the network accepts only one size; None for a dynamic side.
 
     Raises:
-        UsageError: the order or scaling is unknown, or the multiple is below 1 or too large.
+        UsageError: the order or scaling is unknown, or the multiple is not from 1 to 1024.
         ModelError: a side of the size is outside the valid range.
 
     >>> named_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
@@ -139,9 +141,7 @@ def named_convention(
         raise unknown_name("order", str(order), ORDERS)
     if scaling not in SCALINGS:
         raise unknown_name("scaling", str(scaling), SCALINGS)
-    check_count("multiple", multiple)
-    if multiple > _LARGEST:
-        raise UsageError(f"multiple must be at most {_LARGEST} pixels, not {multiple}")
+    check_count("multiple", multiple, most=_LARGEST_MULTIPLE)
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         asked = "x".join("?" if side is None else str(side) for side in size)
         raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with dynamic H and W")

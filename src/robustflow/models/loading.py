@@ -38,7 +38,7 @@ def list_models() -> list[str]:
     return list(MODELS.names())
 
 
-def load_model(name: str, **options: Any) -> AnyModel:
+def load_model(name: str | Path, **options: Any) -> AnyModel:
     """Load a model.
 
     Args:
@@ -55,6 +55,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     >>> load_model("dis", preset="fast").identity()["preset"]
     'fast'
     """
+    name = str(name)
     if not name:
         raise UsageError("the name of the model is empty; give a name (see 'robustflow list models')")
     registered = name in MODELS.names()

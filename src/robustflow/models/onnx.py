@@ -20,7 +20,7 @@ from ..layout import user_path
 from ..sample import Flow, Frame
 from .input_convention import InputConvention, named_convention
 from .model_file import damaged, opened, require_file
-from .option_checks import check_count
+from .option_checks import MOST_THREADS, check_count
 from .pairs import PairNetwork
 from .signature import (
     Dim,
@@ -77,7 +77,7 @@ class OnnxModel(PairNetwork):
     ) -> None:
         if checkpoint is None:
             raise ModelError("model 'onnx' needs a file: pass the path of an .onnx file as --checkpoint, or as --model")
-        check_count("threads", threads)
+        check_count("threads", threads, most=MOST_THREADS)
         self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
         path = user_path(checkpoint)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from ..errors import UsageError
 
+MOST_THREADS = 1024
+"""Maximum number of CPU threads of a network. Libraries crash with many more threads than processors."""
 
-def check_count(name: str, value: int, least: int = 1) -> None:
-    """Raise a UsageError unless a value is an integer of at least `least`.
+
+def check_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
+    """Raise a UsageError unless a value is an integer of at least `least` and at most `most`.
 
     Args:
         name: name of the option, for the message.
         value: value of the option; True is not accepted as 1.
-        least: minimum value.
+        least, most: minimum and maximum value; None for no maximum.
 
     Raises:
         UsageError: the value is invalid.
@@ -21,8 +24,9 @@ def check_count(name: str, value: int, least: int = 1) -> None:
     Traceback (most recent call last):
     robustflow.errors.UsageError: iterations must be an integer of at least 1, not 1.5
     """
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")
+    if not isinstance(value, int) or isinstance(value, bool) or value < least or (most is not None and value > most):
+        allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise UsageError(f"{name} must be an integer {allowed}, not {value!r}")
 
 
 def check_switch(name: str, value: bool) -> None:

@@ -16,7 +16,7 @@ from torch.nn.parameter import is_lazy
 from ...errors import ModelError, UsageError, unknown_name
 from ..execution import Execution
 from ..input_convention import ORDERS, SCALINGS, named_convention
-from ..option_checks import check_count, check_switch
+from ..option_checks import check_switch
 from ..traceback_hint import traceback_hint
 from .checkpoint import read_checkpoint
 from .guess import LAST_OUTPUT, Declared, infer_convention
@@ -103,7 +103,6 @@ class TorchModel(NetworkModel):
         for option, (value, choice) in choices.items():
             if value is not None and value not in choice:
                 raise unknown_name(option, str(value), choice)
-        check_count("multiple", MULTIPLE if multiple is None else multiple)
         check_switch("batched", batched)
         execution = Execution(device, precision, compile, threads)
         kind = f"{type(net).__module__}.{type(net).__qualname__}"
