@@ -198,15 +198,20 @@ def test_other_errors_of_a_training_stay_what_they_are():
             raise error
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, chairs, tmp_path):
+@pytest.mark.parametrize(
+    ("sent", "early"), [(signal.SIGINT, False), pytest.param(signal.SIGTERM, True, marks=pytest.mark.slow)]
+)
+def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, early, chairs, tmp_path):
+    """An early signal reaches a loader process that has not begun to ignore it."""
     command = [sys.executable, "-m", "robustflow", "train", "raft_small", "--recipe", "chairs", "--data", str(chairs)]
     command += ["--batch-size", "1", "--crop", "128x144", "--iterations", "1", "--accumulate", "3", "--loaders", "1"]
     command += ["--output", str(tmp_path / "out")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     log = tmp_path / "out" / "metrics.jsonl"
     while process.poll() is None and not (log.exists() and log.stat().st_size):
-        time.sleep(0.2)
+        if early and "spawn_main" in str(descendants(process.pid)):
+            break
+        time.sleep(0.02)
     os.killpg(process.pid, sent)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130, said

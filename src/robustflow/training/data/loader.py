@@ -9,6 +9,7 @@ import threading
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from multiprocessing import resource_tracker
 from typing import Any, cast
 
 import cv2
@@ -20,6 +21,8 @@ from torch.utils.data import DataLoader, Dataset
 from ...errors import RunError
 from ...safe_path import safe_path
 from .pairs import TrainingPair, TrainingPairs, Whole
+
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @dataclass(frozen=True)
@@ -131,9 +134,22 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> G
         worker_init_fn=_start_worker,
         prefetch_factor=4 if workers else None,
     )
-    with safe_path():
+    with safe_path(), _signals_blocked():
         reading = iter(loader)
     yield from reading
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Block stop signals while workers start, so that a worker does not die of one before it ignores them: the main
+    process would wait for ever for it to read its data. The resource tracker must already be running, because starting
+    it unblocks the signals."""
+    resource_tracker.ensure_running()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
@@ -205,7 +221,7 @@ def _start_worker(number: int) -> None:
     # PyTorch notices only a parent that ends after this call, so a worker would outlive one that was killed before.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Ctrl-C and a scheduler's signals reach every process of a training run; the main process decides when to stop.
-    for sent in (signal.SIGINT, signal.SIGTERM):
+    for sent in _STOP_SIGNALS:
         signal.signal(sent, signal.SIG_IGN)
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
