@@ -1,4 +1,6 @@
-"""Write files atomically: a reader sees the old file, the complete new file, or no file."""
+"""Write files atomically: a reader sees the old file, the complete new file, or no file. Pipes and devices, such as
+/dev/stdout, are written directly.
+"""
 
 from __future__ import annotations
 
@@ -41,6 +43,25 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
 def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool = True) -> None:
     """Like `write_bytes`, for data that need not be in memory all at once: `write` receives the open hidden
     file."""
+    try:
+        if _is_pipe_or_device(path):  # a rename would put a file in its place, even in that of /dev/null
+            with open(path, "wb") as stream:
+                write(stream)
+        else:
+            _write_and_rename(path, write, durable)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise DataError(f"cannot write {path}: {reason}; choose an existing folder with enough free space") from error
+
+
+def _is_pipe_or_device(path: Path) -> bool:
+    """Whether data written to a path goes to another program or a device; /dev/stdout links to /proc."""
+    if path.is_symlink() and os.readlink(path).startswith("/proc/"):
+        return True
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _write_and_rename(path: Path, write: Callable[[BinaryIO], object], durable: bool) -> None:
     temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
         with open(temporary, "xb") as file:
@@ -51,13 +72,9 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
         os.replace(temporary, path)
         if durable:
             sync_folder(path.parent)
-    except OSError as error:
+    except BaseException:
         with suppress(OSError):  # also fails on a read-only file system
             temporary.unlink(missing_ok=True)
-        reason = error.strerror or str(error)
-        raise DataError(f"cannot write {path}: {reason}; choose an existing folder with enough free space") from error
-    except BaseException:
-        temporary.unlink(missing_ok=True)
         raise
 
 
