@@ -277,6 +277,7 @@ function listen() {
 }
 
 (async () => {
+  say("Loading…");
   try {
     choices = await answer(await fetch("/choices"));
     for (const id of ["model", "second"]) {
