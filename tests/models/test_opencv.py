@@ -8,6 +8,8 @@ from skimage import data
 from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
 
+from ..refusals import refused
+
 
 @pytest.fixture(scope="module")
 def moved():
@@ -66,6 +68,13 @@ def test_a_pair_does_not_remember_the_one_before(moved):
     first = model.predict(*moved)
     model.predict(moved[1], moved[0])
     np.testing.assert_array_equal(model.predict(*moved), first)
+
+
+@pytest.mark.parametrize(("preset", "size"), [("medium", (10, 3000)), ("fast", (16, 1000))])
+def test_frames_too_elongated_for_dis_are_refused(preset, size):
+    frame = np.random.default_rng(0).integers(0, 255, (*size, 3)).astype(np.uint8)
+    with refused(ModelError, f"dis cannot predict frames of {size[0]}x{size[1]}: .*or model dis_rgb"):
+        load_model("dis", preset=preset).predict(frame, frame)
 
 
 @pytest.mark.parametrize("name", ["farneback", "dis"])

@@ -112,8 +112,8 @@ class Dis:
 
         Raises:
             UsageError: the frames are not RGB uint8 of equal size.
-            ModelError: one side of the frames is smaller than 8 pixels, or both sides are smaller than 12; this is too
-                small for OpenCV's pyramid.
+            ModelError: one side of the frames is smaller than 8 pixels, both sides are smaller than 12, or one side is
+                much shorter than the other; OpenCV's pyramid does not fit them.
         """
         check_pair(frame1, frame2)
         height, width = frame1.shape[:2]
@@ -125,5 +125,11 @@ class Dis:
         with one_opencv_thread():
             # A new object for each pair; otherwise DIS would start from the previous flow.
             method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
-            flow = method.calc(grey1, grey2, None)
+            try:
+                flow = method.calc(grey1, grey2, None)
+            except cv2.error:  # OpenCV chooses the number of levels for the width, and the height becomes zero
+                raise ModelError(
+                    f"dis cannot predict frames of {height}x{width}: its pyramid is too deep for the shorter side; "
+                    "use less elongated frames, or model dis_rgb"
+                ) from None
         return np.asarray(flow, np.float32)
