@@ -38,6 +38,8 @@ def test_the_share_of_pixels_that_errors_cover_is_kept():
     partly, whole = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
     again = parse_results(results_csv([partly, whole]), "mine.csv", "mine")
     assert [line.coverage for line in (partly, whole, *again)] == [0.625, None, 0.625, None]
+    (mixed,) = parse_results(f"{head}OOD,A,rcre,fog,1.00,\nOOD,A,rcre,snow,1.00,0.5\n", "mine.csv", "mine")
+    assert mixed.coverage == 0.5
     for wrong in ("1.5", "-0.1", "much", "nan"):
         with refused(DataError, "'coverage' must be a number from 0 to 1"):
             parse_results(f"{head}OOD,A,rcre,fog,1.00,{wrong}\n", "mine.csv", "mine")

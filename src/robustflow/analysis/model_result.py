@@ -186,7 +186,7 @@ class ModelResult:
 
 def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
     """Merge lines with the same benchmark, sample set, setting and name, in order of first appearance. The note of the
-    first line is kept. `where` names the source in error messages.
+    first line and the smallest stated coverage are kept. `where` names the source in error messages.
 
     Raises:
         DataError: if two lines contain the same value.
@@ -194,10 +194,10 @@ def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
     parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in lines:
         parts.setdefault((line.benchmark, line.frames, line.setting, line.name), []).append(line)
-    return [one[0] if len(one) == 1 else replace(one[0], values=_joined(one, where)) for one in parts.values()]
+    return [one[0] if len(one) == 1 else _joined(one, where) for one in parts.values()]
 
 
-def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
+def _joined(lines: Sequence[ModelResult], where: str) -> ModelResult:
     values: dict[ValueKey, Value] = {}
     for line in lines:
         for metric, condition in values.keys() & line.values.keys():
@@ -207,7 +207,8 @@ def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
                 f"'{plain(line.frames)}'; give each value only once"
             )
         values |= line.values
-    return values
+    coverage = min((line.stated_coverage for line in lines if line.stated_coverage is not None), default=None)
+    return replace(lines[0], values=values, stated_coverage=coverage)
 
 
 def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
