@@ -145,6 +145,16 @@ def test_raw_data_hold_the_evaluated_frames():
     assert not _on_kitti("KR:train", evaluation).note
 
 
+@pytest.mark.parametrize("sets", ["C+T", "G", "G:train"])
+def test_a_video_of_the_user_is_not_of_gopros_domain_because_gopro_fc_reads_it(sets):
+    training = training_of({"name": "mine", "checkpoint": "ab" * 32}, sets)
+    for keys in (["bikes/000124"], ["GOPR0374_11_02/000032", "bikes/000124"]):
+        one = Provenance.of(training, "gopro-fc", keys, {})
+        assert (one.setting, one.note) == ("UNKNOWN", "pairs: 1 of the evaluated are not named as in GoPro")
+    sequence = Provenance.of(training, "gopro-fc", ["GOPR0374_11_02/000032"], {})
+    assert sequence.setting == {"C+T": "OOD", "G": "LEAKED", "G:train": "ID"}[sets]
+
+
 def test_a_later_call_with_training_pairs_makes_a_run_leaked():
     by_hand = Provenance(setting="ID", trained_on=("kitti2015:train",), basis="declared", note="by hand")
     first = by_hand.on("kitti-fc", ["000000"], {})

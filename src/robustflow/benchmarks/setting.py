@@ -3,7 +3,8 @@
 "ID" means that the model was trained on the domain, but on none of the evaluated frames. This depends on the pairs:
 `K:train` denotes the 120 training pairs of the project's split. If one of them is evaluated, because of a different
 `--split`, a small folder, or an evaluation on the whole dataset, the model is evaluated on its training data. Datasets
-without a standard split, such as Sintel, are evaluated whole, so the evaluated pairs in `S:train` are unknown.
+without a standard split, such as Sintel, are evaluated whole, so the evaluated pairs in `S:train` are unknown. On the
+user's videos, which `gopro-fc` also reads, the setting is unknown.
 
 KITTI's raw data contain the frames of most pairs. A model trained on the raw data without labels has seen these frames
 unless its authors left them out (`KR:train`); its setting is "ID", and a note gives the number of pairs.
@@ -24,6 +25,7 @@ from .registry import benchmark_facts
 
 _KITTI = "kitti2015"
 _RAW = "kitti-raw"
+_GOPRO = "gopro"
 _RELEASED = "released"
 PAIRS_NOTE = "pairs: "
 """Prefix of a note about the evaluated pairs."""
@@ -66,6 +68,9 @@ def judge(
         keys = sorted(set(map(pair_key, keys)))
     if training.sets is None or not (facts.training_set or facts.same_domain):
         return "UNKNOWN", []
+    others = sum("GOPR" not in key for key in keys or ()) if facts.training_set == _GOPRO else 0
+    if others:  # a video of the user, which gopro-fc also reads
+        return "UNKNOWN", [f"{PAIRS_NOTE}{others} of the evaluated are not named as in GoPro"]
     if facts.training_set in training.sets:
         return "LEAKED", []
     perhaps = [name for name in (facts.training_set, *facts.same_domain) if f"{name}?" in training.sets]
