@@ -157,10 +157,10 @@ def _holds(folder: Path, markers: Sequence[str]) -> bool:
 
 
 def _neighbours(root: Path) -> Iterator[Path]:
-    yield from list(root.resolve().parents)[:3]
     for child in _inside(root):
         yield child
         yield from _inside(child)
+    yield from list(root.resolve().parents)[:3]
 
 
 def _inside(folder: Path) -> list[Path]:

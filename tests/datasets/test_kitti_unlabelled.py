@@ -100,9 +100,10 @@ def test_a_list_of_pairs(raw, tmp_path):
     dataset = load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
     (key,) = dataset.keys()
     assert [path.name for path in dataset.files(key)] == ["0000000000.png", "0000000002.png"]
-    (tmp_path / "pairs.txt").write_text(names[0])
-    with pytest.raises(DataError, match="line 1: only one name"):
-        load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
+    for text, match in ((names[0], "line 1: only one name"), ((" ".join(names) + "\n") * 2, "line 2: begins with")):
+        (tmp_path / "pairs.txt").write_text(text)
+        with pytest.raises(DataError, match=match):
+            load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
 
 
 def test_another_layout(tmp_path):

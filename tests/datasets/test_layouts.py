@@ -130,6 +130,8 @@ def test_flyingchairs(tmp_path: Path) -> None:
     assert load_dataset("flyingchairs", data, split="train").keys() == ["00001", "00003"]
     (tmp_path / "FlyingChairs_train_val.txt").write_text("1\n2\n")
     refused("flyingchairs", tmp_path, "at least 3 pairs", split="val")
+    (tmp_path / "empty" / "data").mkdir(parents=True)
+    refused("flyingchairs", tmp_path / "empty", "contains no image pair", split="val")
     (data / "00002_img2.ppm").unlink()
     refused("flyingchairs", tmp_path, r"00002_img2\.ppm: missing")
 

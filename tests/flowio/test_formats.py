@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from PIL import Image
 
 from robustflow.errors import AssetError, DataError
 from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
@@ -90,6 +92,18 @@ def test_kitti_by_hand(tmp_path: Path) -> None:
     flow, valid = read_flow(tmp_path / "flow.png")
     assert valid.tolist() == [[True, False]]
     assert flow.tolist() == [[[0.5, -3.0], [0.0, 0.0]]]
+
+
+def test_an_exif_orientation_does_not_turn_a_flow_map(tmp_path: Path) -> None:
+    flow = np.arange(40, dtype=np.float32).reshape(4, 5, 2)
+    write_flow(tmp_path / "flow.png", flow)
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    content = b"eXIf" + exif.tobytes().removeprefix(b"Exif\0\0")
+    chunk = struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+    whole = (tmp_path / "flow.png").read_bytes()
+    (tmp_path / "flow.png").write_bytes(whole[:33] + chunk + whole[33:])
+    np.testing.assert_array_equal(read_flow(tmp_path / "flow.png")[0], flow)
 
 
 @given(data=flows(1e8))

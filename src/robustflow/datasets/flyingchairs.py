@@ -50,7 +50,7 @@ class FlyingChairs(PairDataset):
             for kind, suffix in _SUFFIXES.items():
                 if number not in files[kind]:
                     partner(folder / f"{number:05d}_{kind}.{suffix}", whose)
-        if split != "all":
+        if split != "all" and numbers:
             marks = _marks(folder, numbers)
             numbers = [number for number in numbers if marks[number - 1] == {"train": "1", "val": "2"}[split]]
         pairs = {f"{n:05d}": PairFiles((files["img1"][n], files["img2"][n]), files["flow"][n]) for n in numbers}

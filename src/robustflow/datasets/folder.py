@@ -54,7 +54,8 @@ class FrameFolder(PairDataset):
     def __init__(self, root: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
         positive("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
-        sequences = {"": images_in(root)} if images_in(root) else {f.name: images_in(f) for f in folders(root)}
+        images = images_in(root)
+        sequences = {"": images} if images else {f.name: images_in(f) for f in folders(root)}
         pairs: dict[str, PairFiles] = {}
         for group, every in sequences.items():
             frames = every[begin:end]

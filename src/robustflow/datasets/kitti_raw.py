@@ -95,10 +95,13 @@ def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
         lines = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{listing}: cannot be read as a list of frames ({error}); give two names per line") from error
-    pairs = {}
+    pairs: dict[str, PairFiles] = {}
     for number, names in enumerate(lines, 1):
         if len(names) < 2:
             raise DataError(f"{listing}, line {number}: only one name; give two frames per line, relative to {root}")
         first, second = (partner(root / name, listing) for name in names[:2])
-        pairs[Path(names[0]).with_suffix("").as_posix()] = PairFiles((first, second), group=first.parent.as_posix())
+        key = Path(names[0]).with_suffix("").as_posix()
+        if key in pairs:
+            raise DataError(f"{listing}, line {number}: begins with the same frame as an earlier line; remove one")
+        pairs[key] = PairFiles((first, second), group=first.parent.as_posix())
     return pairs

@@ -64,7 +64,7 @@ class Spring(PairDataset):
         choice("direction", direction, ("FW", "BW"))
         require("h5py", "Spring's ground truth")
         expected = f"train/0001/frame_{side}/ and train/0001/flow_{direction}_{side}/"
-        folder = _train(Path(root), expected)
+        folder = _train(user_path(root), expected)
         pairs: dict[str, PairFiles] = {}
         for sequence in folders(folder):
             pairs.update(_sequence(sequence, side, direction))
@@ -118,7 +118,6 @@ class Spring(PairDataset):
 
 
 def _train(root: Path, expected: str) -> Path:
-    root = user_path(root)
     if any((sequence / f"frame_{side}").is_dir() for sequence in folders(root) for side in ("left", "right")):
         return root
     return locate("Spring", root, ["train"], expected=expected) / "train"

@@ -41,9 +41,9 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
     claimed_size(path, header.width, header.height)
     if header.bits != 16 or header.channels != channels:
         raise DataError(f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
-    flags = cv2.IMREAD_UNCHANGED if channels == 1 else cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    colour = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        raw = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if channels == 1 else colour)
     except cv2.error:
         raw = None
     shape = (header.height, header.width, *([channels] if channels > 1 else []))
