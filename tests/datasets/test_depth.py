@@ -302,6 +302,14 @@ def test_files_beside_frames_close_to_the_root_are_not_read_as_maps(tmp_path):
         ]
 
 
+def test_a_frame_is_not_its_own_map_however_its_folder_is_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frames = load_dataset("folder", write_both(pictures_of(Path("clip"), "a.png", "b.png")))
+    (tmp_path / "link").symlink_to(tmp_path / "clip")
+    for folder in (Path("clip"), tmp_path / "clip", Path("link")):
+        assert OwnDepth(folder, frames).depth_files("a") == [folder / "a.npy", folder / "b.npy"]
+
+
 def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
     frames = pictures_of(tmp_path / "clips", "one/a.png", "one/b.png", "two/a.png", "two/b.png")
     dataset, maps = load_dataset("folder", frames), write_both(tmp_path / "maps")

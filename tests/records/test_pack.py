@@ -127,6 +127,7 @@ def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
         ("author", "\x1b[31mred", "--author"),
         ("author", "x" * 201, "author"),
         ("link", "javascript:alert(1)", "https://"),
+        ("link", "http://example.org", "https://"),
         ("description", "x" * 2001, "2001 characters"),
     ],
 )

@@ -114,7 +114,7 @@ class OwnDepth:
         above = frame.parent.relative_to(frame.anchor).parts[-_FOLDERS:]
         places = [self._folder.joinpath(*above[start:]) for start in range(len(above) + 1)]
         named = (place / f"{frame.stem}{suffix}" for place in places for suffix in _READERS)
-        return next((path for path in named if path.is_file() and path != frame), None)
+        return next((path for path in named if path.is_file() and not path.samefile(frame)), None)
 
 
 def _read(path: Path) -> Values:

@@ -43,7 +43,7 @@ class Record(Untrusted):
     @field_validator("link")
     @classmethod
     def _web_address(cls, link: str) -> str:
-        if link and not link.startswith(("https://", "http://")):
+        if link and not link.startswith("https://"):
             raise ValueError("a link must begin with https://")
         return link
 
