@@ -184,6 +184,11 @@ def _written() -> list[Path]:
         ("export RUN --format card --limit 3", "--limit has no effect with --format card"),
         ("export RUN --format card --hub-dataset a/b", "--hub-dataset has no effect with --format card"),
         ("export RUN --format robustspring -d . --seed 3", "--seed has no effect with --format robustspring"),
+        ("gallery -m dis --attacks square --depth .", "--depth has no effect with --attacks alone"),
+        (
+            "gallery -m dis --attacks square --severity-scale calibrated",
+            "--severity-scale has no effect with --attacks",
+        ),
         ("export kitti-fc -d . -m dis", "--model has no effect without --format"),
         ("displacement demo -O preset=fast", "--option has no effect without --model"),
         ("verify RUN --seed 3", "--seed has no effect without --data, --model or --check-frames"),
@@ -266,6 +271,11 @@ def test_an_option_given_twice_is_refused_instead_of_half_of_it_ignored(robustfl
         (("run", "-m", "dis", "-m", "", "--output", "made"), "--model"),
         (("corrupt", "", "b.png", "-c", "fog"), "frame1"),
         (("show", ""), "run"),
+        (("gallery", "-c", ","), "--corruptions"),
+        (("run", "-m", "dis", "--attacks", ", "), "--attacks"),
+        (("calibrate", "-c", " "), "--corruptions"),
+        (("report", "--published", "-t", ","), "--table"),
+        (("experiment", "robust-training", "--severities", ","), "--severities"),
     ],
 )
 def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustflow, tmp_path, command, empty):

@@ -82,8 +82,6 @@ def corrupt(
     use_psf_dir(psf_dir)
     chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
     levels = [check_severity(level) for level in numbers(severities) or []]
-    if not chosen or not levels:
-        raise UsageError("nothing to do: give at least one corruption and one severity")
     for one in chosen:
         for level in levels:
             one.parameter(level)

@@ -50,7 +50,7 @@ def robust_training(
         evaluation_sets(data or [], shapes, size),
         seeds=seeds,
         steps=steps,
-        severities=tuple(numbers(severities) or (3,)),
+        severities=tuple(numbers(severities) or ()),
         loaders=loaders,
     )
     stop = Interrupted()

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .options import Attacks, Corruptions, Depth, Focal, PsfDir, Seed, SeverityScale, attack_names, names, use_psf_dir
+from .options import (
+    Attacks,
+    Corruptions,
+    Depth,
+    Focal,
+    PsfDir,
+    Seed,
+    SeverityScale,
+    names,
+    refuse_unused,
+    use_psf_dir,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,6 +29,7 @@ if TYPE_CHECKING:
 
 
 def gallery(
+    context: typer.Context,
     frames: Annotated[
         tuple[Path, Path] | None, typer.Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
@@ -79,6 +91,8 @@ def gallery(
         raise UsageError("--attacks needs a model: give it with --model")
     if still and (model is None or attacks is not None):
         raise UsageError("--still shows a model's phantom motion under corruptions: give --model, and omit --attacks")
+    if attacks is not None and corruptions is None:
+        refuse_unused(context, {"severity_scale", "psf_dir", "depth", "focal"}, "with --attacks alone")
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
@@ -88,7 +102,7 @@ def gallery(
         wanted = [corruption_name(name) for name in wanted]
     shown = _Shown(wanted, severity, severity_scale, seed, output)
     if attacks is not None and model is not None:
-        _attacked(shown, _sample_of(frames)[0], attack_names(attacks) or [], model)
+        _attacked(shown, _sample_of(frames)[0], names(attacks) or [], model)
         if wanted is None:
             return
     if clip is None:

@@ -94,8 +94,8 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 
 class _Command(TyperCommand):
-    """A command that refuses an option given twice, an empty value, and bytes that are not text. Of `-c fog -c snow`,
-    Typer would silently use only `snow`, and the path in `--data "$UNSET"` would be the working folder.
+    """A command that refuses an option given twice, an empty value or list, and bytes that are not text. Of
+    `-c fog -c snow`, Typer would silently use only `snow`, and the path in `--data "$UNSET"` would be the working folder.
 
     In its help, paragraphs are wrapped to the terminal's width, and only `run` has enough options for headings.
     """
@@ -117,7 +117,8 @@ class _Command(TyperCommand):
         values, _, given = self.make_parser(ctx).parse_args(list(args))
         for parameter in self.params:
             value = values.get(parameter.name)
-            if "" in (value if isinstance(value, list | tuple) else (value,)):
+            texts = value if isinstance(value, list | tuple) else (value,)
+            if any(isinstance(text, str) and not text.strip(" ,") for text in texts):
                 raise UsageError(f"{parameter.opts[0]} is empty: give a value, or omit it")
         for option, times in Counter(given).items():
             once = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)

@@ -146,11 +146,7 @@ def render(
 
 
 def _levels(severities: str) -> list[int]:
-    from ..errors import UsageError
     from ..severity import check_severity
     from .options import numbers
 
-    levels = [check_severity(level) for level in numbers(severities) or []]
-    if not levels:
-        raise UsageError("--severities is empty; give one or more of 1 to 5, separated by commas")
-    return levels
+    return [check_severity(level) for level in numbers(severities) or []]

@@ -264,30 +264,11 @@ def names(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
 
 
-def attack_names(text: str | None) -> list[str] | None:
-    """Split a comma-separated list of attacks, which must not be empty: without attacks, a run applies every
-    corruption.
-
-    Raises:
-        UsageError: the list is empty.
-
-    >>> attack_names("pgd, square")
-    ['pgd', 'square']
-    >>> attack_names(",")
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: --attacks is empty; choose from `robustflow list attacks`, or leave it out
-    """
-    parts = names(text)
-    if parts == []:
-        raise UsageError("--attacks is empty; choose from `robustflow list attacks`, or leave it out")
-    return parts
-
-
 def numbers(text: str | None) -> list[int] | None:
     """Parse a comma-separated list of severities as integers.
 
     Raises:
-        UsageError: an item is not an integer from 1 to 5.
+        UsageError: an item is not an integer.
 
     >>> numbers("1, 3")
     [1, 3]
