@@ -75,13 +75,12 @@ def corrupt(
     from ..images.io import read_image, write_image
     from ..runner.predict import frames_of
     from ..sample import Sample
-    from ..severity import check_severity
 
     if frame1 is None or frame2 is None or corruptions is None:
         raise UsageError("give two frames and --corruptions, or --check alone")
     use_psf_dir(psf_dir)
     chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
-    levels = [check_severity(level) for level in numbers(severities) or []]
+    levels = numbers(severities) or []
     for one in chosen:
         for level in levels:
             one.parameter(level)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import refuse_unused
+from .options import numbers, refuse_unused
 
 app = typer.Typer(
     name="optics",
@@ -85,7 +85,7 @@ def show(
         own = read_lens(lens)
         shown = [(lens.stem, own, render_psfs(own))]
     else:
-        shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in _levels(severity)]
+        shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
     make_folder(output)
     figures = {name: lens_figure(one, field) for name, one, field in shown}
     figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
@@ -136,17 +136,10 @@ def render(
         typer.echo(str(output))
         return
     wrong = []
-    for level in _levels(severity):
+    for level in numbers(severity) or []:
         same = half_digest(halved(render_psfs(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
         typer.echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
         if not same:
             wrong.append(str(level))
     if wrong:
         raise DataError(f"the PSFs of severity {', '.join(wrong)} do not match their prescriptions; reinstall")
-
-
-def _levels(severities: str) -> list[int]:
-    from ..severity import check_severity
-    from .options import numbers
-
-    return [check_severity(level) for level in numbers(severities) or []]

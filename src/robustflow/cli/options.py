@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
+from ..severity import check_severity
 from . import complete
 
 WHAT, DATA, HOW, OUTPUT = "What to measure", "On what", "How", "Output"
@@ -265,17 +266,19 @@ def names(text: str | None) -> list[str] | None:
 
 
 def numbers(text: str | None) -> list[int] | None:
-    """Parse a comma-separated list of severities as integers.
+    """Parse a comma-separated list of severities.
 
     Raises:
-        UsageError: an item is not an integer.
+        UsageError: an item is not an integer from 1 to 5.
 
     >>> numbers("1, 3")
     [1, 3]
     """
     parts = names(text)
     try:
-        return None if parts is None else [int(part) for part in parts]
+        return None if parts is None else [check_severity(int(part)) for part in parts]
+    except UsageError:
+        raise
     except ValueError:
         raise UsageError(f"severities must be integers from 1 to 5, separated by commas, not '{text}'") from None
 

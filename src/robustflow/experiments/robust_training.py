@@ -89,9 +89,11 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
     """Return the held-out flying shapes, followed by the dataset for each NAME=FOLDER.
 
     Raises:
-        UsageError: an item is not NAME=FOLDER, or the dataset is unknown, given twice or without ground truth.
+        UsageError: an item is not NAME=FOLDER, the dataset is unknown, given twice or without ground truth, or the size
+            is invalid.
         DataError: the layout of a folder is not as expected.
     """
+    load_dataset(DATASET, size=size)  # otherwise a wrong size would be noticed only after the first training
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
         name, equals, folder = entry.partition("=")
