@@ -13,17 +13,20 @@ from threading import Event, Thread
 
 import pytest
 
+from robustflow.corruptions.registry import CLIP
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
 from robustflow.sealed import sealed
 from robustflow.video import prepare as prepare_module
 from robustflow.video import prepare_folder as prepare_folder_module
 from robustflow.video import prepared as prepared_module
+from robustflow.video.cache import FolderCache
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb, rgb_to_i420
 from robustflow.video.disk import check_room, estimate_disk
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
+from robustflow.video.open_clip import OpenClip
 from robustflow.video.prepare import Preparation, clip_timing, prepare_clip
 from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder, prepare_video
 from robustflow.video.prepared import VERSION, PreparedClip, choose_key_frames, read_folder
@@ -168,6 +171,16 @@ def test_a_video_prepared_by_a_different_version_is_prepared_beside_it(tmp_path,
     assert len(read_folder(prepare_video(video))[1]) == 1
 
 
+@pytest.mark.parametrize("stem", ["a\\b", "é" * 120, "..."])
+def test_a_video_may_have_any_name(tmp_path, monkeypatch, stem):
+    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
+    clips.clip(tmp_path / "walk.mp4", 40, fps=30).path.rename(tmp_path / f"{stem}.mp4")
+    (clip,) = read_folder(prepare_video(tmp_path / f"{stem}.mp4"))[1]
+    assert clip.name == {"a\\b": "a_b", "...": "clip"}.get(stem, "é" * 80)
+    opened = OpenClip(clip, FolderCache(tmp_path / "variants", 10**9), dict.fromkeys(CLIP, (23,)))
+    assert opened.corrupted(clip.manifest.key_frames[0], "h264_crf", 23).shape == (48, 64, 3)
+
+
 def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(source, long_source, tmp_path):
     prepare_folder([long_source], tmp_path, PLAIN)
     with pytest.raises(DataError, match="different settings"):
@@ -211,6 +224,13 @@ def test_the_shortest_clip_for_a_step_is_named_exactly(source, step, factor):
     with pytest.raises(DataError, match=f"{needed - 1} instead of at least {needed}; use a longer clip") as caught:
         timing(needed - 1)
     assert ("smaller --step" in str(caught.value)) == (step > 1)
+
+
+def test_frames_too_large_for_the_encoder_are_refused_before_anything_is_written(source):
+    wide = copy(source)
+    wide.size = (2, 40_000)
+    with pytest.raises(DataError, match="at most 16384 pixels per side, but the frames are 40000x2"):
+        clip_timing(wide, FLOW)
 
 
 def test_pictures_need_a_frame_rate(source):

@@ -86,8 +86,8 @@ def abr(rate: int) -> Encoding:
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
-def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
-    """Set up an encoder context; `height` and `width` are even.
+def check_size(height: int, width: int) -> None:
+    """Check that frames of a size can be encoded.
 
     Raises:
         DataError: a side exceeds the encoder's limit.
@@ -97,6 +97,11 @@ def configure(context: Any, height: int, width: int, fps: Fraction, encoding: En
             f"H.264 encodes at most {_LONGEST_SIDE} pixels per side, but the frames are {width}x{height}; scale them "
             "down, or cut them"
         )
+
+
+def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
+    """Set up an encoder context; `height` and `width` are even. Raises the errors of `check_size`."""
+    check_size(height, width)
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"

@@ -22,7 +22,7 @@ from ..images.io import write_image
 from ..sealed import sealed
 from .cache import locked
 from .clip import ClipFile, read_pictures, write_clip
-from .codec import encoder_versions, lossless
+from .codec import check_size, encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
 from .interpolation import WINDOW, Interpolator, fill_gaps, interpolated_count, load_interpolator, windows
 from .prepared import (
@@ -87,8 +87,9 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
 
     Raises:
         UsageError: the frame rate is unknown, or the factor or step is less than 1.
-        DataError: the source is too short for a single pair.
+        DataError: the source is too short for a single pair, or its frames are too large.
     """
+    check_size(*source.size)
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
         raise UsageError(f"{source.name}: images have no frame rate; specify --fps")

@@ -121,7 +121,7 @@ def prepare_video(path: Path) -> Path:
     Returns the prepared folder, which is created by the first call and reused by later calls.
     """
     sources = find_sources(path)
-    output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}-v{VERSION}"
+    output = cache_folder("clips") / f"{sources[0].name}-{sha256_of_file(path)[:12]}-v{VERSION}"
     with ProgressBar() as progress:
         prepare_folder(sources, output, Preparation(factor=1), progress=progress.stage)
     return output

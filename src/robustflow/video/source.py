@@ -17,6 +17,9 @@ from ..images.io import image_size, read_image
 from ..sample import Frame
 from .container import open_video, reason, upright
 
+_LONGEST_NAME = 160
+"""Maximum length of a clip's name, in bytes; the cache appends up to 60, and a file name may have 255."""
+
 
 class Source(Protocol):
     """The frames of a clip, in order; they can be read repeatedly."""
@@ -41,7 +44,7 @@ class PictureFolder:
 
     def __init__(self, folder: Path, name: str = "") -> None:
         self.folder = folder
-        self.name = name or folder.resolve().name.lstrip(".") or "clip"
+        self.name = name or clip_name(folder.resolve().name)
         self.paths = images_in(folder)
         if not self.paths:
             raise DataError(f"{folder}: contains no images; specify the folder with the frames of a clip")
@@ -76,7 +79,7 @@ class VideoFile:
 
     def __init__(self, path: Path, evenly: bool = False) -> None:
         self.path = path
-        self.name = path.stem.lstrip(".") or "clip"
+        self.name = clip_name(path.stem)
         with open_video(self.path) as container:
             stream = container.streams.video[0]
             declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
@@ -149,6 +152,16 @@ class VideoFile:
         except (av.error.FFmpegError, OSError) as error:
             raise DataError(f"{self.path}: damaged ({reason(error)}); copy or convert it again") from error
         return sorted(times), count
+
+
+def clip_name(stem: str) -> str:
+    """Return the name of a clip, which is also that of its folder, from the name of its file or folder without suffix.
+
+    >>> clip_name(".walk"), clip_name("..."), clip_name("a\\\\b"), len(clip_name("x" * 250))
+    ('walk', 'clip', 'a_b', 160)
+    """
+    name = stem.lstrip(".").replace("\\", "_")
+    return name.encode(errors="ignore")[:_LONGEST_NAME].decode(errors="ignore") or "clip"
 
 
 def resample_command(path: Path, fps: Fraction | None) -> str:
