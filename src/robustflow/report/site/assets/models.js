@@ -3,12 +3,12 @@
 const { data, make, settingChip, settingMeaning } = window.robustflow;
 const STEPS = 10;
 
-// The step of the colour scale, from the ratio of a cell to its column's strongest value; cold colours below zero.
+// The attributes of a shaded cell, from its ratio to its column's strongest value; cold colours below zero.
 function heat(text, top) {
   const value = parseFloat(text);
-  if (top === null || Number.isNaN(value)) return "";
-  const step = top > 0 ? Math.min(STEPS, Math.round((STEPS * Math.abs(value)) / top)) : 0;
-  return value < 0 && step ? `c${step}` : `h${step}`;
+  if (!(top > 0) || Number.isNaN(value)) return {};
+  const step = Math.min(STEPS, Math.round((STEPS * Math.abs(value)) / top));
+  return { class: value < 0 ? "cold" : "hot", style: `--heat: ${5 * step}%` };
 }
 
 function scroll(label, table) {
@@ -27,7 +27,7 @@ function heatTable(table, name, id, panels) {
     const panel = panels.findIndex((one) => one.cell[0] === label && one.cell[1] === table.columns[index]);
     const title = `${label}, severity ${table.columns[index]}: frames, flow and error`;
     const shown = panel < 0 ? text : make("a", { href: `#model=${id}&panel=${panel}`, title }, text);
-    return make("td", { class: heat(text, table.tops[index]) }, shown, note ? make("small", {}, note) : null);
+    return make("td", heat(text, table.tops[index]), shown, note ? make("small", {}, note) : null);
   };
   const lines = table.lines.map(([label, texts, notes]) => [
     data.labels[label],
