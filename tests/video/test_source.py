@@ -1,6 +1,7 @@
 """User files are either supported or rejected with a single clear message."""
 
 import ctypes
+import struct
 import sys
 from pathlib import Path
 
@@ -68,6 +69,29 @@ def test_rotation_is_applied_in_order_by_number_and_in_a_data_set(tmp_path, rota
         assert frame.shape == expected.shape
         assert np.abs(frame.astype(int) - expected).mean() < 4
     assert dataset.load(dataset.keys()[0]).frames[0].shape == expected.shape
+
+
+@pytest.mark.parametrize(
+    ("matrix", "turned"),
+    [
+        ((-1, 0, 0, 1), lambda image: image[:, ::-1]),
+        ((1, 0, 0, -1), lambda image: image[::-1]),
+        ((0, 1, 1, 0), lambda image: image.transpose(1, 0, 2)),
+        ((0, 1, -1, 0), lambda image: np.rot90(image, -1)),
+    ],
+)
+def test_a_mirrored_video_is_read_as_players_show_it(tmp_path, matrix, turned):
+    image = np.zeros((32, 64, 3), np.uint8)
+    image[:8, :16] = 255
+    path = video(tmp_path / "a.mp4", [image] * 3)
+    data = path.read_bytes()
+    a, b, c, d = (value << 16 for value in matrix)
+    identity = struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    at = data.index(identity, data.index(b"tkhd"))
+    path.write_bytes(data[:at] + struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30) + data[at + len(identity) :])
+    frame = VideoReader(path).frame(0)
+    assert frame.shape == turned(image).shape
+    assert np.abs(frame.astype(int) - turned(image)).mean() < 4
 
 
 def test_a_turn_that_is_not_a_quarter_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 
 import av
 import numpy as np
+from av.sidedata.sidedata import Type as SideData
 from av.video.reformatter import Interpolation
 
 from ..errors import DataError
@@ -70,8 +71,8 @@ def open_video(path: Path) -> Any:
 
 
 def upright(picture: Any, path: Path) -> Frame:
-    """Convert a decoded frame to RGB uint8 (H, W, 3), rotated as in video players: phones store a display matrix
-    instead of rotating the frames.
+    """Convert a decoded frame to RGB uint8 (H, W, 3), rotated and mirrored as in video players: phones store a display
+    matrix instead of turning the frames.
 
     Raises:
         DataError: the rotation is not a multiple of 90 degrees.
@@ -79,7 +80,18 @@ def upright(picture: Any, path: Path) -> Frame:
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
         raise DataError(f"{path}: rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
-    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB), quarter % 4))
+    frame = picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB)
+    if _is_mirrored(picture):
+        frame, quarter = frame[:, ::-1], quarter + 2  # FFmpeg's angle is that of the mirrored horizontal axis
+    return np.ascontiguousarray(np.rot90(frame, quarter % 4))
+
+
+def _is_mirrored(picture: Any) -> bool:
+    matrix = picture.side_data.get(SideData.DISPLAYMATRIX)
+    if matrix is None:
+        return False
+    a, b, _, c, d, *_ = np.frombuffer(bytes(matrix), np.int32).tolist()
+    return bool(a * d < b * c)
 
 
 def check_stated_length(path: Path, kind: str) -> None:
