@@ -129,6 +129,13 @@ def test_answer_of_another_shape_than_the_tile_is_refused(shape):
         TiledModel(Broadcasts(), "64x96").predict(*position_frames(64, 96))
 
 
+def test_frames_that_are_no_pair_are_refused():
+    frame = np.zeros((64, 96, 3), np.uint8)
+    for other in (np.zeros((80, 96, 3), np.uint8), np.zeros((64, 96, 3), np.float32)):
+        with pytest.raises(UsageError, match=r"differ in size|expected RGB uint8"):
+            TiledModel(Counting(), "64x96").predict(frame, other)
+
+
 def test_any_model_takes_the_option(tmp_path):
     model = load_model("dis", tile="64x96")
     assert isinstance(model, TiledModel)

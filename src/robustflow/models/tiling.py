@@ -16,6 +16,7 @@ from ..errors import UsageError
 from ..sample import Flow, Frame
 from ..size import parse_size
 from .base import AnyModel, ClipModel, FlowModel, checked_flow, model_identity
+from .pairs import check_pair
 
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""
@@ -142,6 +143,7 @@ class _Blend:
     """The running weighted mean of the tiles of one pair."""
 
     def __init__(self, frame1: Frame, frame2: Frame, weights: npt.NDArray[np.float64]) -> None:
+        check_pair(frame1, frame2)
         tile_height, tile_width = weights.shape[:2]
         self._size = height, width = frame1.shape[:2]
         below, right = max(0, tile_height - height), max(0, tile_width - width)

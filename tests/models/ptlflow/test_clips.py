@@ -159,6 +159,9 @@ def test_models_that_need_more(library, name):
     assert np.isfinite(short).all(), "a sequence shorter than the window is passed in full"
     with pytest.raises(UsageError, match="no pair at index 2"):
         model.predict_clip(tuple(frames[:3]), 2)
+    for frame in (frames[2][:-8], frames[2] / 255):
+        with pytest.raises(UsageError, match=r"differ in size|expected RGB uint8"):
+            model.predict_clip((*frames[:2], frame), 1)
     with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):
         network_of(model)
     with pytest.raises(UsageError, match=r"requires \d frames; omit before"):

@@ -9,6 +9,7 @@ import torch
 
 from ...errors import UsageError
 from ...sample import Flow, Frame
+from ..pairs import check_pair
 from ..window import Window
 from .model import NetworkModel
 
@@ -48,8 +49,10 @@ class TorchClipModel:
         """Predict a flow as in `ClipModel.predict_clip`.
 
         Raises:
-            UsageError: the clip has no pair at `index`.
+            UsageError: the frames are not RGB uint8 of equal size, or the clip has no pair at `index`.
         """
+        for frame in frames:
+            check_pair(frames[0], frame)
         if not 0 <= index < len(frames) - 1:
             raise UsageError(f"{len(frames)} frames contain no pair at index {index}")
         return self._network.run(*([frame] for frame in frames), index=index)[0]
