@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,12 +10,6 @@ from . import naive
 from .strategies import cases
 
 errors = st.floats(0, 1e4)
-
-
-@given(errors, errors, errors)
-def test_cre_telescopes(a, b, c):
-    assert cre(c, a) == pytest.approx(cre(b, a) + cre(c, b), abs=1e-9)
-    assert cre(a, b) == -cre(b, a)
 
 
 @given(st.floats(0.001, 1e4), errors)
@@ -52,10 +45,3 @@ def test_rcre_equals_the_naive_loop(case):
     known = [m for m in moved if m is not None]
     expected = math.fsum(known) / len(known) if known else None
     assert rcre(pred, clean) == (None if expected is None else pytest.approx(expected, rel=1e-12))
-
-
-def test_rcre_is_symmetric_and_needs_no_ground_truth():
-    rng = np.random.default_rng(1)
-    a, b = rng.normal(0, 5, (2, 20, 30, 2)).astype(np.float32)
-    assert rcre(a, b) == rcre(b, a) > 0
-    assert rcre(a, a) == 0
