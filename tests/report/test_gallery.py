@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
-from robustflow.cli.gallery import gallery as gallery_command
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
 from robustflow.errors import UsageError
@@ -160,7 +159,7 @@ def test_the_command_writes_three_files(gallery_command, tmp_path, pair):
     assert gallery_command("--frames", "a.png", "none.png")[0] == 1
 
 
-def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, monkeypatch, capsys):
+def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(gallery_command, tmp_path, monkeypatch):
     rows = []
 
     def drawn(clean, attacked, model):
@@ -168,15 +167,13 @@ def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, m
         return draw_attacks(clean, attacked, model)
 
     monkeypatch.setattr("robustflow.report.gallery.strip.draw_attacks", drawn)
-    frames = tmp_path / "a.png", tmp_path / "b.png"
-    for path, frame in zip(frames, TexturePairs(1, (40, 48)).load("0").frames, strict=True):
-        write_image(path, frame)
-    gallery_command(frames=frames, model="dis", attacks="square:queries=5", severity=3, output=tmp_path / "out")
-
+    for path, frame in zip(("a.png", "b.png"), TexturePairs(1, (40, 48)).load("0").frames, strict=True):
+        write_image(tmp_path / path, frame)
+    asked = ("--frames", "a.png", "b.png", "--attacks", "square:queries=5", "-o", "out")
+    code, out, _ = gallery_command(*asked, "--model", "dis", "-s", 3)
+    assert (code, out) == (0, "out/attacks.webp\n")
     assert [(name, linf) for name, linf, _ in rows if name != "random_gauss"] == [("random_sign", 4), ("square", 4)]
     assert len(rows) == 3
     width, height = Image.open(tmp_path / "out" / "attacks.webp").size
     assert width > height / 3 * 4
-    assert capsys.readouterr().out == f"{tmp_path / 'out' / 'attacks.webp'}\n"
-    with pytest.raises(UsageError, match="give it with --model"):
-        gallery_command(frames=frames, attacks="square")
+    assert "give it with --model" in gallery_command(*asked)[2]
