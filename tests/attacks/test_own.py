@@ -12,6 +12,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.attacks import Attack, load_attack
+from robustflow.attacks.api import with_controls
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import RunError, UsageError
 from robustflow.models import ModelSpec
@@ -167,6 +168,13 @@ def test_a_mistake_of_an_own_attack_stops_with_a_sentence(run, message):
 
     with refused(UsageError, message):
         rf.attack(*FRAMES, _model, wrong, 3)
+
+
+def test_two_attacks_of_one_name_cannot_be_in_one_run():
+    first = Noise()
+    assert with_controls([first, first, "noise"])[-1] == "noise"
+    with pytest.raises(UsageError, match="two attacks have the name 'noise'"):
+        with_controls([first, Noise()])
 
 
 class InOneArray(Noise):

@@ -14,11 +14,12 @@ from ..models.construct import as_model
 from ..models.loading import load_model
 from ..sample import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..severity import check_severity
+from ..target import own_name
 from .base import Attack, is_of_package
 from .evaluation import in_lockstep
 from .images import frames_of
 from .loss import Loss
-from .own import OwnAttack, is_own, register_attack, with_target_registered
+from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
 from .problem import Pair, Problem
 from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
@@ -83,13 +84,18 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     entered, because names of the form `module.path:Attribute` are imported.
 
     Raises:
-        UsageError: an unknown attack or option.
+        UsageError: an unknown attack or option, or two of the user's attacks have the same name.
 
     >>> with_controls(["pgd:steps=20", "square"]), with_controls([])
     (('random_sign', 'random_gauss', 'pgd', 'square'), ())
     """
-    named = (with_target_registered(each) if isinstance(each, str) else each for each in attacks)
-    asked = list(dict.fromkeys(load_attack(each).label for each in named))
+    asked: list[str] = []
+    own: dict[str, Any] = {}
+    for each in attacks:
+        asked.append(load_attack(with_target_registered(each) if isinstance(each, str) else each).label)
+        for made in own_attacks_among(asked[-1:]):
+            if own.setdefault(own_name(made), made) is not made:
+                raise UsageError(f"two attacks have the name '{own_name(made)}': give each a different `name`")
     return tuple(dict.fromkeys((*CONTROLS, *map(control_of, asked), *asked))) if asked else ()
 
 
