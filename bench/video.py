@@ -73,11 +73,13 @@ def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Encoding) -> Callabl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=48, help="at least 32")
+    parser.add_argument("--frames", type=int, default=48, help="32 to 600")
     parser.add_argument("--preset", default="veryslow")
     parser.add_argument("--ffmpeg", default=shutil.which("ffmpeg"))
     args = parser.parse_args()
     count = args.frames
+    if not 32 <= count <= 600:
+        parser.error(f"--frames {count}: give 32 to 600")
     rgb = frames(count)
     pictures = [rgb_to_i420(frame) for frame in rgb]
     print(f"{WIDTH}x{HEIGHT}, {count} frames, one thread, CPU time; {encoder_versions()}")

@@ -116,7 +116,7 @@ def _spell(value: Any, where: str) -> str:
     """Return a value as text that is identical in every process."""
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
         return f"{type(value).__name__}:{value!r}"
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         hashed = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
         return f"array:{value.dtype}:{value.shape}:{hashed}"
     if isinstance(value, np.generic):

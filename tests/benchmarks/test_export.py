@@ -47,6 +47,16 @@ def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
     assert released.summary.regions["occ"].epe_clean is not None
 
 
+def test_exported_corruptions_beyond_the_papers_are_measured_and_those_of_the_authors_release_are_not(kitti, tmp_path):
+    chosen = ["contrast", "elastic_transform"]
+    direct = load_benchmark("kitti-fc", kitti).narrowed(chosen, [1], 1)
+    list(export(direct, tmp_path / "fc"))
+    exported = rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "run")
+    assert exported.rows.equals(rf.evaluate(DIS, direct, output=tmp_path / "direct").rows)
+    (tmp_path / "fc" / "export.json").unlink()
+    assert load_benchmark("kitti-fc", tmp_path / "fc").corruptions == ("contrast",)
+
+
 def test_an_export_is_not_mistaken_for_the_frames_that_the_authors_released(kitti, tmp_path):
     direct = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 2)
     list(export(direct, tmp_path / "fc", seed=5, severity_scale="calibrated"))

@@ -213,6 +213,8 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption("fog").source == ""
     with pytest.raises(UsageError, match="property"):
         _ = load_corruption(Veil(object())).source
+    with pytest.raises(UsageError, match="property"):  # the bytes of such an array are addresses
+        _ = load_corruption(Veil(np.array([object()]))).source
 
 
 @pytest.mark.parametrize("made", [NearWhite, NearWhite(), NearGrey, NearGrey(), "tests.corruptions.test_own:NearWhite"])

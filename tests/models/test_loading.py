@@ -181,6 +181,13 @@ def test_other_flows_behind_a_link_are_a_different_model(tmp_path):
     assert identities[0] != identities[1]
 
 
+def test_flows_whose_names_are_not_utf_8_have_an_identity(tmp_path):
+    (tmp_path / "clean").mkdir()
+    before = load_model(str(tmp_path)).identity()
+    (tmp_path / "clean" / "caf\udce9.flo").write_bytes(b"")
+    assert load_model(str(tmp_path)).identity() != before
+
+
 def test_a_folder_that_cannot_be_meant(tmp_path):
     (tmp_path / "clean").mkdir()
     with pytest.raises(ModelError, match="no folder 'clean'"):

@@ -8,6 +8,8 @@ from typing import Any
 
 from ..bounded_file import read_bounded
 from ..corruptions import PAPER_ORDER, SEVERITIES
+from ..corruptions.registry import SHIPPED
+from ..corruptions.stack import needs_depth
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
 from .base import Benchmark
@@ -21,8 +23,13 @@ _RECORDED = ("seed", "variant", "severity_scale", "common_draws")
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
     """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the fly.
-    Its protocol distinguishes the authors' frames from an export by this package."""
-    by_corruption = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
+    Its protocol distinguishes the authors' frames, of which only the paper's corruptions are read, from an export by
+    this package."""
+    made = export_settings(dataset.root)
+    flat = [corruption for corruption in SHIPPED if not needs_depth(corruption)]  # an export does not contain depth
+    by_corruption = {
+        corruption: dataset.severities(corruption) for corruption in (PAPER_ORDER if made is None else flat)
+    }
     by_corruption = {corruption: levels for corruption, levels in by_corruption.items() if levels}
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
     if not by_corruption or not severities:
@@ -31,7 +38,7 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
             "such as fog_3 next to clean"
         )
     protocol: dict[str, Any] = {"frames": "released"}
-    if (made := export_settings(dataset.root)) is not None:
+    if made is not None:
         protocol = {
             **EXPORTED,
             **{key: made[key] for key in _RECORDED if isinstance(made.get(key), str | int)},

@@ -42,7 +42,7 @@ class Precomputed:
         listing = hashlib.sha256()
         for path in sorted(_flow_files(self._folder)):
             name = path.relative_to(self._folder).as_posix()
-            listing.update(f"{name} {_sha256(path)}\n".encode())
+            listing.update(f"{name} {_sha256(path)}\n".encode(errors="surrogateescape"))
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
