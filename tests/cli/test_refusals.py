@@ -17,6 +17,8 @@ from robustflow import extras
 
 from .conftest import write_frames
 
+NEEDS_TORCH = [pytest.mark.torch, pytest.mark.skipif(not find_spec("torch"), reason="needs the torch extra")]
+
 
 @pytest.mark.parametrize(
     ("text", "says"),
@@ -131,8 +133,8 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
         (None, "run -m dis -s high", 2, "integers from"),
-        pytest.param(None, "experiment robust-training --severities 9", 2, "severity 9", marks=pytest.mark.torch),
-        pytest.param(None, "experiment robust-training --size 7x", 2, "is not a size", marks=pytest.mark.torch),
+        pytest.param(None, "experiment robust-training --severities 9", 2, "severity 9", marks=NEEDS_TORCH),
+        pytest.param(None, "experiment robust-training --size 7x", 2, "is not a size", marks=NEEDS_TORCH),
         (None, "run -m dis --variant other", 2, "default, reference, paper"),
         (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
         (None, "run -m dis --device cpu", 2, "runs on the CPU only; omit --device"),

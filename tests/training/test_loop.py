@@ -40,7 +40,7 @@ from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
-from robustflow.training.validate import Scores  # noqa: E402
+from robustflow.training.validate import ValidationScores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
 from ..runner.processes import descendants  # noqa: E402
@@ -326,7 +326,7 @@ def scored(monkeypatch):
             if validation.benchmark == "fails":
                 raise DataError("the benchmark is gone")
             validated.append(updates)
-            return Scores({"epe": 1 / updates + (9 if validation.data else 0)}, str(validation.data))
+            return ValidationScores({"epe": 1 / updates + (9 if validation.data else 0)}, str(validation.data))
 
         return validate
 

@@ -116,8 +116,8 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
     A run loads each corruption by its name, so a name must identify it.
 
     Raises:
-        UsageError: two custom corruptions have the same name, or an object of this package differs from the corruption
-            with its name.
+        UsageError: two different custom corruptions have the same name, or an object of this package differs from the
+            corruption with its name.
 
     >>> corruption_names(["fog", "fog:2 + snow", "fog"])
     ('fog', 'fog:2+snow')
@@ -127,8 +127,10 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
     for spec in specs:
         names.append(corruption_name(spec.made if isinstance(spec, OwnCorruption) else spec))
         for made in own_among(names[-1:]):
-            if own.setdefault(own_name(made), made) is not made:
-                raise UsageError(f"two corruptions have the name '{own_name(made)}': give each a different `name`")
+            loaded: Any = load_corruption(own_name(made))
+            first = own.setdefault(loaded.name, loaded)
+            if first.made is not loaded.made and first.source != loaded.source:
+                raise UsageError(f"two corruptions have the name '{first.name}': give each a different `name`")
         if isinstance(spec, Corruption) and not _is_what_the_name_loads(spec, names[-1]):
             raise UsageError(
                 f"an object of the corruption '{names[-1]}' cannot be run: pass its name, and the options `variant` "

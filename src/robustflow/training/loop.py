@@ -34,7 +34,7 @@ from .recipe import Recipe
 from .request import Request
 from .schedules import rate_of
 from .unsupervised.objective import TrainingStep
-from .validate import Scores
+from .validate import ValidationScores
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class TrainingSetup:
     folder: Path
     trained_on: str | None
     pairs: TrainingPairs
-    validate: Callable[[int], Scores] | None = None
+    validate: Callable[[int], ValidationScores] | None = None
     stop: Callable[[], bool] = lambda: False
 
 

@@ -46,7 +46,7 @@ class _AtUpdate:
         return flow
 
 
-class Scores(NamedTuple):
+class ValidationScores(NamedTuple):
     """The result of a validation.
 
     Attributes:
@@ -58,7 +58,7 @@ class Scores(NamedTuple):
     pairs: str
 
 
-def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], Scores]:
+def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], ValidationScores]:
     """Return a function that takes the number of updates and measures the model on a benchmark.
 
     Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation is
@@ -78,7 +78,7 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
             "choose a different one"
         )
 
-    def validate(updates: int) -> Scores:
+    def validate(updates: int) -> ValidationScores:
         place = folder / "validation" / f"update-{updates}"
         if place.exists():
             shutil.rmtree(place)
@@ -95,6 +95,6 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
         if corruptions:
             numbers |= {name: value for name, value in (("cre", run.cre), ("rcre", run.rcre)) if value is not None}
         clean = run.rows.filter(pl.col("corruption") == CLEAN)
-        return Scores(numbers, sample_set_of(run.manifest.identity.frames.record(), measured_cells(clean)))
+        return ValidationScores(numbers, sample_set_of(run.manifest.identity.frames.record(), measured_cells(clean)))
 
     return validate
