@@ -48,15 +48,6 @@ def flip(path):
     path.write_bytes(bytes(content))
 
 
-def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
-    result = rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
-    assert [len(digest) for digest in result.manifest.file_digests["0"]] == [16, 16]
-    assert rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN).rows.equals(result.rows)
-    flip(frames / "1.bmp")
-    with pytest.raises(RunError, match="made from different files for sample '0'"):
-        rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
-
-
 def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short, long = _clip(tmp_path / "short", 3), _clip(tmp_path / "long", 9, 200)
@@ -176,9 +167,3 @@ def pipe(tmp_path):
 def test_a_pipe_among_the_data_is_refused_unopened(pipe, read):
     with pytest.raises(RobustFlowError, match=r"frame_0002\.png: .*not a (regular )?file"):
         read(pipe)
-
-
-def test_a_device_among_the_data_is_refused(tmp_path):
-    (tmp_path / "endless.flo").symlink_to("/dev/zero")
-    with pytest.raises(RunError, match=r"endless\.flo: missing, or not a regular file"):
-        file_digests({"a": [tmp_path / "endless.flo"]})

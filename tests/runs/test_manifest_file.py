@@ -94,9 +94,19 @@ def test_another_shape_is_refused_and_kept(shape, whole, tmp_path):
     refused(*damaged(whole, tmp_path, json.dumps(fitting(SHAPES[shape](manifest)))), r"manifest\.json is damaged")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"schema": 1' + "0" * 5000 + "}", "\ufeff{}"])
-def test_no_json_is_refused_and_kept(text, whole, tmp_path):
-    refused(*damaged(whole, tmp_path, text), r"manifest\.json (is damaged|was written with)")
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "is damaged"),
+        ("{", "is damaged"),
+        ("[" * 100_000, "is damaged"),
+        ('{"schema": 1' + "0" * 5000 + "}", "is damaged"),
+        ("\ufeff{}", "is damaged"),
+        ('{"schema": 1}', "was written with run schema 1, but this version reads 3"),
+    ],
+)
+def test_no_json_and_an_older_schema_are_refused_and_kept(text, match, whole, tmp_path):
+    refused(*damaged(whole, tmp_path, text), rf"manifest\.json {match}")
 
 
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
@@ -125,11 +135,6 @@ def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
         (folder / "manifest.json").write_bytes(flipped)
         with pytest.raises(RunError, match=r"manifest\.json (is damaged|was changed|was written with run schema)"):
             Run(folder)
-
-
-def test_an_older_schema_is_refused_with_a_sentence(whole, tmp_path):
-    folder, before = damaged(whole, tmp_path, '{"schema": 1}')
-    refused(folder, before, "was written with run schema 1, but this version reads 3")
 
 
 def test_what_is_written_is_read(whole):

@@ -80,37 +80,6 @@ def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
     assert kept == computed
 
 
-def test_means_of_other_rows_are_not_believed(folder):
-    edit_rows(folder, lambda rows: rows.with_columns(epe_sum=pl.col("epe_sum") * 2))
-    before = json.loads((folder / "summary.json").read_text())
-    run = rf.load_run(folder)
-    assert run.epe_clean == pytest.approx(2 * before["epe_clean"])
-    report = (folder / "report.html").read_bytes()
-    run.write_summary()
-    assert json.loads((folder / "summary.json").read_text())["epe_clean"] == run.epe_clean
-    assert (folder / "report.html").read_bytes() != report
-
-
-def test_a_summary_changed_by_hand_is_not_believed(folder):
-    path = folder / "summary.json"
-    document = json.loads(path.read_text())
-    _edit_summary(folder)
-    run = rf.load_run(folder)
-    assert run.epe_clean == document["epe_clean"]
-    run.write_means()
-    assert json.loads(path.read_text()) == document
-
-
-@pytest.mark.parametrize("damage", ["", "[]", "{", '{"summary.json": 3}', "[" * 100_000])
-def test_a_damaged_note_costs_time_and_nothing_else(folder, damage):
-    before = rf.load_run(folder).summary
-    (folder / STALENESS_FILE).write_text(damage)
-    run = rf.load_run(folder)
-    assert run.summary == before
-    run.write_means()
-    assert rf.load_run(folder)._stored_means() == before
-
-
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
     written = []
     monkeypatch.setattr(site_write, "write_made", lambda *file: written.append(file))
@@ -124,22 +93,46 @@ def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatc
     assert written
 
 
-def _edit_summary(folder):
-    path = folder / "summary.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), "epe_clean": 0.001}))
+def _edit_json(name, **values):
+    def edit(folder):
+        path = folder / name
+        path.write_text(json.dumps({**json.loads(path.read_text()), **values}))
+
+    return edit
 
 
-def _edit_rows(folder):
-    edit_rows(folder, lambda rows: rows.with_columns(magnitude_sum=pl.lit(0.0), frames_digest=pl.lit("0")))
-
-
-def _edit_facts(folder):
-    path = folder / CACHED_VALUES_FILE
-    path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "exclusion reasons": ["a lie"]}))
+def _double_errors(folder):
+    edit_rows(folder, lambda rows: rows.with_columns(epe_sum=2 * pl.col("epe_sum"), frames_digest=pl.lit("0")))
 
 
 def _edit_manifest(folder):
     edit_manifest(folder, lambda manifest: {**manifest, "selection": {"corruptions": [], "severities": []}})
+
+
+def _replace_cached(content):
+    return lambda folder: write_made(folder, CACHED_VALUES_FILE, content, rf.load_run(folder)._source)
+
+
+def _replace_note(content):
+    return lambda folder: (folder / STALENESS_FILE).write_text(content)
+
+
+EDITS = {
+    "none": lambda folder: None,
+    "summary": _edit_json("summary.json", epe_clean=0.001),
+    "rows": _double_errors,
+    "cached values": _edit_json(CACHED_VALUES_FILE, **{"sample_set": "0", "exclusion reasons": ["a lie"]}),
+    "manifest": _edit_manifest,
+    "cached list": _replace_cached(b"[]"),
+    "no cached json": _replace_cached(b"{"),
+    "cached types": _replace_cached(
+        b'{"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'
+    ),
+    "no note": _replace_note(""),
+    "note list": _replace_note("[]"),
+    "note without entries": _replace_note('{"summary.json": 3}'),
+    "deep note": _replace_note("[" * 100_000),
+}
 
 
 def _asked(run):
@@ -147,19 +140,20 @@ def _asked(run):
     return sample_set(run), exclusion_reasons(run), interval_ends(run, beside_published=True), run.summary
 
 
-def _computed(folder, tmp_path):
-    """The same values from a copy without cached files."""
-    copy = shutil.copytree(folder, tmp_path / "copy")
-    for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
-        (copy / name).unlink(missing_ok=True)
-    return _asked(rf.load_run(copy))
-
-
-@pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
 def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
     assert (folder / CACHED_VALUES_FILE).is_file(), "the run's report stored the values"
     edit(folder)
-    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
+    bare = shutil.copytree(folder, tmp_path / "copy")
+    for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
+        (bare / name).unlink(missing_ok=True)
+    computed = rf.load_run(bare)
+    run = rf.load_run(folder)
+    assert _asked(run) == _asked(computed)
+    run.write_means()
+    computed.write_means()
+    assert (folder / "summary.json").read_bytes() == (bare / "summary.json").read_bytes()
+    assert rf.load_run(folder)._stored_means() == computed.summary
 
 
 def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
@@ -171,7 +165,7 @@ def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
 def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder):
     run = rf.load_run(folder)
     assert run.rows.height
-    _edit_rows(folder)
+    _double_errors(folder)
     (folder / CACHED_VALUES_FILE).unlink()
     before = exclusion_reasons(run)
     run.keep()
@@ -182,21 +176,13 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
 
 def test_means_that_another_process_writes_at_the_same_time_are_not_taken_for_these_rows(folder, monkeypatch):
     earlier = (folder / "summary.json").read_bytes()
-    edit_rows(folder, lambda rows: rows.with_columns(epe_sum=pl.col("epe_sum") * 2))
+    _double_errors(folder)
     monkeypatch.setattr(
         "robustflow.runs.staleness.write_bytes", lambda path, data: atomic.write_bytes(path, earlier)
     )  # the other process replaces the file as soon as it is written
     run = rf.load_run(folder)
     run.write_means()
     assert rf.load_run(folder).summary == run.summarize()
-
-
-@pytest.mark.parametrize(
-    "content", ["[]", "{", '{"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}']
-)
-def test_cached_values_of_another_shape_are_computed_again(folder, tmp_path, content):
-    write_made(folder, CACHED_VALUES_FILE, content.encode(), rf.load_run(folder)._source)
-    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
 
 def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
