@@ -33,6 +33,7 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
 from robustflow.runs.comparable import sample_set
 from robustflow.testing import ZeroFlow
+from tests.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
 from tests.refusals import refused
 
@@ -109,18 +110,10 @@ THE_80 = list(kitti_split(ALL).evaluation)
 OTHERS = [key for key in ALL if key not in THE_80]
 
 
-def test_whole_kitti_fc_is_opened_without_a_word(tmp_path, recwarn):
-    assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, ALL)).keys == tuple(THE_80)
-    assert not recwarn.list
-
-
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        (
-            THE_80[3:],
-            rf"3 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[:3])}\); the result is not",
-        ),
+        (THE_80[3:], rf"3 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[:3])}\); the result is not"),
         (
             OTHERS[:2] + THE_80[:1],
             rf"79 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[1:21])} and 59 more\), "
@@ -136,6 +129,16 @@ def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
     assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, keys)).keys == tuple(sorted(keys))
     (warning,) = recwarn.list
     assert re.search(says, str(warning.message))
+
+
+def test_whole_kitti_fc_and_gopro_fc_are_opened_without_a_word(tmp_path, recwarn):
+    assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path / "kitti", ALL)).keys == tuple(THE_80)
+    for folder in ("clean", "contrast_1"):
+        for sequence in ("374_11_02", "379_11_00", "384_11_02", "385_11_00", "386_11_00"):
+            for index in (0, 1):
+                picture(tmp_path / "gopro" / folder / f"GOPR0{sequence}" / f"000032_{index}.png", 8, 8)
+    assert len(load_benchmark("gopro-fc", tmp_path / "gopro").keys) == 5
+    assert not recwarn.list
 
 
 def test_narrowing(kitti):
