@@ -1,5 +1,6 @@
 """Corrupted benchmarks are written as files, resumed, and read back with the same rows."""
 
+import shutil
 from dataclasses import replace
 
 import polars as pl
@@ -9,6 +10,7 @@ import robustflow as rf
 from robustflow.analysis.run_results import comparison_note
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
+from robustflow.benchmarks.facts import truth_remark
 from robustflow.benchmarks.setting import setting_of
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
@@ -20,6 +22,19 @@ from tests.datasets.layouts import picture
 from tests.made_rows import made_run
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+class Fade:
+    """A user's corruption that divides the brightness."""
+
+    def __init__(self, by):
+        self.by = by
+
+    def draw(self, rng, severity, shape):
+        return self.by * severity
+
+    def apply(self, frame, state, index):
+        return frame // state
 
 
 def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
@@ -97,6 +112,31 @@ def test_an_export_continues_and_never_mixes(one, tmp_path):
     (tmp_path / "export.json").write_text("[" * 100_000)
     with pytest.raises(RunError, match="contains a different export"):
         list(export(one, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("clip", "by", "message"),
+    [
+        ("second", 2, r"contains different frames of sample '1'; choose another folder"),
+        ("first", 3, "contains a different export"),
+    ],
+)
+def test_an_export_of_a_different_clip_or_an_edited_corruption_is_refused_before_it_writes(tmp_path, clip, by, message):
+    for name in ("first", "second"):
+        for index in range(4):
+            picture(tmp_path / name / f"{index}.png")
+    list(export(load_benchmark("folder", tmp_path / "first").narrowed([Fade(2)], [1], 1), tmp_path / "out"))
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.png")}
+    with pytest.raises(RunError, match=message):
+        list(export(load_benchmark("folder", tmp_path / clip).narrowed([Fade(by)], [1]), tmp_path / "out"))
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.png")} == before
+
+
+def test_an_export_of_non_occluded_ground_truth_is_labelled(kitti, tmp_path):
+    shutil.copytree(kitti, tmp_path / "noc", ignore=shutil.ignore_patterns("flow_occ"))
+    list(export(load_benchmark("kitti2015", tmp_path / "noc").narrowed(["contrast"], [1], 1), tmp_path / "fc"))
+    protocol = load_benchmark("kitti-fc", tmp_path / "fc").protocol
+    assert truth_remark(protocol) == "non-occluded ground truth"
 
 
 def test_frames_that_were_not_exported_are_neither_kept_nor_claimed(one, tmp_path):

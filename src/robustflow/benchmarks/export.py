@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
@@ -20,9 +22,10 @@ from ..corruptions.stack import levels_of
 from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
-from ..images.io import write_image
+from ..images.io import read_image, write_image
 from ..sample import Frame, Sample, SceneDepth
 from .base import Benchmark
+from .facts import NON_OCCLUDED
 from .released import EXPORT_FILE, export_settings
 
 
@@ -62,9 +65,11 @@ def export(
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
     depths = benchmark.depth_to_read()
     own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
+    truth = NON_OCCLUDED if NON_OCCLUDED.items() <= benchmark.protocol.items() else {}
     if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
         raise DataError(f"sample '{nested[0]}' cannot be written in the KITTI layout, which has no subfolders")
-    _claim(output, settings | scale | draws | own | user_sources(variant))
+    _claim(output, settings | scale | draws | own | truth | user_sources(variant, benchmark.corruptions))
+    _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
         fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
@@ -91,8 +96,12 @@ def _corrupted(
     )
 
 
+def _frame_paths(folder: Path, key: str) -> list[Path]:
+    return [folder / "image_2" / f"{key}_{10 + index}.png" for index in range(2)]
+
+
 def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:
-    paths = [folder / "image_2" / f"{key}_{10 + index}.png" for index in range(2)]
+    paths = _frame_paths(folder, key)
     if all(path.exists() for path in paths):
         return False
     make_folder(folder / "image_2")
@@ -128,3 +137,16 @@ def _claim(output: Path, settings: dict[str, object]) -> None:
         )
     make_folder(output)
     write_json(output / EXPORT_FILE, settings)
+
+
+def _check_existing_frames(output: Path, benchmark: Benchmark) -> None:
+    """Raise if the clean frames of an earlier call differ from those of the benchmark."""
+    for key in benchmark.keys:
+        paths = _frame_paths(output / "clean" / "val", key)
+        if not any(path.exists() for path in paths):
+            continue
+        for path, frame in zip(paths, benchmark.dataset.load(key).frames, strict=True):
+            if path.exists() and not np.array_equal(read_image(path), frame):
+                raise RunError(
+                    f"{output} contains different frames of sample '{key}'; choose another folder with --output"
+                )

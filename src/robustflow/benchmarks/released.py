@@ -13,12 +13,12 @@ from ..corruptions.stack import needs_depth
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
 from .base import Benchmark
-from .facts import EXPORTED, BenchmarkFacts
+from .facts import EXPORTED, NON_OCCLUDED, BenchmarkFacts
 
 EXPORT_FILE = "export.json"
 """Name of the file in which `export` records the settings of the frames that it wrote."""
 _LARGEST = 1 << 20
-_RECORDED = ("seed", "variant", "severity_scale", "common_draws")
+_RECORDED = ("seed", "variant", "severity_scale", "common_draws", *NON_OCCLUDED)
 
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
