@@ -25,20 +25,13 @@ def maps(rng, *shape):
 )
 def test_convolution(seed, size, kernel, stride, dilation, linear):
     rng = np.random.default_rng(seed)
-    image, weight, bias = maps(rng, 3, *size), maps(rng, 2, 3, kernel, kernel), maps(rng, 2)
+    image, weight, bias = maps(rng, *size, 3), maps(rng, 2, 3, kernel, kernel), maps(rng, 2)
     spread = np.zeros((2, 3, (kernel - 1) * dilation + 1, (kernel - 1) * dilation + 1))
     spread[:, :, ::dilation, ::dilation] = weight
     reach = (kernel - 1) // 2 * dilation
-    padded = np.pad(image.astype(float), ((0, 0), (reach, reach), (reach, reach)))
-    expected = (
-        np.array(
-            [
-                sum(correlate2d(one, taps, mode="valid") for one, taps in zip(padded, each, strict=True))
-                for each in spread
-            ]
-        )[:, ::stride, ::stride]
-        + bias[:, None, None]
-    )
+    padded = np.pad(image.astype(float), ((reach, reach), (reach, reach), (0, 0)))
+    channels = [sum(correlate2d(padded[..., i], taps[i], mode="valid") for i in range(3)) for taps in spread]
+    expected = np.stack(channels, axis=2)[::stride, ::stride] + bias
     if not linear:
         expected = np.where(expected > 0, expected, 0.1 * expected)
     found = layers.convolve(image, weight, bias, stride, dilation, linear)
@@ -47,28 +40,28 @@ def test_convolution(seed, size, kernel, stride, dilation, linear):
 
 def test_convolution_in_strips_is_the_same(monkeypatch):
     rng = np.random.default_rng(0)
-    arguments = maps(rng, 5, 33, 21), maps(rng, 4, 5, 3, 3), maps(rng, 4)
+    arguments = maps(rng, 33, 21, 5), maps(rng, 4, 5, 3, 3), maps(rng, 4)
     whole = layers.convolve(*arguments, 2)
-    monkeypatch.setattr(layers, "_COLUMNS", 1000)
+    monkeypatch.setattr(layers, "_STRIP", 50)
     np.testing.assert_allclose(layers.convolve(*arguments, 2), whole, atol=1e-5)
 
 
 def test_warp():
     rng = np.random.default_rng(1)
-    image, flow = maps(rng, 2, 9, 12), 3 * maps(rng, 2, 9, 12)
+    image, flow = maps(rng, 9, 12, 2), 3 * maps(rng, 9, 12, 2)
     found = np.empty_like(image)
     layers.warp(image, flow, found)
     rows, columns = np.mgrid[:9, :12]
-    place = np.clip(rows + flow[1], 0, 8), np.clip(columns + flow[0], 0, 11)
-    expected = [map_coordinates(one.astype(float), place, order=1) for one in image]
+    place = np.clip(rows + flow[..., 1], 0, 8), np.clip(columns + flow[..., 0], 0, 11)
+    expected = np.stack([map_coordinates(image[..., i].astype(float), place, order=1) for i in (0, 1)], axis=2)
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("radius", [1, 3])
 def test_correlation(radius):
     rng = np.random.default_rng(2)
-    first, second = maps(rng, 4, 6, 7), maps(rng, 4, 6, 7)
-    found = np.empty(((2 * radius + 1) ** 2, 6, 7), np.float32)
+    first, second = maps(rng, 6, 7, 4), maps(rng, 6, 7, 4)
+    found = np.empty((6, 7, (2 * radius + 1) ** 2), np.float32)
     layers.correlate(first, second, radius, found)
     for row in range(6):
         for column in range(7):
@@ -76,25 +69,24 @@ def test_correlation(radius):
             for y in range(row - radius, row + radius + 1):
                 for x in range(column - radius, column + radius + 1):
                     inside = 0 <= y < 6 and 0 <= x < 7
-                    window.append(first[:, row, column] @ second[:, y, x] / 4 if inside else 0.0)
-            np.testing.assert_allclose(found[:, row, column], window, atol=1e-5)
+                    window.append(first[row, column] @ second[y, x] / 4 if inside else 0.0)
+            np.testing.assert_allclose(found[row, column], window, atol=1e-5)
 
 
 def test_convex_upsampling_of_a_constant_flow_keeps_it_inside():
     rng = np.random.default_rng(3)
-    flow, found = np.full((2, 5, 6), 1.5, np.float32), np.empty((2, 20, 24), np.float32)
-    layers.enlarge(flow, maps(rng, 144, 5, 6), 4, found)
-    np.testing.assert_allclose(found[:, 4:-4, 4:-4], 6.0, atol=1e-5)
-    assert (found[:, 0] < 6.0).all()  # the zeros around the map contribute
+    found = layers.enlarge(np.full((5, 6, 2), 1.5, np.float32), maps(rng, 5, 6, 144), 4)
+    np.testing.assert_allclose(found[4:-4, 4:-4], 6.0, atol=1e-5)
+    assert (found[0] < 6.0).all()  # the zeros around the map contribute
 
 
 def test_resizing_a_ramp():
-    ramp = np.stack([np.tile(np.arange(5, dtype=np.float32), (4, 1)), np.ones((4, 5), np.float32)])
+    ramp = np.stack([np.tile(np.arange(5, dtype=np.float32), (4, 1)), np.ones((4, 5), np.float32)], axis=2)
     found = layers.resized(ramp, 8, 9)
-    np.testing.assert_allclose(found[0], np.tile(np.linspace(0, 4, 9) * 9 / 5, (8, 1)), atol=1e-5)
-    np.testing.assert_allclose(found[1], 2.0, atol=1e-6)
+    np.testing.assert_allclose(found[..., 0], np.tile(np.linspace(0, 4, 9) * 9 / 5, (8, 1)), atol=1e-5)
+    np.testing.assert_allclose(found[..., 1], 2.0, atol=1e-6)
 
 
 def test_features_of_mean_square_one():
-    found = layers.normalised(maps(np.random.default_rng(4), 16, 3, 5), 1e-9)
-    np.testing.assert_allclose((found**2).mean(axis=0), 1.0, atol=1e-4)
+    found = layers.normalised(maps(np.random.default_rng(4), 3, 5, 16), 1e-9)
+    np.testing.assert_allclose((found**2).mean(axis=2), 1.0, atol=1e-4)

@@ -1,7 +1,7 @@
 """`tiny` and its variants: the project's small network with the weights shipped in the package.
 
 The network runs in PyTorch if the torch extra is installed, otherwise in NumPy. Both use single precision, and the
-network amplifies rounding errors: on real pairs the flows differ by up to about 3e-3 px (docs/tiny.md). A run's
+network amplifies rounding errors: on real pairs the flows differ by up to about 4e-3 px (docs/tiny.md). A run's
 identity records the runtime.
 """
 

@@ -28,25 +28,22 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
     height, width = frame1.shape[:2]
     top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
     first, second = (_pyramid(weights, _entering(frame)) for frame in (frame1, frame2))
-    flow = np.zeros((2, *first[-1].shape[1:]), np.float32)
+    flow = np.zeros((*first[-1].shape[:2], 2), np.float32)
     hidden = flow
     for level, (own, other) in enumerate(zip(first[::-1], second[::-1], strict=True)):
         if level:
-            flow = resized(flow, *own.shape[1:])
+            flow = resized(flow, *own.shape[:2])
         hidden = _decoded(weights, level, own, other, flow)
         flow = flow + _layer(weights, "flow", hidden, linear=True)
-    mask = _layer(weights, "mask", hidden, linear=True)
-    fine = np.empty((2, FINEST * flow.shape[1], FINEST * flow.shape[2]), np.float32)
-    enlarge(flow, mask, FINEST, fine)
-    return np.ascontiguousarray(fine[:, top : top + height, left : left + width].transpose(1, 2, 0))
+    fine = enlarge(flow, _layer(weights, "mask", hidden, linear=True), FINEST)
+    return np.ascontiguousarray(fine[top : top + height, left : left + width])
 
 
 def _entering(frame: Frame) -> Maps:
-    """Convert a frame to the network's input: (3, H, W) in -1..1, padded to multiples of 32 by repeating the border."""
+    """Convert a frame to the network's input: (H, W, 3) in -1..1, padded to multiples of 32 by repeating the border."""
     height, width = frame.shape[:2]
     rows, columns = -height % MULTIPLE, -width % MULTIPLE
-    sides = ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0))
-    padded = np.pad(frame, sides, mode="edge").transpose(2, 0, 1)
+    padded = np.pad(frame, ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0)), mode="edge")
     return (padded.astype(np.float32) - np.float32(127.5)) * np.float32(2 / 255)
 
 
@@ -67,13 +64,13 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 
 
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
-    """Return the features of a level that are passed to the decoder, (32, H, W)."""
-    warped = np.empty_like(other)
+    """Return the features of a level that are passed to the decoder, (H, W, 32)."""
+    warped = np.empty(other.shape, np.float32)
     warp(other, flow, warped)
-    correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)
+    correlation = np.empty((*own.shape[:2], (2 * RADIUS + 1) ** 2), np.float32)
     correlate(normalised(own, EPSILON), normalised(warped, EPSILON), RADIUS, correlation)
     reduced = _layer(weights, f"reduce.{level}", own)
-    maps = np.concatenate((correlation, reduced, flow))
+    maps = np.concatenate((correlation, reduced, flow), axis=2)
     for place, (_, dilation) in enumerate(DECODER):
         maps = _layer(weights, f"decoder.{place}", maps, dilation=dilation)
     return maps
