@@ -10,6 +10,8 @@ FRAMES = 6
 """Number of frames in `clip_folder`."""
 FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
 """Corruptions that take a few milliseconds."""
+SMALLEST = {"corruptions": ["contrast"], "severities": [1]}
+"""Conditions of the smallest run."""
 
 
 @pytest.fixture(scope="session")

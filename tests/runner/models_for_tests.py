@@ -65,8 +65,6 @@ class FiveFrames:
     def predict_clip(self, frames: tuple[np.ndarray, ...], index: int) -> np.ndarray:
         assert len(frames) == 5
         assert index == 2
-        if os.environ.get("DIES_ON") == str(int(frames[index][0, 0, 0])):
-            os._exit(17)
         u = sum((place + 1) * frame[..., 0].astype(np.int32) for place, frame in enumerate(frames))
         v = sum((place - 2) * frame[..., 1].astype(np.int32) for place, frame in enumerate(frames))
         return np.stack([u, v], axis=2).astype(np.float32) / 64
@@ -103,33 +101,16 @@ class Sure:
         return self.predict(frame1, frame2), confidence
 
 
-def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Predicts NaN at a single pixel."""
-    flow = np.zeros((*frame1.shape[:2], 2), np.float32)
-    flow[3, 5] = np.nan
-    return flow
-
-
-def wrong_shape(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Returns channels first, as many networks do."""
-    return np.zeros((2, *frame1.shape[:2]), np.float32)
-
-
-def blackens(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+class Blackens:
     """Overwrites its input after predicting from it."""
-    flow = np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
-    frame1[:] = frame2[:] = 0
-    return flow
-
-
-class BlackensPairs:
-    """Overwrites its input after predicting from it in batches."""
-
-    def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
-        return [self.predict(*pair) for pair in zip(frames1, frames2, strict=True)]
 
     def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-        return blackens(frame1, frame2)
+        flow = np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
+        frame1[:] = frame2[:] = 0
+        return flow
+
+    def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
+        return list(map(self.predict, frames1, frames2))
 
 
 class ReusesItsBuffer:
@@ -147,27 +128,6 @@ class ReusesItsBuffer:
             self._flow = np.empty((8, *flows[0].shape), np.float32)
         self._flow[: len(flows)] = flows
         return self._flow[: len(flows)]
-
-
-def ends_the_program(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Exits like a script whose argument parser fails."""
-    raise SystemExit(2)
-
-
-def raises(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Raises an exception."""
-    raise ValueError("no weights\nat all")
-
-
-def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Never returns."""
-    while True:
-        time.sleep(60)
-
-
-def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Kills its process, like a crash in native code."""
-    os._exit(17)
 
 
 class Accelerated:
@@ -197,26 +157,39 @@ class Accelerated:
         ]
 
 
-class AcceleratedTrouble(Accelerated):
-    """Behaves as its option specifies, starting with the second call."""
+class Trouble(Accelerated):
+    """Returns no valid flow, after a given number of predictions.
 
-    def __init__(self, device: str = "cuda:0", trouble: str = "", pause: float = 0.0) -> None:
+    Args:
+        trouble: "nan" (at one pixel), "shape" (channels first, as in many networks), "raises", "exits" (like a script
+            whose argument parser fails), "hangs" or "dies" (like a crash in native code).
+        after: number of predictions that succeed.
+        device, pause: see `Accelerated`.
+    """
+
+    def __init__(self, trouble: str = "", after: int = 0, device: str = "cpu", pause: float = 0.0) -> None:
         super().__init__(device, pause)
         self._trouble = trouble
-        self._calls = 0
+        self._left = after
 
     def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-        self._calls += 1
-        if self._calls > 1:
-            if self._trouble == "hangs":
-                time.sleep(600)
-            if self._trouble == "dies":
-                os._exit(17)
-            if self._trouble == "raises":
-                raise ValueError("no weights\nat all")
         flow = super().predict(frame1, frame2)
-        if self._calls > 1 and self._trouble == "nan":
-            flow[3, 5] = np.nan
+        self._left -= 1
+        if self._left >= 0:
+            return flow
+        match self._trouble:
+            case "nan":
+                flow[3, 5] = np.nan
+            case "shape":
+                flow = flow.transpose(2, 0, 1)
+            case "raises":
+                raise ValueError("no weights\nat all")
+            case "exits":
+                raise SystemExit(2)
+            case "hangs":
+                time.sleep(600)
+            case "dies":
+                os._exit(17)
         return flow
 
 
@@ -262,8 +235,9 @@ class Faulty:
     def _fail(self) -> None:
         if self._fault == "exit":
             os._exit(17)
+        if self._fault == "hang":
+            time.sleep(600)
         taken = []
-        while self._fault == "memory":
+        while True:
             taken.append(np.ones(2**25, np.uint8))
             time.sleep(0.02)
-        hangs(None, None)

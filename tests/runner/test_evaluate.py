@@ -15,13 +15,17 @@ from robustflow.flowio import write_flow
 from robustflow.models import ModelSpec
 from robustflow.runs.store import RunFolder
 
-from .conftest import FAST
+from .conftest import FAST, SMALLEST
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
 MODELS = "tests.runner.models_for_tests"
 HEIGHT, WIDTH = 167, 247
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+def _trouble(kind):
+    return ModelSpec(f"{MODELS}:Trouble", (("trouble", kind),))
 
 
 def _run(folder, **options):
@@ -84,7 +88,7 @@ def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
 def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
     folder = tmp_path / "run"
     with pytest.raises(ModelError, match="no weights"):
-        rf.evaluate(f"{MODELS}:raises", output=folder, corruptions=["contrast"], severities=[1])
+        rf.evaluate(_trouble("raises"), output=folder, **SMALLEST)
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
     np.save(clean, np.ones((HEIGHT, WIDTH, 2), np.float32))  # left by a run killed before the cell's row
@@ -98,10 +102,10 @@ def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatc
     monkeypatch.syspath_prepend(tmp_path)
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), {}, np.float32)\n"
     (tmp_path / "mine_for_test.py").write_text(source.format(1))
-    rf.evaluate("mine_for_test:flow", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    rf.evaluate("mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
     (tmp_path / "mine_for_test.py").write_text(source.format(2))
     with pytest.raises(RunError, match="differs in: model"):
-        rf.evaluate("mine_for_test:flow", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+        rf.evaluate("mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
 
 
 def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
@@ -109,7 +113,7 @@ def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
         return lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)
 
     folder = tmp_path / "run"
-    first = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[1])
+    first = rf.evaluate(constant(1.0), output=folder, **SMALLEST)
     with pytest.raises(RunError, match="predicts a different flow on sample 'motorcycle'"):
         rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
     assert rf.Result(folder).rows.equals(first.rows)
@@ -125,25 +129,6 @@ def test_held_by_another_run(tmp_path):
             _run(tmp_path / "run")
     finally:
         held.unlock()
-
-
-def test_an_older_schema_is_refused(tmp_path):
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "manifest.json").write_text('{"schema": 0}')
-    with pytest.raises(RunError, match="run schema 0"):
-        _run(tmp_path / "run")
-
-
-def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
-    folder = RunFolder(whole.path)
-    manifest = folder.manifest()
-    (name, size), *others = manifest.samples["motorcycle"]
-    changed = manifest.model_copy(update={"samples": {"motorcycle": ((name, size + 1), *others)}})
-    other = RunFolder(tmp_path / "run")
-    (tmp_path / "run").mkdir()
-    other.write_manifest(changed)
-    with pytest.raises(RunError, match="different files for sample 'motorcycle'"):
-        _run(tmp_path / "run")
 
 
 @pytest.mark.parametrize(
@@ -167,22 +152,22 @@ def test_options_that_cannot_be_meant(tmp_path, options):
 
 
 @pytest.mark.parametrize(
-    ("model", "engine", "error", "says"),
+    ("trouble", "engine", "error", "says"),
     [
-        ("with_nan", "serial", ModelError, "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
-        ("wrong_shape", "serial", ModelError, rf"returned float32 \(2, {HEIGHT}, {WIDTH}\)"),
-        ("ends_the_program", "serial", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
-        ("ends_the_program", "processes", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("nan", "serial", ModelError, "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
+        ("shape", "serial", ModelError, rf"returned float32 \(2, {HEIGHT}, {WIDTH}\)"),
+        ("exits", "serial", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("exits", "processes", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
         ("raises", "serial", ModelError, "raised ValueError on sample 'motorcycle', clean: no weights"),
         ("raises", "processes", ModelError, "raised ValueError on sample 'motorcycle', clean: no weights"),
         ("hangs", None, ModelError, r"longer than 0\.5 s on sample 'motorcycle', clean"),
         ("dies", "processes", RunError, "exit code 17"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, model, engine, error, says):
-    options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if model == "hangs" else None}
+def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, trouble, engine, error, says):
+    options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if trouble == "hangs" else None}
     with pytest.raises(error, match=says):
-        rf.evaluate(f"{MODELS}:{model}", output=tmp_path / "run", corruptions=FAST, **options)
+        rf.evaluate(_trouble(trouble), output=tmp_path / "run", corruptions=FAST, **options)
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 
@@ -194,9 +179,7 @@ def _needs_too_much(library):
 @pytest.mark.parametrize("library", ["NumPy", "OpenCV"])
 def test_too_little_memory_for_a_corruption_names_the_cell_and_keeps_the_rows(tmp_path, monkeypatch, library):
     monkeypatch.setattr(Contrast, "apply", lambda *_: _needs_too_much(library))
-    with pytest.raises(
-        RunError, match=r"not enough memory to compute sample 'motorcycle', contrast severity 1 \(.*\);"
-    ):
+    with pytest.raises(RunError, match=r"not enough memory to compute sample 'motorcycle', contrast severity 1 \("):
         rf.evaluate(DIS, output=tmp_path / "run", corruptions="contrast", severities=1)
     assert rf.load_run(tmp_path / "run").rows["corruption"].to_list() == ["clean"]
 
@@ -204,9 +187,8 @@ def test_too_little_memory_for_a_corruption_names_the_cell_and_keeps_the_rows(tm
 @pytest.mark.parametrize("batch_size", [1, 2])
 def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, batch_size):
     """The contrast frames are computed from the clean frames after the model has overwritten its input."""
-    name = MODELS + (":blackens" if batch_size == 1 else ":BlackensPairs")
     options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
-    rows = rf.evaluate(name, output=tmp_path / "run", **options).rows
+    rows = rf.evaluate(f"{MODELS}:Blackens", output=tmp_path / "run", **options).rows
     sample = rf.load_dataset("motorcycle", None).load("motorcycle")
     frames = rf.corrupt(*sample.frames, "contrast", 2, key="motorcycle")
     flow = np.stack([frames[0][..., 0], frames[1][..., 1]], axis=2).astype(np.float64)
@@ -237,13 +219,7 @@ def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
 
 
 def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):
-    run = rf.evaluate(
-        f"{MODELS}:with_nan",
-        output=tmp_path / "run",
-        corruptions=["contrast"],
-        severities=[1],
-        allow_invalid=True,
-    )
+    run = rf.evaluate(_trouble("nan"), output=tmp_path / "run", allow_invalid=True, **SMALLEST)
     assert run.summary.n_invalid == 2
     assert run.rows["n_all"].to_list() == [HEIGHT * WIDTH - 1] * 2
 
@@ -270,5 +246,5 @@ def test_a_path_is_as_good_as_its_name(tmp_path):
     for setting in ("clean", "contrast_1"):
         (tmp_path / "flows" / setting).mkdir(parents=True)
         write_flow(tmp_path / "flows" / setting / "motorcycle.flo", flow)
-    result = rf.evaluate(tmp_path / "flows", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    result = rf.evaluate(tmp_path / "flows", output=tmp_path / "run", **SMALLEST)
     assert result.rcre == 0.0

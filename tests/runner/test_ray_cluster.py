@@ -119,18 +119,15 @@ def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, fr
     assert len(list(faults.iterdir())) == 1
 
 
+def _evaluate_trouble(kind, frames, folder, **options):
+    model = ModelSpec("tests.runner.models_for_tests:Trouble", (("trouble", kind),))
+    rf.evaluate(model, "folder", frames, folder, limit=1, **options)
+
+
 def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capfd):
     lost = r"computing sample '.*', clean, 3 times \((on )?(node \S+ \(ActorDiedError\)(, )?){3}\); .*lack of memory"
     with pytest.raises(RunError, match=lost):
-        rf.evaluate(
-            "tests.runner.models_for_tests:dies",
-            "folder",
-            frames,
-            tmp_path / "run",
-            engine="ray",
-            address=two_nodes.address,
-            workers=1,
-        )
+        _evaluate_trouble("dies", frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
     assert "raylet" not in "".join(capfd.readouterr()), "Ray's own messages do not appear in the output"
 
 
@@ -159,14 +156,10 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
 
 def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
     with pytest.raises(ModelError, match=r"no weights at all.* \(on node .+\)$") as raised:
-        _raise(frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
+        _evaluate_trouble("raises", frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
     with pytest.raises(ModelError) as expected:
-        _raise(frames, tmp_path / "other", engine="processes", workers=1)
+        _evaluate_trouble("raises", frames, tmp_path / "other", engine="processes", workers=1)
     assert str(raised.value).rpartition(" (on node ")[0] == str(expected.value)
-
-
-def _raise(frames, folder, **options):
-    rf.evaluate("tests.runner.models_for_tests:raises", "folder", frames, folder, limit=1, **options)
 
 
 @pytest.mark.slow

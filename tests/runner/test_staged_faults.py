@@ -29,7 +29,8 @@ from .processes import descendants, finished, start_run
     ],
 )
 def test_a_predicting_process_in_trouble_ends_the_run(tmp_path, quick_workers, trouble, error, says):
-    model = ModelSpec("tests.runner.models_for_tests:AcceleratedTrouble", (("trouble", trouble),))
+    options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
+    model = ModelSpec("tests.runner.models_for_tests:Trouble", options)
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
     with pytest.raises(error, match=says):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, timeout=1.5 if trouble == "hangs" else None)
@@ -43,8 +44,8 @@ def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
 
 
 def _start(folder, *options, **environment):
-    fixed = ["--corruptions", ",".join(FAST), "--workers", "2", "--no-examples"]
-    return start_run(folder, "AcceleratedTrouble", *fixed, *options, **environment)
+    fixed = ["-O", "after=1", "--device", "cuda:0", "--corruptions", ",".join(FAST), "--workers", "2", "--no-examples"]
+    return start_run(folder, "Trouble", *fixed, *options, **environment)
 
 
 def _wait(condition, seconds=60):
