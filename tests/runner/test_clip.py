@@ -16,12 +16,14 @@ from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.runner.engines.base import Job
 from robustflow.runner.engines.ray_job import files_of
+from robustflow.runner.setup import restore_setup
 from robustflow.runs.plan import RunOptions, Unit
+from robustflow.runs.source import RunSource
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
 from tests.video import clips
 
-from .conftest import FAST, FRAMES
+from .conftest import FAST, FRAMES, SMALLEST
 from .models_for_tests import FiveFrames
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -100,15 +102,17 @@ def test_the_model_gets_the_corrupted_clip(clip_folder, tmp_path):
 )
 def test_what_happens_at_the_ends_is_the_models_choice(clip_folder, tmp_path, window, lengths, places):
     model = Recorder(window)
-    run(model, clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    run(model, clip_folder, tmp_path / "run", **SMALLEST)
     assert [len(frames) for frames, _ in model.calls[::2]] == lengths
     assert [index for _, index in model.calls[::2]] == places
     identity = rf.Result(tmp_path / "run").manifest.identity
     assert identity.model.window == {"before": window.before, "after": window.after, "ends": window.ends}
+    with pytest.raises(RunError, match="differs in: window"):
+        run(Recorder((1, 1)), clip_folder, tmp_path / "run", **SMALLEST)
 
 
 def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder, tmp_path):
-    chosen = {"corruptions": [name for name in IMAGE_PAIR if name != "frost"], "severities": [4], "limit": 2}
+    chosen = {"corruptions": [name for name in IMAGE_PAIR if name != "frost"], "severities": [4], "limit": 1}
     pairs = run("farneback", clip_folder, tmp_path / "pairs", **chosen)
     clip = run(Recorder(), clip_folder, tmp_path / "clips", **chosen)
     columns = ["sample", "corruption", "severity", "frames_digest"]
@@ -116,29 +120,12 @@ def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder
     assert pairs.manifest.identity.model.window is None
 
 
-@pytest.fixture(scope="module")
-def whole(clip_folder, tmp_path_factory):
-    return run(MODEL, clip_folder, tmp_path_factory.mktemp("whole") / "run")
-
-
-def test_killed_and_resumed(whole, clip_folder, tmp_path, quick_workers, monkeypatch):
-    last = read_image(clip_folder / f"{FRAMES - 2}.png")
-    monkeypatch.setenv("DIES_ON", str(int(last[0, 0, 0])))
-    with pytest.raises(RunError, match="exit code 17"):
-        run(MODEL, clip_folder, tmp_path / "killed", workers=2)
-    monkeypatch.delenv("DIES_ON")
-    assert 0 < rf.Result(tmp_path / "killed").rows.height < whole.rows.height
-    assert run(MODEL, clip_folder, tmp_path / "killed").rows.equals(whole.rows)
-
-
 def test_video_and_folder_from_the_command_line(tmp_path, robustflow):
     clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
     data = ["--benchmark", "folder", "--data", tmp_path / "clip.mp4", "--output", tmp_path / "video"]
     what = ["--corruptions", ",".join(FAST), "--severities", "4"]
     assert "over_exposure" in robustflow.prints("run", "--model", MODEL, *data, *what)
-    from robustflow.datasets import load_dataset
-
-    video = load_dataset("folder", tmp_path / "clip.mp4")
+    video = rf.load_dataset("folder", tmp_path / "clip.mp4")
     (tmp_path / "frames").mkdir()
     for offset in range(FRAMES):
         write_image(tmp_path / "frames" / f"{offset:06d}.png", video.frame("000000", offset))
@@ -147,55 +134,42 @@ def test_video_and_folder_from_the_command_line(tmp_path, robustflow):
     assert rf.Result(tmp_path / "video").rows.select(columns).equals(frames.rows.select(columns))
 
 
-def test_example_pictures_are_drawn_from_the_clip(whole, clip_folder, tmp_path):
-    from robustflow.runner.setup import restore_setup
-    from robustflow.runs.source import RunSource
-
-    setup = restore_setup(whole, RunSource.read(whole.path))
-    assert setup.options.window == Window(2, 1)
-    assert isinstance(setup.model.model, FiveFrames)
+def test_example_pictures_are_drawn_from_the_clip(clip_folder, tmp_path):
     drawn = run(MODEL, clip_folder, tmp_path / "drawn", examples=True)
     assert list((drawn.path / "examples").iterdir())
+    setup = restore_setup(drawn, RunSource.read(drawn.path))
+    assert setup.options.window == Window(2, 1)
+    assert isinstance(setup.model.model, FiveFrames)
 
 
-def test_changed_frames_around_a_pair_are_noticed(clip_folder, tmp_path):
+def test_changed_and_damaged_frames_around_a_pair_are_noticed(tmp_path):
     frames = tmp_path / "frames"
     frames.mkdir()
     for number in range(3):
         write_image(frames / f"{number}.png", picture(48, 64, seed=number))
-    chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
+    chosen = SMALLEST | {"limit": 1}
     run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
     write_image(frames / "2.png", np.zeros((48, 64, 3), np.uint8))
     with pytest.raises(RunError, match="made from different files for sample '1'"):
         run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
+    whole = (frames / "2.png").read_bytes()
+    (frames / "2.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"2\.png"):
+        run(Recorder((0, 1)), frames, tmp_path / "other", **chosen)
 
 
-def test_another_window_is_another_run(clip_folder, tmp_path):
-    chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
-    run(Recorder(), clip_folder, tmp_path / "run", **chosen)
-    with pytest.raises(RunError, match="differs in: window"):
-        run(Recorder((1, 1)), clip_folder, tmp_path / "run", **chosen)
-
-
-def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_path):
-    chosen = {"corruptions": ["contrast"], "severities": [1]}
-    with pytest.raises(
-        UsageError,
-        match=r"needs 5 frames, but 'motorcycle' contains only pairs; datasets with clips: .*sintel, .*folder",
-    ) as e:
-        rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **chosen)
-    assert "\n" not in str(e.value)
+def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(clip_folder, tmp_path):
+    message = r"needs 5 frames, but 'motorcycle' contains only pairs; datasets with clips: .*sintel, .*folder"
+    with pytest.raises(UsageError, match=message) as error:
+        rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **SMALLEST)
+    assert "\n" not in str(error.value)
     assert not (tmp_path / "run").exists()
     model = WithPairs()
-    result = rf.evaluate(model, "demo", output=tmp_path / "run", **chosen)
+    result = rf.evaluate(model, "demo", output=tmp_path / "run", **SMALLEST)
     assert (model.pairs, model.calls) == (2, [])
     assert result.manifest.identity.model.window is None
-
-
-def test_a_model_of_both_kinds_gets_clips_where_there_are_some(clip_folder, tmp_path):
-    model = WithPairs()
-    run(model, clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert (model.pairs, len(model.calls)) == (0, 2 * (FRAMES - 1))
+    run(model, clip_folder, tmp_path / "clips", **SMALLEST)
+    assert (model.pairs, len(model.calls)) == (2, 2 * (FRAMES - 1))
 
 
 def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path):
@@ -210,19 +184,18 @@ def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path):
 def test_wrong_answers_name_the_place(clip_folder, tmp_path):
     class Wrong(Recorder):
         def predict_clip(self, frames, index):
-            return (
-                super().predict_clip(frames, index)[:5] if len(self.calls) > 2 else super().predict_clip(frames, index)
-            )
+            flow = super().predict_clip(frames, index)
+            return flow if len(self.calls) < 4 else flow[:5]
 
     with pytest.raises(ModelError, match=r"float32 \(5, 64, 2\) on sample '1', contrast severity 1"):
-        run(Wrong(), clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+        run(Wrong(), clip_folder, tmp_path / "run", **SMALLEST)
 
     class Raises(Recorder):
         def predict_clip(self, frames, index):
             return frames[7]
 
     with pytest.raises(ModelError, match="raised IndexError on sample '0', clean"):
-        run(Raises(), clip_folder, tmp_path / "run2", corruptions=["contrast"], severities=[1])
+        run(Raises(), clip_folder, tmp_path / "run2", **SMALLEST)
 
 
 class OwnClips(TexturePairs):
@@ -265,16 +238,6 @@ def test_a_users_dataset_that_fails_is_named(tmp_path, fault, error, says):
     own = rf.Benchmark("mine", OwnClips(fault), ("0", "1"), ("contrast",))
     with pytest.raises(error, match=says):
         rf.evaluate(Recorder(), own, output=tmp_path / "run")
-
-
-def test_a_damaged_frame_of_the_clip_is_named(tmp_path):
-    (tmp_path / "frames").mkdir()
-    for number in range(3):
-        write_image(tmp_path / "frames" / f"{number}.png", picture(48, 64, seed=number))
-    whole = (tmp_path / "frames/2.png").read_bytes()
-    (tmp_path / "frames/2.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DataError, match=r"2\.png"):
-        run(Recorder((0, 1)), tmp_path / "frames", tmp_path / "run", corruptions=["contrast"], severities=[1], limit=1)
 
 
 def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_path):

@@ -26,7 +26,6 @@ from robustflow.runner.setup import restore_setup
 from robustflow.runs.example_list import are_current
 from robustflow.runs.run import Run
 from robustflow.runs.source import RunSource
-from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity
 
@@ -128,16 +127,6 @@ def test_an_interruption_leaves_the_numbers_and_no_half_folder(tmp_path, monkeyp
     assert not list((tmp_path / "run").rglob(".partial-*"))
     assert rf.Result(tmp_path / "run").summary.complete
     assert (tmp_path / "run" / "summary.json").exists()
-
-
-def test_what_a_killed_run_left_is_cleared(tmp_path):
-    left = tmp_path / "run" / ".partial-1234-examples"
-    left.mkdir(parents=True)
-    (left / "worst.jpg").write_bytes(b"half")
-    folder = RunFolder(tmp_path / "run")
-    folder.lock()
-    folder.unlock()
-    assert not left.exists()
 
 
 def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path, small):
