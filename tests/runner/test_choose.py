@@ -22,13 +22,23 @@ class Model:
         self.device = device
 
 
-def _named(device="cpu", devices=None):
-    spec = ModelSpec("raft", (("device", devices),) if devices else ())
-    return NamedModel(spec, Model(device), {}, None)
+class Light(Model):
+    single_threaded = True
 
 
-def _describe(model, name=None, workers=None, timeout=None):
-    return choose_engine(name, workers, timeout, None, model).describe(UNITS)
+def _on_gpu(devices="cuda:0", kind=Model):
+    """A named model on the first of its devices."""
+    return NamedModel(ModelSpec("raft", (("device", devices),)), kind(devices.partition(",")[0]), {}, None)
+
+
+ON_CPU = NamedModel(ModelSpec("raft"), Model("cpu"), {}, None)
+LIGHT = NamedModel(ModelSpec("dis"), Light("cpu"), {}, None)
+PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in IMAGE_PAIR)]
+THREE_PAIRS = PAIR * 3
+
+
+def _describe(model, units=UNITS, name=None, workers=None, timeout=None, others=()):
+    return choose_engine(name, workers, timeout, None, model, others).describe(units)
 
 
 @pytest.fixture(autouse=True)
@@ -37,42 +47,49 @@ def four_processors(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("options", "engine"),
+    ("model", "options", "engine"),
     [
-        ({}, "serial"),
-        ({"workers": 1}, "serial"),
-        ({"workers": 2}, "processes, 2 workers"),
-        ({"workers": 9}, "processes, 3 workers"),
-        ({"timeout": 3.0}, "processes, 1 worker"),
-        ({"name": "processes"}, "processes, 1 worker"),
+        (ON_CPU, {}, "serial"),
+        (ON_CPU, {"workers": 1}, "serial"),
+        (ON_CPU, {"workers": 2}, "processes, 2 workers"),
+        (ON_CPU, {"workers": 9}, "processes, 3 workers"),
+        (ON_CPU, {"timeout": 3.0}, "processes, 1 worker"),
+        (ON_CPU, {"name": "processes"}, "processes, 1 worker"),
+        (_on_gpu(), {}, "processes, 1 device + 4 feeders"),
+        (_on_gpu(), {"workers": 1}, "processes, 1 device + 1 feeder"),
+        (_on_gpu(), {"workers": 50}, "processes, 1 device + 8 feeders"),
+        (_on_gpu(), {"timeout": 3.0}, "processes, 1 device + 4 feeders"),
+        (_on_gpu(), {"name": "serial"}, "serial"),
+        (_on_gpu("cuda:0,cuda:1,cuda:2"), {}, "processes, 3 devices + 4 feeders"),
+        (LIGHT, {}, "serial"),
+        (LIGHT, {"units": PAIR[:10]}, "serial"),  # 46 cells, too few to start a second process
+        (LIGHT, {"units": PAIR[:11]}, "processes, 2 workers"),
+        (LIGHT, {"units": THREE_PAIRS}, "processes, 4 workers"),
+        (LIGHT, {"units": THREE_PAIRS, "workers": 1}, "serial"),
+        (LIGHT, {"units": THREE_PAIRS, "workers": 3}, "processes, 3 workers"),
+        (LIGHT, {"units": [Unit(str(number), "clean", (0,)) for number in range(90)]}, "processes, 3 workers"),
+        (_on_gpu(kind=Light), {"units": THREE_PAIRS}, "processes, 1 device + 4 feeders"),
+        (NamedModel(None, Light("cpu"), {}, None), {"units": THREE_PAIRS}, "serial"),  # cannot be loaded by name
     ],
 )
-def test_of_a_model_on_the_processor(options, engine):
-    assert _describe(_named(), **options) == engine
+def test_the_engine_follows_from_the_model_the_options_and_the_length_of_the_run(model, options, engine):
+    assert _describe(model, **options) == engine
 
 
-@pytest.mark.parametrize(
-    ("options", "engine"),
-    [
-        ({}, "processes, 1 device + 4 feeders"),
-        ({"workers": 1}, "processes, 1 device + 1 feeder"),
-        ({"workers": 50}, "processes, 1 device + 8 feeders"),
-        ({"timeout": 3.0}, "processes, 1 device + 4 feeders"),
-        ({"name": "serial"}, "serial"),
-    ],
-)
-def test_of_a_model_on_a_gpu(options, engine):
-    assert _describe(_named("cuda:0"), **options) == engine
-
-
-def test_of_a_model_on_several_gpus():
-    model = _named("cuda:0", "cuda:0,cuda:1,cuda:2")
-    assert _describe(model) == "processes, 3 devices + 4 feeders"
+def test_too_few_workers_and_an_address_without_ray_are_refused():
     with pytest.raises(UsageError, match="2 workers are too few for 3 devices"):
-        _describe(model, workers=2)
+        _describe(_on_gpu("cuda:0,cuda:1,cuda:2"), workers=2)
+    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
+        choose_engine(None, None, None, "auto", LIGHT)
 
 
-def test_an_object_that_stays_here_says_why():
+def test_not_every_processor_of_a_large_machine(monkeypatch):
+    monkeypatch.setattr(choose, "available_processors", lambda: 96)
+    assert _describe(LIGHT, PAIR * 80) == "processes, 8 workers"
+    assert _describe(LIGHT, PAIR * 80, workers=40) == "processes, 40 workers"
+
+
+def test_a_model_that_cannot_be_sent_stays_here_unless_asked():
     here = NamedModel(None, Model("cuda:0"), {}, None)
     here.model.run = lambda: None
     assert _describe(here) == "serial (this model object cannot be sent to another process)"
@@ -80,45 +97,21 @@ def test_an_object_that_stays_here_says_why():
     assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 
-class Light(Model):
-    single_threaded = True
+def test_data_that_cannot_be_sent_stay_here_unless_asked():
+    others = (threading.Lock(),)
+    why = "serial (this dataset or corruption cannot be sent to another process)"
+    assert _describe(LIGHT, THREE_PAIRS, others=others) == why
+    assert _describe(_on_gpu(), others=others) == why
+    assert _describe(LIGHT, THREE_PAIRS, workers=2, others=others) == "processes, 2 workers"
+    assert _describe(LIGHT, others=others) == "serial", "too short for processes anyway, so no reason is given"
 
 
-def _spread(model, units, workers=None, others=()):
-    return choose_engine(None, workers, None, None, model, others).describe(units)
-
-
-def _light(spec="dis"):
-    return NamedModel(spec and ModelSpec(spec), Light("cpu"), {}, None)
-
-
-PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in IMAGE_PAIR)]
-
-
-@pytest.mark.parametrize(
-    ("units", "options", "engine"),
-    [
-        (UNITS, {}, "serial"),
-        (PAIR[:10], {}, "serial"),  # 46 cells, too few to start a second process
-        (PAIR[:11], {}, "processes, 2 workers"),
-        (PAIR * 3, {}, "processes, 4 workers"),
-        (PAIR * 3, {"workers": 1}, "serial"),
-        (PAIR * 3, {"workers": 3}, "processes, 3 workers"),
-        ([Unit(str(number), "clean", (0,)) for number in range(90)], {}, "processes, 3 workers"),
-    ],
-)
-def test_of_a_model_in_one_thread(units, options, engine):
-    assert _spread(_light(), units, **options) == engine
-
-
-def test_not_every_processor_of_a_large_machine(monkeypatch):
-    monkeypatch.setattr(choose, "available_processors", lambda: 96)
-    assert _spread(_light(), PAIR * 80) == "processes, 8 workers"
-    assert _spread(_light(), PAIR * 80, workers=40) == "processes, 40 workers"
-
-
-def test_a_model_in_one_thread_that_has_no_name_stays_here():
-    assert _spread(_light(None), PAIR * 3) == "serial"
+def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
+    notebook = ModuleType("__main__")  # there is no file that a process could load
+    notebook.Mine = type("Mine", (), {"__module__": "__main__"})
+    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    assert _describe(LIGHT, THREE_PAIRS, others=(notebook.Mine(),)).startswith("serial (this dataset")
+    assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 
 def test_a_script_without_a_guard_stays_in_one_process_and_says_why(tmp_path, monkeypatch):
@@ -127,45 +120,15 @@ def test_a_script_without_a_guard_stays_in_one_process_and_says_why(tmp_path, mo
     monkeypatch.setitem(sys.modules, "__main__", main)
     script.write_text("import robustflow\n")
     why = "serial (worker processes require the script's code to be under `if __name__"
-    assert _describe(_named("cuda:0")).startswith(why)
-    assert _spread(_light(), PAIR * 3).startswith(why)
+    assert _describe(_on_gpu()).startswith(why)
+    assert _describe(LIGHT, THREE_PAIRS).startswith(why)
     script.write_text('if __name__ == "__main__":\n    pass\n')
-    assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"
+    assert _describe(_on_gpu()) == "processes, 1 device + 4 feeders"
     script.write_text("import robustflow\n")
     main.__spec__ = SimpleNamespace(name="package.__main__")  # python -m package
-    assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
+    assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 
 def test_a_worker_starts_no_workers(monkeypatch):
     monkeypatch.setattr(choose.multiprocessing, "current_process", lambda: SimpleNamespace(daemon=True))
-    assert _spread(_light(), PAIR * 3).startswith("serial (this process is itself a worker")
-
-
-def test_an_address_without_ray_is_refused_for_it_too():
-    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
-        choose_engine(None, None, None, "auto", _light())
-
-
-def test_a_device_counts_for_more_than_one_thread():
-    on_gpu = NamedModel(ModelSpec("raft"), Light("cuda:0"), {}, None)
-    assert _spread(on_gpu, PAIR * 3) == "processes, 1 device + 4 feeders"
-
-
-def test_a_run_too_short_for_processes_gives_no_reason_against_them():
-    assert _spread(_light(), UNITS, others=(threading.Lock(),)) == "serial"
-
-
-def test_data_that_cannot_be_sent_stay_here_unless_asked():
-    unsendable = (threading.Lock(),)
-    why = "serial (this dataset or corruption cannot be sent to another process)"
-    assert _spread(_light(), PAIR * 3, others=unsendable) == why
-    assert choose_engine(None, None, None, None, _named("cuda:0"), unsendable).describe(UNITS) == why
-    assert _spread(_light(), PAIR * 3, workers=2, others=unsendable) == "processes, 2 workers"
-
-
-def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
-    notebook = ModuleType("__main__")  # there is no file that a process could load
-    notebook.Mine = type("Mine", (), {"__module__": "__main__"})
-    monkeypatch.setitem(sys.modules, "__main__", notebook)
-    assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this dataset")
-    assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
+    assert _describe(LIGHT, THREE_PAIRS).startswith("serial (this process is itself a worker")
