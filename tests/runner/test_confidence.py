@@ -99,16 +99,8 @@ def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
 
 
 def test_frames_without_truth_have_the_share_of_rejected_pixels_alone(clip_folder, tmp_path):
-    result = rf.evaluate(
-        Sure(),
-        "folder",
-        clip_folder,
-        tmp_path / "run",
-        corruptions=FAST,
-        severities=[1],
-        limit=1,
-        confidence="forward-backward",
-    )
+    options = {"corruptions": FAST, "severities": [1], "limit": 1, "confidence": "forward-backward"}
+    result = rf.evaluate(Sure(), "folder", clip_folder, tmp_path / "run", **options)
     assert result.rows["ause"].null_count() == result.rows.height
     assert result.rows["rejected_count"].null_count() == 0
 

@@ -144,6 +144,8 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     assert len(first.manifest.samples["0"]) == 4  # both frames and their depth maps
     again = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": str(maps)})
     assert again.rows.equals(first.rows)
+    setup = restore_setup(Run(tmp_path / "one"), RunSource.read(tmp_path / "one"))
+    assert setup.options.depth.depth(setup.dataset.load("0")).maps[0][0, 0] == 10
     focal = run(tmp_path / "focal", "folder", clip_folder, ["fog_3d"], {"depth": maps, "focal": 99})
     assert focal.manifest.identity.frames != first.manifest.identity.frames
 
@@ -156,12 +158,6 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     with pytest.raises(RunError, match="pass the depth maps and the focal length of the run"):
         recheck(first.manifest.identity, first.rows, clip_folder, options={"depth": maps})
     assert "rows" in recheck(other.manifest.identity, other.rows, clip_folder, options={"depth": maps}, count=50)
-
-
-def test_a_finished_run_is_set_up_again_with_its_own_maps(clip_folder, maps, tmp_path):
-    run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
-    setup = restore_setup(Run(tmp_path / "one"), RunSource.read(tmp_path / "one"))
-    assert setup.options.depth.depth(setup.dataset.load("0")).maps[0][0, 0] == 10
 
 
 def test_a_still_scene_takes_the_users_maps(clip_folder, maps, tmp_path):

@@ -48,25 +48,17 @@ def test_an_object_runs_in_processes_as_in_this_one(rain_package, quick_workers)
         rf.evaluate(ZeroFlow(), output=rain_package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 
-def test_common_draws_are_another_run_with_the_same_places(rain_package):
-    folders = {common: rain_package / f"common {common}" for common in (False, True)}
-    rows = {
-        common: rf.evaluate(ZeroFlow(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
-        for common, folder in folders.items()
-    }
-    assert rows[False].manifest.identity.frames.common_draws is False
-    assert rows[True].manifest.identity.frames.common_draws is True
+@pytest.mark.parametrize(("common", "patterns"), [(True, 1), (False, 2)])
+def test_common_draws_expose_the_same_frame_at_every_severity(tmp_path, common, patterns):
     grey = np.full((16, 24, 3), 90, np.uint8)
-    exposed = {
-        common: {
-            tuple(bool((frame != grey).any()) for frame in rf.corrupt(grey, grey, "over_exposure", s, 4, key,
-                                                                      common_draws=common))
-            for s in range(1, 6)
-        }
-        for common in (False, True) for key in ("c",)
-    }  # fmt: skip
-    assert len(exposed[True]) == 1
-    assert len(exposed[False]) == 2
+    exposed = set()
+    for severity in range(1, 6):
+        frames = rf.corrupt(grey, grey, "over_exposure", severity, 4, "c", common_draws=common)
+        exposed.add(tuple(bool((frame != grey).any()) for frame in frames))
+    assert len(exposed) == patterns
+    options = {"corruptions": ["over_exposure"], "severities": [1], "common_draws": common}
+    run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", **options)
+    assert run.manifest.identity.frames.common_draws is common
 
 
 def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(rain_package):

@@ -12,10 +12,6 @@ import pytest
 import robustflow as rf
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import RunError
-from robustflow.metrics.regions import Regions
-from robustflow.metrics.rows import measure
-from robustflow.runner.clean_row_check import check_same_data, check_same_model
-from robustflow.sample import Sample
 from robustflow.testing import TexturePairs
 
 
@@ -97,21 +93,6 @@ def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
     with pytest.raises(RunError, match="sample '1' has different frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
-
-
-def test_another_ground_truth_of_the_same_size_stops_a_run():
-    truth = np.ones((40, 48, 2), np.float32)
-
-    frame = np.zeros((40, 48, 3), np.uint8)
-
-    def row(flow):
-        sample = Sample("a", (frame, frame), flow, np.ones((40, 48), bool))
-        return measure(truth, truth, sample, Regions.of(sample))
-
-    check_same_data(row(truth), row(truth))
-    check_same_model(row(truth), row(truth))
-    with pytest.raises(RunError, match="different ground truth"):
-        check_same_data(row(truth), row(2 * truth))
 
 
 def test_weights_at_a_fixed_path_that_changed_stop_a_run(tmp_path, frames, monkeypatch):

@@ -148,31 +148,20 @@ def test_a_second_call_finds_its_rows(run, root):
     assert {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()} == before
 
 
-def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path):
+def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path, monkeypatch):
+    """Their folder may be named relative to the working folder, which a later command does not share."""
     apart = tmp_path / "apart"
     apart.mkdir()
     for condition in ("fog", "zoom_blur"):
         (apart / condition).symlink_to(root / condition)
-    options = {"spring": root / "spring"}
-    moved = evaluate(
-        "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
-    )
-    assert moved.manifest.identity == run.manifest.identity
-
-
-def test_they_may_be_named_from_where_the_run_was_started(root, tmp_path, monkeypatch):
-    apart = tmp_path / "apart"
-    apart.mkdir()
-    (apart / "fog").symlink_to(root / "fog")
     monkeypatch.chdir(root.parent)
-    options = {"spring": f"{root.name}/spring"}
-    measured = evaluate(
-        "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
-    )
+    options = {"data_options": {"spring": f"{root.name}/spring"}, "limit": 1, "examples": False}
+    moved = evaluate("farneback", "robustspring", apart, tmp_path / "run", **options)
+    assert moved.manifest.identity == run.manifest.identity
     monkeypatch.chdir(tmp_path)
-    source = RunSource.read(measured.path)
+    source = RunSource.read(moved.path)
     again = load_benchmark("robustspring", source.data, options=source.data_options)
-    assert set(measured.manifest.samples) < set(again.keys)
+    assert set(moved.manifest.samples) < set(again.keys)
 
 
 def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption(root, tmp_path):
@@ -183,13 +172,10 @@ def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption
             seen.append(tuple(frame.copy() for frame in frames))
             return super().predict_clip(frames, index)
 
-    key = "0003/flow_BW_left/flow_BW_left_0003"
     split = tmp_path / "split.txt"
-    split.write_text(key)
-    corruptions = ["robustspring_fog"]
-    evaluate(
-        Recorder((0, 1)), "robustspring", root, tmp_path / "run", split=split, corruptions=corruptions, examples=False
-    )
+    split.write_text("0003/flow_BW_left/flow_BW_left_0003")
+    options = {"split": split, "corruptions": ["robustspring_fog"], "examples": False}
+    evaluate(Recorder((0, 1)), "robustspring", root, tmp_path / "run", **options)
     clean = [_clean("0003", "left", number) for number in (3, 2, 1)]
     assert len(seen) == 2
     for frames, expected in zip(seen, (clean, list(map(_fog, clean))), strict=True):
