@@ -33,6 +33,7 @@ class Nodes:
 
         self._cluster = Cluster(initialize_head=True, head_node_args=self._arguments(num_cpus=0))
         self.address = self._cluster.address
+        self.engine = {"engine": "ray", "address": self.address}
         self.alive: list[Any] = []
 
     def add(self, cpus: int = 1, gpus: int = 0, **more):

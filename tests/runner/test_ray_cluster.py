@@ -94,13 +94,8 @@ def _check_equal(result, undisturbed):
 
 def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults):
     log = faults.parent / "gpus.log"
-    result = _run(
-        tmp_path / "run",
-        frames,
-        engine="ray",
-        address=two_nodes.address,
-        model={"device": "cuda", "pause": 0.02, "log": str(log)},
-    )
+    model = {"device": "cuda", "pause": 0.02, "log": str(log)}
+    result = _run(tmp_path / "run", frames, model=model, **two_nodes.engine)
     _check_equal(result, undisturbed)
     assert all(place.endswith(", GPU 0") for place in result.manifest.places)
     users = {line.split()[0]: line.split()[1] for line in log.read_text().splitlines()}
@@ -110,8 +105,7 @@ def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_pa
 
 
 def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, frames, undisturbed, tmp_path, faults):
-    options = {"engine": "ray", "address": two_nodes.address, "model": {"fault": "exit"}}
-    result = _run(tmp_path / "run", frames, **options)
+    result = _run(tmp_path / "run", frames, model={"fault": "exit"}, **two_nodes.engine)
     _check_equal(result, undisturbed)
     places = result.manifest.places
     assert sum(places.values()) == PAIRS * (1 + len(FAST))
@@ -127,12 +121,12 @@ def _evaluate_trouble(kind, frames, folder, **options):
 def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capfd):
     lost = r"computing sample '.*', clean, 3 times \((on )?(node \S+ \(ActorDiedError\)(, )?){3}\); .*lack of memory"
     with pytest.raises(RunError, match=lost):
-        _evaluate_trouble("dies", frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
+        _evaluate_trouble("dies", frames, tmp_path / "run", workers=1, **two_nodes.engine)
     assert "raylet" not in "".join(capfd.readouterr()), "Ray's own messages do not appear in the output"
 
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
-    options = {"engine": "ray", "address": two_nodes.address, "workers": 1, "model": {"fault": "hang"}, "timeout": 0.5}
+    options = {"workers": 1, "model": {"fault": "hang"}, "timeout": 0.5, **two_nodes.engine}
     words = r"^the model took longer than 0\.5 s on sample '.*', .*; fix it, or allow more time with --timeout$"
     with pytest.raises(ModelError, match=words):
         _run(tmp_path / "run", frames, **options)
@@ -149,14 +143,13 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
     (tmp_path / "faults").mkdir()
     variables = {"RAY_memory_usage_threshold": f"{limit:.3f}", "RAY_memory_monitor_refresh_ms": "100"}
     with cluster({**variables, "FAULTS": str(tmp_path / "faults")}) as nodes:
-        options = {"engine": "ray", "address": nodes.address, "model": {"fault": "memory"}}
-        _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
+        _check_equal(_run(tmp_path / "run", frames, model={"fault": "memory"}, **nodes.engine), undisturbed)
     assert len(list((tmp_path / "faults").iterdir())) == 1
 
 
 def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
     with pytest.raises(ModelError, match=r"no weights at all.* \(on node .+\)$") as raised:
-        _evaluate_trouble("raises", frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
+        _evaluate_trouble("raises", frames, tmp_path / "run", workers=1, **two_nodes.engine)
     with pytest.raises(ModelError) as expected:
         _evaluate_trouble("raises", frames, tmp_path / "other", engine="processes", workers=1)
     assert str(raised.value).rpartition(" (on node ")[0] == str(expected.value)
@@ -170,7 +163,7 @@ def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         while killed < 10:
             folder = tmp_path / f"run{number}"
-            options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
+            options = {"model": {"pause": 0.1}, **two_nodes.engine}
             run = other.submit(_run, folder, frames, **options)
             before = 0
             while killed < 10 and not run.done():
@@ -192,7 +185,7 @@ def _height(folder: Path) -> int:
 @pytest.mark.slow
 def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
     """All nodes are lost; a node that joins later continues with the remaining cells."""
-    options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
+    options = {"model": {"pause": 0.1}, **two_nodes.engine}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         run = other.submit(_run, tmp_path / "run", frames, **options)
         while not _height(tmp_path / "run") and not run.done():
@@ -215,7 +208,7 @@ def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkey
     words = r"^node \S+ cannot start RobustFlow \(ImportError.*install the same version"
     slow = {"pause": 1.0}  # the others must not finish the run before the third has started
     with pytest.raises(RunError, match=words):
-        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=3, model=slow)
+        _run(tmp_path / "run", frames, workers=3, model=slow, **two_nodes.engine)
     two_nodes.kill(odd)
 
 
@@ -223,33 +216,26 @@ def test_a_node_with_other_versions_is_named(two_nodes, frames, tmp_path, monkey
     monkeypatch.setattr("robustflow.runner.engines.ray.installed", lambda: installed() | {"numpy": "0.1"})
     words = r"^node \S+ has numpy \S+, but the run was started with 0\.1.*install the same version"
     with pytest.raises(RunError, match=words):
-        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=1)
+        _run(tmp_path / "run", frames, workers=1, **two_nodes.engine)
 
 
-def test_a_node_without_the_data_is_named(frames, tmp_path):
+def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path):
     """The checks on a node before it loads a sample; the node is this machine, so the actor is called directly."""
     actor = UnitActor()
     size = (frames / "00.png").stat().st_size
     assert actor.begin(b"", {}, ())[0] == "error", "not a job"
     job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
-    for file, seen, words in (
-        (
-            frames / "gone.png",
-            size,
-            r"gone\.png cannot be read \(No such file or directory\); make the data available on every node",
-        ),
-        (frames / "00.png", size + 1, rf"00\.png has {size} bytes on that node but {size + 1} bytes on this"),
+    gone = r"gone\.png cannot be read \(No such file or directory\); make the data available on every node"
+    larger = rf"00\.png has {size} bytes on that node but {size + 1} bytes on this"
+    other = r"has a different model of the same name \(it differs in: .*source.*\)"
+    for model, files, expected, words in (
+        ({}, [(str(frames / "gone.png"), size)], "DataError", gone),
+        ({}, [(str(frames / "00.png"), size + 1)], "DataError", larger),
+        ({"name": "farneback", "source": "another"}, (), "RunError", other),
     ):
-        kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
-        assert (kind, error) == ("error", "DataError")
-        assert re.match(rf"node {re.escape(socket.gethostname())}: .*{words}", message)
-
-
-def test_a_node_with_another_model_is_named(frames, tmp_path):
-    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
-    kind, (error, message, _) = UnitActor().begin(job, {"name": "farneback", "source": "another"}, ())
-    assert (kind, error) == ("error", "RunError")
-    assert re.search(r"has a different model of the same name \(it differs in: .*source.*\)", message)
+        kind, (error, message, _) = actor.begin(job, model, files)
+        assert (kind, error) == ("error", expected)
+        assert re.match(rf"node {re.escape(socket.gethostname())}:? .*{words}", message)
 
 
 def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_path):
