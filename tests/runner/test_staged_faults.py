@@ -76,15 +76,3 @@ def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(t
     whole = _start(tmp_path / "whole", "-O", "trouble=none", "-O", "pause=0.1", "--engine", "processes")
     finished(whole)
     assert RunFolder(tmp_path / "run").rows().equals(RunFolder(tmp_path / "whole").rows())
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_says_what_is_kept(tmp_path):
-    log = tmp_path / "log"
-    run = _start(tmp_path / "run", "-O", "pause=0.2", PREDICTION_LOG=str(log))
-    _wait(log.exists)
-    children = descendants(run.pid)
-    run.send_signal(signal.SIGTERM)
-    assert run.wait(20) == 130
-    assert f"saved in {tmp_path / 'run'}. Run the same command again to continue." in run.stderr.read()
-    _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
