@@ -72,16 +72,20 @@ def test_a_panel_is_a_picture_of_the_format(form):
 
 
 def test_the_pictures_lie_where_they_belong():
-    panel = _panel(70, 100, True)
-    drawn = np.asarray(Image.open(io.BytesIO(_drawn(True))).convert("RGB"), float)
-    left, right = drawn[100:400, 100:600], drawn[100:400, 800:1300]
-    small = [
-        np.asarray(Image.fromarray(frame).resize((690, 483), Image.Resampling.NEAREST), float)
-        for frame in panel.sample.frames
-    ]
-    for box, frame in ((left, small[0]), (right, small[1])):
-        assert abs(box.mean() - frame.mean()) < 3
-    assert np.abs(left - right).mean() > 20
+    """Every picture of the panel is plain, in a different colour."""
+    first, second, corrupted, also_corrupted = (np.full((70, 100, 3), grey, np.uint8) for grey in (30, 60, 120, 200))
+    clean, flow, truth = (np.full((70, 100, 2), np.float32(vector)) for vector in ((3, 0), (0, 2), (-4, 0)))
+    sample = Sample("a", (first, second), truth, np.ones((70, 100), bool))
+    drawn = draw_panel(Panel(sample, (corrupted, also_corrupted), flow, clean, "title", "EPE 1.00 px"))
+    with Image.open(io.BytesIO(drawn)) as picture:
+        shown = np.asarray(picture.convert("RGB"), int)
+    errors = error_colours(np.full((1, 1), np.hypot(4, 2)))
+    flows = [flow_colours(each[:1, :1], 4.0) for each in (clean, flow, truth)]
+    pitch = (len(shown) - 40 - 92) / 4  # a head of 40 pixels and a legend of 92
+    for index, expected in enumerate((first, second, corrupted, also_corrupted, *flows, errors)):
+        row, column = divmod(index, 2)
+        found = shown[round(40 + (row + 0.5) * pitch), 350 + 700 * column]
+        assert np.abs(found - expected[0, 0]).max() <= 2, index
 
 
 @pytest.mark.parametrize("truth", [True, False])
