@@ -69,12 +69,13 @@ def test_the_record_names_what_is_there(drawn):
     assert worst["rcre"] >= abs(worst["cre"]) - 1e-12
 
 
-def test_slider_pictures_are_the_corrupted_frames(drawn):
+@pytest.mark.parametrize(("name", "severity", "changed"), [("contrast", 5, 0), ("over_exposure", 2, 1)])
+def test_slider_pictures_are_the_first_frames_that_the_corruption_changed(drawn, name, severity, changed):
     sample = rf.load_dataset("motorcycle").load("motorcycle")
-    corrupted = rf.corrupt(*sample.frames, "contrast", 5, key=sample.key)
-    with Image.open(drawn.path / "examples" / "contrast_5.jpg") as picture:
+    corrupted = rf.corrupt(*sample.frames, name, severity, key=sample.key)
+    with Image.open(drawn.path / "examples" / f"{name}_{severity}.jpg") as picture:
         assert (picture.format, picture.size) == ("JPEG", (384, 259))
-        small = np.asarray(Image.fromarray(corrupted[0]).resize(picture.size, Image.Resampling.BOX), float)
+        small = np.asarray(Image.fromarray(corrupted[changed]).resize(picture.size, Image.Resampling.BOX), float)
         assert np.abs(np.asarray(picture, float) - small).mean() < 3
 
 
