@@ -10,7 +10,6 @@ import robustflow as rf
 from robustflow.analysis.run_results import comparison_note
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
-from robustflow.benchmarks.facts import truth_remark
 from robustflow.benchmarks.setting import setting_of
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
@@ -132,11 +131,18 @@ def test_an_export_of_a_different_clip_or_an_edited_corruption_is_refused_before
     assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.png")} == before
 
 
-def test_an_export_of_non_occluded_ground_truth_is_labelled(kitti, tmp_path):
-    shutil.copytree(kitti, tmp_path / "noc", ignore=shutil.ignore_patterns("flow_occ"))
-    list(export(load_benchmark("kitti2015", tmp_path / "noc").narrowed(["contrast"], [1], 1), tmp_path / "fc"))
-    protocol = load_benchmark("kitti-fc", tmp_path / "fc").protocol
-    assert truth_remark(protocol) == "non-occluded ground truth"
+def test_frames_exported_from_a_different_benchmark_are_not_called_kitti_fc(tmp_path):
+    shapes = load_benchmark("shapes", options={"pairs": 1, "size": "32x48"})
+    list(export(shapes.narrowed(["contrast"], [1]), tmp_path))
+    with pytest.raises(DataError, match="exported from shapes, so a result on them is not a kitti-fc result"):
+        load_benchmark("kitti-fc", tmp_path)
+
+
+def test_occluded_and_non_occluded_ground_truth_are_two_exports(kitti, tmp_path):
+    noc = shutil.copytree(kitti, tmp_path / "noc", ignore=shutil.ignore_patterns("flow_occ"))
+    list(export(load_benchmark("kitti2015", noc).narrowed(["contrast"], [1], 1), tmp_path / "out"))
+    with pytest.raises(RunError, match="contains a different export"):
+        list(export(load_benchmark("kitti2015", kitti).narrowed(["contrast"], [1], 1), tmp_path / "out"))
 
 
 def test_frames_that_were_not_exported_are_neither_kept_nor_claimed(one, tmp_path):

@@ -12,20 +12,31 @@ from ..corruptions.registry import SHIPPED
 from ..corruptions.stack import needs_depth
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
+from ..text import plain
 from .base import Benchmark
-from .facts import EXPORTED, NON_OCCLUDED, BenchmarkFacts
+from .facts import EXPORTED, BenchmarkFacts
 
 EXPORT_FILE = "export.json"
 """Name of the file in which `export` records the settings of the frames that it wrote."""
 _LARGEST = 1 << 20
-_RECORDED = ("seed", "variant", "severity_scale", "common_draws", *NON_OCCLUDED)
+_RECORDED = ("seed", "variant", "severity_scale", "common_draws")
 
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
     """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the fly.
     Its protocol distinguishes the authors' frames, of which only the paper's corruptions are read, from an export by
-    this package."""
+    this package.
+
+    Raises:
+        DataError: the corruptions share no severity, or the frames were exported from a different benchmark.
+    """
     made = export_settings(dataset.root)
+    source = (made or {}).get("benchmark", name)
+    if source != name:
+        raise DataError(
+            f"{dataset.root}: frames exported from {plain(str(source))}, so a result on them is not a {name} result; "
+            f"run that benchmark on its own data, or export {name}"
+        )
     flat = [corruption for corruption in SHIPPED if not needs_depth(corruption)]  # an export does not contain depth
     by_corruption = {
         corruption: dataset.severities(corruption) for corruption in (PAPER_ORDER if made is None else flat)
