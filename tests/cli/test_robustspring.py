@@ -137,6 +137,17 @@ def test_a_stopped_export_continues_and_has_the_same_results(robustflow, export)
     assert Path("out/results.csv").read_bytes() == first
 
 
+def test_flows_of_one_model_are_never_kept_for_another(robustflow, export, runs):
+    where = ("-c", "fog", "--limit", "2", "-o", "out")
+    robustflow.prints(*export, *where)
+    before = {path: path.read_bytes() for path in Path("out").rglob("*.flo5")}
+    said = robustflow.refuses("export", runs[0], *export[2:], *where)
+    assert said.endswith("out contains flows of a different model; choose another folder with --output")
+    Path("out/model.json").unlink()
+    assert "contains flows of a different model" in robustflow.refuses(*export, *where)
+    assert {path: path.read_bytes() for path in Path("out").rglob("*.flo5")} == before
+
+
 def test_another_model_than_the_runs_is_refused(robustflow, export):
     command = (*export, "--limit", "1", "-c", "fog")
     assert "not the model of" in robustflow.refuses(*command, "--model", "dis", code=1)

@@ -186,7 +186,7 @@ def _export_submission(
     conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
     total = sum(len(condition.keys) for condition in conditions)
     with ProgressBar() as progress:
-        written = write_submission(model_of(run, spec), conditions, output)
+        written = write_submission(run, model_of(run, spec), conditions, output)
         flows = list(progress.track(written, f"{output}: predicting", total))
     moved: dict[str, list[Robustness]] = {}
     for one in flows:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..atomic import make_folder
+from ..atomic import make_folder, write_json
 from ..benchmarks.base import spread
+from ..bounded_file import read_bounded
 from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..digest import digest_of_value
 from ..errors import DataError, ModelError, RunError, UsageError
@@ -25,6 +27,10 @@ from ..runs.run import Run
 from ..sample import Flow
 from .named_model import load_predictor
 from .predict import flows_of
+
+MODEL_FILE = "model.json"
+"""Name of the file in a submission's folder that records the model of its flows."""
+_LARGEST = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -125,10 +131,14 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
     return conditions
 
 
-def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path) -> Iterator[Submitted]:
-    """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; existing files are kept.
+def write_submission(
+    run: Run, model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path
+) -> Iterator[Submitted]:
+    """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; the model's existing
+    files are kept.
 
     Args:
+        run: run of the model.
         model: model from `model_of`.
         conditions: conditions from `condition_pairs`.
         folder: output folder, created if it does not exist.
@@ -137,10 +147,11 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
         Each flow, once its file is complete.
 
     Raises:
-        UsageError: the folder contains flows of a different size.
+        UsageError: the folder contains flows of a different model or size.
         DataError: a frame cannot be read, or a file cannot be written.
         ModelError: the model does not return a finite flow at every pixel.
     """
+    _claim(folder, run.manifest.identity.model.settings)
     for each in conditions:
         targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
         written = {key for key in each.keys if targets[key].exists()}
@@ -158,6 +169,19 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
             write_flow(targets[key], flow)
             moved = _moved(flow, folder, each.condition, key)
             yield Submitted(each.condition, key, True, digest_of_value(frames[key]), moved)
+
+
+def _claim(folder: Path, settings: dict[str, Any]) -> None:
+    """Record in a folder whose flows it contains; raise if it contains flows of a different model."""
+    record = folder / MODEL_FILE
+    try:
+        recorded = json.loads(read_bounded(record, _LARGEST, "restore it")) if record.is_file() else None
+    except (DataError, ValueError, RecursionError):
+        recorded = None
+    if recorded != settings and next(folder.rglob("*.flo5"), None) is not None:
+        raise UsageError(f"{folder} contains flows of a different model; choose another folder with --output")
+    make_folder(folder)
+    write_json(record, settings)
 
 
 def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:
