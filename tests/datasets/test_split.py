@@ -107,3 +107,8 @@ def test_what_a_split_cannot_mean(tmp_path: Path, text: str, match: str) -> None
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="No such file"):
         read_split(tmp_path / "missing.txt", KEYS)
+
+
+def test_a_device_without_an_end_is_not_read_to_its_end() -> None:
+    with pytest.raises(DataError, match="/dev/zero is larger than 16 MiB; give a text file, one key per line"):
+        read_split("/dev/zero", KEYS)

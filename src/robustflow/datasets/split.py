@@ -17,6 +17,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
+from ..bounded_file import read_bounded
 from ..errors import DataError, UsageError
 from ..layout import user_path
 from ..random.rng import key_of
@@ -32,6 +33,7 @@ KITTI_KEYS = tuple(f"{number:06d}" for number in range(200))
 """The keys of all pairs of KITTI 2015."""
 
 _EVALUATED = 80
+_LARGEST = 16 * 2**20
 
 
 class Split(NamedTuple):
@@ -123,15 +125,15 @@ def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
     pair for evaluation. Empty lines and lines that begin with # are ignored.
 
     Raises:
-        DataError: the file does not exist, contains an unknown or repeated key, has the wrong length, or selects
-            nothing.
+        DataError: the file does not exist, is larger than 16 MiB, contains an unknown or repeated key, has the wrong
+            length, or selects nothing.
     """
     path = user_path(path)
+    advice = "give a text file, one key per line"
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise DataError(f"{path}: cannot be read as a split ({reason}); give a text file, one key per line") from error
+        text = read_bounded(path, _LARGEST, advice).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: cannot be read as a split (not a text file); {advice}") from error
     lines = [line.strip() for line in text.splitlines()]
     entries = [line for line in lines if line and not line.startswith("#")]
     if entries and set(entries) <= {"0", "1"} and not set(entries) <= set(keys):

@@ -138,7 +138,7 @@ def read_manifest(path: Path) -> Manifest | None:
     try:
         with open(path, encoding="utf-8", opener=not_a_link) as file:
             content = json.load(file)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, " ".join(str(error).split())) from error
