@@ -68,6 +68,13 @@ def test_without_a_confidence_the_rest_of_a_row_is_the_same(whole, tmp_path):
         run(tmp_path / "run")
 
 
+def test_a_run_with_the_models_confidence_continues_where_only_the_data_are_compared(tmp_path, monkeypatch):
+    """As for a network, whose identity contains the hash of its weights."""
+    monkeypatch.setattr("robustflow.runner.resume_check.is_named_by_content", lambda identity: True)
+    first = run(tmp_path / "run", confidence="model", severities=[1]).rows
+    assert run(tmp_path / "run", confidence="model").rows.filter(pl.col("severity") < 2).equals(first)
+
+
 def test_the_flow_back_is_not_asked_for_where_the_frames_are_equal(tmp_path):
     class Counting(Sure):
         asked = 0

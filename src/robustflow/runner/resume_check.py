@@ -10,6 +10,7 @@ identified by a hash of its content. All other samples are compared in the same 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 from ..metrics.rows import CLEAN
@@ -40,7 +41,8 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     before = kept[last_changed(plan, kept)]
     only_data = job.options.window is None and is_named_by_content(plan.model_identity)
     model = NoMotion() if only_data else job.load_model()
-    with temporary_worker(job.dataset, model, job.options) as worker:
+    options = replace(job.options, confidence=None) if only_data else job.options
+    with temporary_worker(job.dataset, model, options) as worker:
         (now,) = worker.run(Unit(before["sample"], CLEAN, (0,)))
     check_same_data(before, now)
     if not only_data:
