@@ -7,8 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+
+import polars as pl
+
+from robustflow.runs.store import RunFolder
 
 
 def start_run(folder: Path, model: str, *options: str, **environment: str) -> subprocess.Popen[str]:
@@ -35,6 +40,20 @@ def finished(run: subprocess.Popen[str]) -> None:
     """Wait for a run that succeeds."""
     _, err = run.communicate(timeout=120)
     assert run.returncode == 0, err
+
+
+def wait_until(condition: Callable[[], object], run: subprocess.Popen[str] | None = None, within_s: float = 60) -> None:
+    """Wait for a condition, and fail if it takes too long or the run that should fulfil it has ended."""
+    deadline = time.monotonic() + within_s
+    while not condition():
+        assert run is None or run.poll() is None, run.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def rows_so_far(folder: Path) -> pl.DataFrame:
+    """The rows of a run, which can be read at any time, because shards are either complete or absent."""
+    return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
 def check_stopped_by_ctrl_c(run: subprocess.Popen[str], delay: float) -> None:

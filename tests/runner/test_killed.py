@@ -10,13 +10,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import polars as pl
 import pytest
 
-from robustflow.runs.store import RunFolder
-
 from .conftest import FAST
-from .processes import check_stopped_by_ctrl_c, finished, start_run
+from .processes import check_stopped_by_ctrl_c, finished, rows_so_far, start_run, wait_until
 
 WORKERS = 2
 
@@ -25,11 +22,6 @@ def _start(folder: Path, log: Path, frames: Path) -> subprocess.Popen[str]:
     options = ["-O", "shape=48x64", "-O", "pause=0.1", "--corruptions", ",".join(FAST), "--workers", str(WORKERS)]
     options += ["--benchmark", "folder", "--data", str(frames), "--limit", "2"]
     return start_run(folder, "Logged", *options, PREDICTION_LOG=str(log))
-
-
-def _rows_so_far(folder: Path) -> pl.DataFrame:
-    """The run folder can be read at any time, because shards are either complete or absent."""
-    return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
 @pytest.mark.slow
@@ -46,7 +38,7 @@ def test_killed_at_ten_moments(tmp_path, clip_folder):
         run = _start(tmp_path / "killed", tmp_path / "killed.log", clip_folder)
         deadline = time.monotonic() + moments.uniform(0.3, 1.1) * length
         while run.poll() is None and time.monotonic() < deadline:
-            _rows_so_far(tmp_path / "killed")
+            rows_so_far(tmp_path / "killed")
             time.sleep(0.1)
         if run.poll() is not None:  # the run finished before it was killed, so check it and start again
             finished(run)
@@ -64,7 +56,7 @@ def test_killed_at_ten_moments(tmp_path, clip_folder):
 
 
 def _compare(tmp_path: Path, kills: int) -> None:
-    assert _rows_so_far(tmp_path / "killed").equals(_rows_so_far(tmp_path / "whole"))
+    assert rows_so_far(tmp_path / "killed").equals(rows_so_far(tmp_path / "whole"))
     assert (tmp_path / "killed/summary.json").read_bytes() == (tmp_path / "whole/summary.json").read_bytes()
     asked = Counter(line.split(" ", 1)[1] for line in (tmp_path / "killed.log").read_text().splitlines())
     again = sum(asked.values()) - len(asked)
@@ -79,9 +71,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
 
 def test_interrupted_run_says_what_is_kept(tmp_path, clip_folder):
     run = _start(tmp_path / "run", tmp_path / "log", clip_folder)
-    while not (tmp_path / "log").exists():
-        assert run.poll() is None, run.stderr.read()
-        time.sleep(0.02)
+    wait_until((tmp_path / "log").exists, run)
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
     assert "Run the same command again" in run.stderr.read()

@@ -25,12 +25,12 @@ from robustflow.runner.engines.base import Job
 from robustflow.runner.engines.ray_actor import UnitActor, installed
 from robustflow.runner.engines.ray_prepare import prepare_on_ray
 from robustflow.runs.plan import RunOptions
-from robustflow.runs.store import RunFolder
 from robustflow.video.prepare import Preparation
 from robustflow.video.prepare_folder import find_sources, prepare_folder
 
 from ..video import clips
 from .conftest import FAST
+from .processes import rows_so_far
 from .ray_nodes import cluster
 
 pytestmark = pytest.mark.ray
@@ -167,19 +167,15 @@ def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
             run = other.submit(_run, folder, frames, **options)
             before = 0
             while killed < 10 and not run.done():
-                if _height(folder) > before:  # wait for progress between two kills
+                if rows_so_far(folder).height > before:  # wait for progress between two kills
                     time.sleep(moments.uniform(0.0, 1.0))
                     two_nodes.kill(two_nodes.alive[moments.randrange(2)])
                     killed += not run.done()
-                    before = _height(folder)
+                    before = rows_so_far(folder).height
                     two_nodes.add(gpus=1)
                 time.sleep(0.05)
             _check_equal(run.result(), undisturbed)
             number += 1
-
-
-def _height(folder: Path) -> int:
-    return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
 
 
 @pytest.mark.slow
@@ -188,11 +184,11 @@ def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tm
     options = {"model": {"pause": 0.1}, **two_nodes.engine}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         run = other.submit(_run, tmp_path / "run", frames, **options)
-        while not _height(tmp_path / "run") and not run.done():
+        while not rows_so_far(tmp_path / "run").height and not run.done():
             time.sleep(0.05)
         for node in list(two_nodes.alive):
             two_nodes.kill(node)
-        kept = _height(tmp_path / "run")
+        kept = rows_so_far(tmp_path / "run").height
         two_nodes.add(gpus=1)
         two_nodes.add(gpus=1)
         _check_equal(run.result(), undisturbed)

@@ -17,11 +17,10 @@ import robustflow as rf
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import AssetError, RunError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.runs.store import RunFolder
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from .conftest import FAST
-from .processes import check_stopped_by_ctrl_c, descendants, start_run, still_running
+from .processes import check_stopped_by_ctrl_c, descendants, rows_so_far, start_run, still_running, wait_until
 
 pytestmark = pytest.mark.ray
 
@@ -135,16 +134,10 @@ def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[st
     return start_run(folder, "Faulty", "-O", "pause=0.2", *engine, *options, **variables)
 
 
-def _rows(folder: Path) -> int:
-    return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
-
-
 @pytest.mark.slow
 def test_a_killed_agent_of_ray_ends_the_run_with_a_sentence(tmp_path):
     run = _start(tmp_path / "run", "--no-examples")
-    while not _rows(tmp_path / "run"):
-        assert run.poll() is None, run.communicate()
-        time.sleep(0.1)
+    wait_until(lambda: rows_so_far(tmp_path / "run").height, run)
     agents = [number for number, line in descendants(run.pid).items() if "RuntimeEnvAgent" in line]
     assert agents
     for agent in agents:
@@ -152,18 +145,16 @@ def test_a_killed_agent_of_ray_ends_the_run_with_a_sentence(tmp_path):
     _, err = run.communicate(timeout=60)
     assert run.returncode == 1
     assert err.splitlines()[-1].startswith("robustflow: Ray ended this process")
-    assert _rows(tmp_path / "run")
+    assert rows_so_far(tmp_path / "run").height
 
 
 @pytest.mark.slow
 def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     run = _start(tmp_path / "killed", "--no-examples")
-    while not _rows(tmp_path / "killed"):
-        assert run.poll() is None, run.communicate()
-        time.sleep(0.05)
+    wait_until(lambda: rows_so_far(tmp_path / "killed").height, run)
     os.kill(run.pid, signal.SIGKILL)
     run.communicate()
-    kept = _rows(tmp_path / "killed")
+    kept = rows_so_far(tmp_path / "killed").height
     assert 0 < kept < 1 + 5 * len(FAST)
     spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("pause", 0.0),))
     resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -11,12 +10,11 @@ import robustflow as rf
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import ModelError, RunError
 from robustflow.models import ModelSpec
-from robustflow.runs.store import RunFolder
 from robustflow.testing import TexturePairs
 
 from .conftest import FAST
 from .models_for_tests import KillsItsReader
-from .processes import descendants, finished, start_run
+from .processes import descendants, finished, rows_so_far, start_run, wait_until
 
 
 @pytest.mark.parametrize(
@@ -48,31 +46,25 @@ def _start(folder, *options, **environment):
     return start_run(folder, "Trouble", *fixed, *options, **environment)
 
 
-def _wait(condition, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
 def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
     """No process is left even if the model hangs and its process never reads from its pipe again."""
     before = set(os.listdir("/dev/shm"))
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))
-    _wait(lambda: log.exists() and (trouble or len(log.read_text().splitlines()) > 7))
+    wait_until(lambda: log.exists() and (trouble or len(log.read_text().splitlines()) > 7))
     children = descendants(run.pid)
     assert len(children) >= 3
     made = set(os.listdir("/dev/shm")) - before
     os.kill(run.pid, signal.SIGKILL)
     run.wait()
-    _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
-    _wait(lambda: not made & set(os.listdir("/dev/shm")), 20)  # a few may belong to tests that run at the same time
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), within_s=20)
+    # a few may belong to tests that run at the same time
+    wait_until(lambda: not made & set(os.listdir("/dev/shm")), within_s=20)
     if trouble:
         return
     again = _start(tmp_path / "run", "-O", "trouble=none", "-O", "pause=0.1", PREDICTION_LOG=str(log))
     finished(again)
     whole = _start(tmp_path / "whole", "-O", "trouble=none", "-O", "pause=0.1", "--engine", "processes")
     finished(whole)
-    assert RunFolder(tmp_path / "run").rows().equals(RunFolder(tmp_path / "whole").rows())
+    assert rows_so_far(tmp_path / "run").equals(rows_so_far(tmp_path / "whole"))
