@@ -45,6 +45,20 @@ def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
         RunFolder(tmp_path).lock()
 
 
+@pytest.mark.parametrize("gone", ["", ".lock"])
+def test_a_run_whose_folder_or_lock_is_moved_writes_nothing_into_the_next_run_there(folder, gone):
+    _write(folder, "a", CLEAN, (0,))
+    (folder.path / gone).rename(folder.path.parent / "elsewhere")
+    following = RunFolder(folder.path)
+    following.lock()
+    rows = following.rows()
+    for write in (lambda: _write(folder, "a", "fog", (1,)), lambda: folder.write_manifest(None), folder.pack):
+        with pytest.raises(RunError, match="run is no longer locked: it was moved or deleted, or its .lock was;"):
+            write()
+    assert following.rows().equals(rows)
+    following.unlock()
+
+
 def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
     for key in ("a", "b", "c"):
         _write(folder, key, CLEAN, (0,))

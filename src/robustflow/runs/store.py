@@ -62,6 +62,7 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = user_path(path)
         self._lock: FileLock | None = None
+        self._lock_inode: tuple[int, int] | None = None
 
     @property
     def rows_folder(self) -> Path:
@@ -70,6 +71,10 @@ class RunFolder:
     @property
     def manifest_path(self) -> Path:
         return self.path / "manifest.json"
+
+    @property
+    def lock_path(self) -> Path:
+        return self.path / ".lock"
 
     def lock(self) -> None:
         """Create the folder and lock it until this process ends, even if it is killed; remove half-written files of a
@@ -82,7 +87,7 @@ class RunFolder:
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
         # The operating system releases this lock; a simple lock file would remain after a killed run.
-        lock = FileLock(self.path / ".lock", fallback_to_soft=False)
+        lock = FileLock(self.lock_path, fallback_to_soft=False)
         try:
             lock.acquire(blocking=False)
         except Timeout:
@@ -93,7 +98,7 @@ class RunFolder:
             raise RunError(
                 f"cannot write {self.path}: {error.strerror or error}; choose another folder with --output"
             ) from error
-        self._lock = lock
+        self._lock, self._lock_inode = lock, _inode(self.lock_path)
         for folder in (self.path, *(self.path / name for name in _INSIDE)):
             for path in folder.glob(f"{TEMPORARY}*"):
                 if path.is_dir():
@@ -107,6 +112,18 @@ class RunFolder:
             self._lock.release()
             self._lock = None
 
+    def _check_lock(self) -> None:
+        """Raise if this path has become a different folder, to which a different run may write.
+
+        Raises:
+            RunError: the folder or its lock was moved or deleted.
+        """
+        if _inode(self.lock_path) != self._lock_inode:
+            raise RunError(
+                f"{self.path} is no longer locked: it was moved or deleted, or its .lock was; nothing more is written "
+                "there; run the same command again once the folder is back, or choose another folder with --output"
+            )
+
     def manifest(self) -> Manifest | None:
         """Read the manifest; None if the folder has no manifest yet.
 
@@ -119,11 +136,13 @@ class RunFolder:
         return read_manifest(self.manifest_path)
 
     def write_manifest(self, manifest: Manifest) -> None:
-        """Write the manifest atomically."""
+        """Write the manifest atomically; raise a RunError if the folder is no longer locked."""
+        self._check_lock()
         write_json(self.manifest_path, sealed(manifest.record()))
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
-        """Write one unit's rows as one shard."""
+        """Write one unit's rows as one shard; raise a RunError if the folder is no longer locked."""
+        self._check_lock()
         write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
@@ -153,7 +172,9 @@ class RunFolder:
             self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
-        """Merge small shards of finished samples into one, if there are `at_least` of them."""
+        """Merge small shards of finished samples into one, if there are `at_least` of them; raise a RunError if the
+        folder is no longer locked."""
+        self._check_lock()
         small = [
             path
             for path in list_shards(self.rows_folder)
@@ -240,6 +261,14 @@ class RunFolder:
     def pattern_path(self, attack: str, severity: int) -> Path:
         """Return the path at which the perturbation of a trained attack is stored."""
         return self.path / "attacks" / f"{_slug(attack)}.{severity}.npy"
+
+
+def _inode(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def _unit_name(unit: Unit) -> str:
