@@ -150,7 +150,7 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     assert focal.manifest.identity.frames != first.manifest.identity.frames
 
     np.save(maps / "3.npy", np.full((48, 64), 44, np.float32))
-    with pytest.raises(RunError, match="depth"):
+    with pytest.raises(RunError, match=r"differs in: depth\)"):
         run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     other = run(tmp_path / "two", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     digests = [result.rows.filter(pl.col("corruption") == "fog_3d")["frames_digest"] for result in (first, other)]
