@@ -28,10 +28,12 @@ from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.datasets.split import kitti_split
 from robustflow.errors import DataError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.models.provenance import Training, parse_training_sets
 from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
 from robustflow.runs.comparable import sample_set
+from robustflow.runs.provenance import Provenance
 from robustflow.testing import ZeroFlow
 from tests.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
@@ -279,6 +281,22 @@ def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsy
     assert f"This is {remark}" in capsys.readouterr().out
     fewer = made_run(base, rows.filter(pl.col("corruption") != quick.corruptions[0]), benchmark="kitti-fc")
     assert remark not in comparison_note(fewer)
+
+
+@pytest.mark.parametrize(
+    ("sets", "benchmark", "key", "protocol"),
+    [
+        ("C+T+K?", "kitti-fc", "000001", {}),
+        ("K:train", "kitti-fc", "000002", {}),
+        ("K:train", "kitti-fc", "000002", {"frames": "released"}),
+        ("K:train", "kitti-fc", "mine", {}),
+        ("S:train", "sintel", "alley_1/0001", {}),
+    ],
+)
+def test_judging_the_training_of_a_run_again_repeats_no_note(sets, benchmark, key, protocol):
+    judged = Provenance.of(Training(parse_training_sets(sets), "declared"), benchmark, [key], protocol)
+    assert judged.note
+    assert judged.on(benchmark, [key], protocol) == judged
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ _RAW = "kitti-raw"
 _GOPRO = "gopro"
 _RELEASED = "released"
 PAIRS_NOTE = "pairs: "
-"""Prefix of a note about the evaluated pairs."""
+"""Prefix of a note about the evaluated pairs, which contains no semicolon: `Provenance.on` replaces such notes."""
 
 
 def setting_of(
@@ -75,7 +75,7 @@ def judge(
         return "LEAKED", []
     perhaps = [name for name in (facts.training_set, *facts.same_domain) if f"{name}?" in training.sets]
     if perhaps:
-        return "UNKNOWN", [f"it may have been trained on {', '.join(perhaps)}"]
+        return "UNKNOWN", [f"{PAIRS_NOTE}the model may have been trained on these ({', '.join(perhaps)})"]
     if keys is None and facts.training_set == _KITTI:
         keys = kitti_split(KITTI_KEYS).evaluation if facts.published else KITTI_KEYS
     parts = [name.partition(":")[2] for name in training.sets if name.startswith(f"{facts.training_set}:")]
@@ -90,7 +90,7 @@ def judge(
     elif parts and moving_name(benchmark) in DATASETS:
         settings.add("UNKNOWN")
         notes.append(
-            f"whether {facts.training_set}:train contains evaluated pairs is unknown; it has no standard split"
+            f"whether {facts.training_set}:train contains evaluated pairs is unknown, because it has no standard split"
         )
     worst = next(one for one in ("LEAKED", "UNKNOWN", "ID", "OOD") if one in settings)
     return worst, [f"{PAIRS_NOTE}{note}" for note in notes if note]
@@ -98,14 +98,14 @@ def judge(
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
     """Return the setting that `K:part` implies for these pairs, and the accompanying note."""
+    unknown = f"whether K:{part} contains evaluated pairs is unknown, because"
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
-        own = "the released KITTI-FC has a different split, called K:released"
-        return "UNKNOWN", f"whether K:{part} contains evaluated pairs is unknown; {own}"
+        return "UNKNOWN", f"{unknown} the released KITTI-FC has a different split, called K:released"
     if part == _RELEASED:
         return "ID", ""
     if not {*keys} <= {*KITTI_KEYS}:
-        return "UNKNOWN", f"whether K:{part} contains evaluated pairs is unknown; they are not named as in KITTI"
+        return "UNKNOWN", f"{unknown} they are not named as in KITTI"
     trained = KITTI_SPLITS[part](KITTI_KEYS).training
     seen = {*keys} & {*trained}
     if seen:
