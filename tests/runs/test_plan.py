@@ -6,10 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustflow.api import evaluate
 from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions.scale import calibration_digest
 from robustflow.runs.manifest import Manifest, Selection
 from robustflow.runs.plan import Plan, RunOptions, Unit, planned_attacks, planned_cells, unfinished_samples
+from robustflow.testing import ZeroFlow
+
+pytestmark = pytest.mark.usefixtures("demo_is_small")
 
 FIXED = "fog:2+snow:4"
 """A stack that exists only at severity 4."""
@@ -58,6 +62,14 @@ def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted
     assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
     assert plan.count() == len(plan.units()) == 4
     assert Plan(whole, RunOptions(), {}).left_out() == {}
+
+
+def test_a_severity_that_the_scale_lacks_is_left_out_though_two_calls_asked_for_its_parts(tmp_path):
+    options = {"output": tmp_path / "run", "severity_scale": "calibrated"}
+    evaluate(ZeroFlow(), corruptions=["saturate", "contrast"], severities=[1], **options)
+    run = evaluate(ZeroFlow(), corruptions=["contrast"], severities=[5], **options)
+    assert run.left_out == {"saturate": (5,)}
+    assert run.summary.complete
 
 
 def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):

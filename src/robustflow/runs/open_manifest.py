@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     samples = {key: tuple((name, stat.st_size) for name, stat in _stats(paths)) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
-    chosen, left_out = plan.benchmark, plan.left_out()
+    chosen = plan.benchmark
     without = {key: len(_files(plan, key, None)) for key in files}
     changed = sorted(
         key
@@ -57,21 +58,20 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             f"{folder.path} was made from different files for sample '{changed[0]}' ({len(changed)} differ); "
             "choose another folder with --output"
         )
+    selection = _selection(
+        chosen,
+        dict.fromkeys((*old.selection.corruptions, *chosen.corruptions)),
+        dict.fromkeys((*old.selection.attacks, *chosen.attacks)),
+        {*old.selection.severities, *chosen.severities},
+    )
+    both = replace(chosen, corruptions=selection.corruptions, severities=selection.severities)
     return old.model_copy(
         update={
             "samples": old.samples | samples,
             "file_digests": old.file_digests | digests,
             "provenance": old.provenance if plan.provenance.basis == "undeclared" else plan.provenance,
-            "selection": _selection(
-                chosen,
-                dict.fromkeys((*old.selection.corruptions, *chosen.corruptions)),
-                dict.fromkeys((*old.selection.attacks, *chosen.attacks)),
-                {*old.selection.severities, *chosen.severities},
-            ),
-            "left_out": {
-                name: tuple(sorted({*old.left_out.get(name, ()), *left_out.get(name, ())}))
-                for name in {**old.left_out, **left_out}
-            },
+            "selection": selection,
+            "left_out": {name: tuple(levels) for name, levels in replace(plan, benchmark=both).left_out().items()},
             "name": plan.name or old.name,
             "finished": None,
             "environment": environment(),
