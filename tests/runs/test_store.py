@@ -39,6 +39,11 @@ def folder(tmp_path):
     folder.unlock()
 
 
+def test_a_folder_that_another_run_holds_is_refused_at_once(folder):
+    with pytest.raises(RunError, match="is locked by another run"):
+        RunFolder(folder.path).lock()
+
+
 def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
     (tmp_path / ".lock").mkdir()
     with pytest.raises(RunError, match=f"cannot write {tmp_path}: Is a directory; choose another folder"):

@@ -68,6 +68,8 @@ def test_means_from_shards_are_those_of_the_rows_without_holding_them(tmp_path):
             update={"paper": made.paper, "paper_over": made.paper_over}
         )
         assert made == known
+        assert run.rows.height == rows.height
+        assert run.summarize(averaging) == made, "from the rows in memory"
     write_shard(path / "rows", "left-by-a-crash", rows.head(1))
     assert Run(path).summarize("pixel") == made
     (path / "rows" / list_shards(path / "rows")[0].name).write_bytes(b"PAR1")
