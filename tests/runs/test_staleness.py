@@ -14,7 +14,7 @@ from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
-from robustflow.runs.comparable import sample_set
+from robustflow.runs.comparable import measured_in_words, sample_set
 from robustflow.runs.shards import list_shards
 from robustflow.runs.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, write_made
 from robustflow.runs.store import RunFolder
@@ -137,7 +137,8 @@ EDITS = {
 
 def _asked(run):
     """Everything that pages request from a run."""
-    return sample_set(run), exclusion_reasons(run), interval_ends(run, beside_published=True), run.summary
+    reasons, ends = exclusion_reasons(run), interval_ends(run, beside_published=True)
+    return sample_set(run), measured_in_words([run]), reasons, ends, run.summary
 
 
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
