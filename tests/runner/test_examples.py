@@ -116,6 +116,7 @@ def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch, smal
     assert _files(rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)) == before
     more = rf.evaluate(DIS, corruptions=["contrast", "high_light"], **run)
     assert not (more.path / "examples").exists(), "images of outdated rows are deleted"
+    assert not list(more.path.rglob(".partial-*"))
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
