@@ -1,7 +1,6 @@
 """Test the calibrated scale: paths, the shipped table, and the handling of severities that do not exist."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
-from robustflow.cli.main import main
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.calibration.paths import path
@@ -106,16 +104,13 @@ def _measured(name, severity):
     return np.mean(values)
 
 
-@pytest.mark.parametrize(("name", "severity"), [("contrast", 3), ("impulse_noise", 5), ("under_exposure", 2)])
-def test_a_shipped_level_has_the_ssim_it_claims(name, severity):
-    claimed = shipped().corruptions[name].levels[severity - 1].ssim
-    assert _measured(name, severity) == pytest.approx(claimed, abs=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", calibratable())
-def test_every_shipped_level_has_the_ssim_it_claims(name):
-    for severity in calibrated_levels(name):
+@pytest.mark.parametrize(
+    ("name", "levels"),
+    [("contrast", (3,)), ("impulse_noise", (5,)), ("under_exposure", (2,))]
+    + [pytest.param(name, calibrated_levels(name), marks=pytest.mark.slow) for name in calibratable()],
+)
+def test_shipped_levels_have_the_ssim_they_claim(name, levels):
+    for severity in levels:
         claimed = shipped().corruptions[name].levels[severity - 1].ssim
         assert _measured(name, severity) == pytest.approx(claimed, abs=1e-6)
 
@@ -230,26 +225,19 @@ def test_an_export_writes_only_what_exists(tmp_path):
     assert "calibrated" in (tmp_path / "export.json").read_text()
 
 
-def test_the_commands(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands(tmp_path, robustflow):
     (tmp_path / "pictures").mkdir()
     for name in ("pictures/a.png", "b.png"):
         write_image(tmp_path / name, SMALL["chelsea"])
 
-    def status(command):
-        monkeypatch.setattr(sys, "argv", ["robustflow", *command.split()])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code or 0
-
-    assert status("calibrate -d pictures -c contrast --output mine.json") == 0
-    assert "contrast" in capsys.readouterr().out
+    calibration = ("calibrate", "-d", "pictures", "--output", "mine.json", "-c")
+    assert "contrast" in robustflow.prints(*calibration, "contrast")
     first = read_table(Path("mine.json"))
     assert list(first.corruptions) == ["contrast"]
-    assert status("calibrate -d pictures -c high_light --output mine.json") == 0
+    robustflow.prints(*calibration, "high_light")
     assert list(read_table(Path("mine.json")).corruptions) == ["contrast", "high_light"]
-    assert status("calibrate -d pictures -c high_light --seed 1 --output mine.json") == 2
+    robustflow.refuses(*calibration, "high_light", "--seed", 1)
     assert read_table(Path("mine.json")).corruptions["contrast"] == first.corruptions["contrast"]
-    assert status(f"corrupt pictures/a.png b.png -c {GAP} -s {MISSING} --severity-scale calibrated") == 2
-    assert GAP in capsys.readouterr().err
+    corrupt = ("corrupt", "pictures/a.png", "b.png", "-c", GAP, "-s", MISSING, "--severity-scale", "calibrated")
+    assert GAP in robustflow.refuses(*corrupt)
     assert not Path("corrupted").exists()

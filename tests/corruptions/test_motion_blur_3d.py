@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from robustflow.corruptions.depth.motion_blur_3d import MotionBlur3d
 from robustflow.random.rng import Rng
@@ -79,10 +80,6 @@ def test_a_plane_that_moves_far_sideways_is_the_integral_along_its_path(path, si
     assert np.abs(blurred(frame, depth, 5, index) - expected).max() <= 0.51 + 2 * 255 * grid / path
 
 
-def rotated(about_y):
-    return np.array([[np.cos(about_y), 0, np.sin(about_y)], [0, 1, 0], [-np.sin(about_y), 0, np.cos(about_y)]])
-
-
 @settings(max_examples=25)
 @given(
     at=st.tuples(st.integers(25, 74), st.integers(20, 39)),
@@ -95,7 +92,7 @@ def test_a_dot_is_smeared_along_its_projections(at, by, angle, severity):
     frame = np.zeros((60, 100, 3), np.uint8)
     # three pixels wide: a single pixel may fall between the pixels of a view that shrinks it
     frame[at[1] - 1 : at[1] + 2, at[0] - 1 : at[0] + 2] = 255
-    rotation = rotated(angle)
+    rotation = Rotation.from_euler("y", angle).as_matrix()
     ys, xs = np.nonzero(blurred(frame, moving(level((60, 100), metres), by=by, rotation=rotation), severity)[..., 0])
     point = np.array([(at[0] - 49.5) / 100, (at[1] - 29.5) / 100, 1]) * metres
     step = rotation @ point + by - point

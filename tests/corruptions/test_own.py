@@ -96,30 +96,19 @@ def test_reading_a_name_imports_nothing(rain_package, name):
     assert "rain_module" not in sys.modules
 
 
-class InOneArray:
-    """Returns every frame in the same array."""
-
-    def __init__(self):
-        self._out = np.empty(0, np.uint8)
-
-    def draw(self, rng, severity, shape):
-        if self._out.shape[:2] != shape:
-            self._out = np.empty((*shape, 3), np.uint8)
-        return severity
-
-    def apply(self, frame, state, index):
-        return np.subtract(frame, state, out=self._out)
-
-
 def test_frames_that_a_corruption_returns_in_the_same_array_keep_their_pixels():
-    first, second = np.full((4, 6, 3), 40, np.uint8), np.full((4, 6, 3), 90, np.uint8)
-    made = rf.corrupt(first, second, InOneArray(), severity=2)
+    out = np.empty((4, 6, 3), np.uint8)
+
+    class InOneArray(Veil):
+        def apply(self, frame, state, index):
+            return np.subtract(frame, 2, out=out)
+
+    made = rf.corrupt(np.full_like(out, 40), np.full_like(out, 90), InOneArray(), severity=2)
     assert [int(frame[0, 0, 0]) for frame in made] == [38, 88]
 
 
 def test_severities_in_an_array_are_used_as_a_tuple():
     evenly = type("Evenly", (Veil,), {"severities": np.linspace(1.0, 5.0, 5)})
-
     assert load_corruption(evenly).severities == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
@@ -131,15 +120,10 @@ def test_severities_of_the_wrong_number_or_form_are_refused():
             Fog(severities=((1.5, 2.0), wrong, (2.5, 1.7), (2.5, 1.5), (3.0, 1.4)))
 
 
-class Empty(Veil):
-    """An object that counts as false."""
-
-    def __len__(self):
-        return 0
-
-
 def test_an_object_that_counts_as_false_is_a_corruption():
-    assert (rf.corrupt(FRAME, FRAME, Empty(), 3)[0] != FRAME).any()
+    empty = type("Empty", (Veil,), {"__len__": lambda self: 0})()
+    assert not empty
+    assert (rf.corrupt(FRAME, FRAME, empty, 3)[0] != FRAME).any()
 
 
 def test_two_corruptions_of_one_name_cannot_be_in_one_run():
@@ -229,6 +213,7 @@ def test_an_own_corruption_in_three_dimensions_gets_the_depth_of_each_frame(made
         assert (frame != expected).any(axis=2).sum() <= (name == "near_white")  # its random dot
     assert needs_depth(name)
     assert needs_depth(f"fog+{name}:2")
+    assert not any(map(needs_depth, (corruption_name(Veil), "of_another_machine:2+fog")))
 
 
 def test_an_own_corruption_in_three_dimensions_stacks_with_others():
@@ -247,28 +232,16 @@ def test_an_own_corruption_in_three_dimensions_without_depth_is_refused_in_one_s
         rf.corrupt(FRAME, FRAME, made, 3)
 
 
-def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets():
-    class Flattens(NearWhite):
+@pytest.mark.parametrize("part", [lambda depth: depth.maps[0], lambda depth: depth.camera.translation])
+def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets(part):
+    class Changes(NearGrey):
         def draw_scene(self, rng, severity, depth):
-            depth.maps[0][:] = 1
-            return super().draw_scene(rng, severity, depth)
+            part(depth)[:] = 0
 
-    class Stops(NearWhite):
-        def draw_scene(self, rng, severity, depth):
-            depth.camera.translation[:] = 0
-            return super().draw_scene(rng, severity, depth)
-
-    for made in (Flattens, Stops):
-        depth = scene(*FRAME.shape[:2])
-        with pytest.raises(UsageError, match=r"failed in draw_scene: .*copy the frame or the depth before changing it"):
-            rf.corrupt(FRAME, FRAME, made, 3, depth=depth)
-        assert depth.maps[0].max() > 1
-        assert depth.camera.translation.any()
-
-
-def test_needs_depth_is_false_for_an_own_flat_corruption_and_for_an_unknown_name():
-    assert not needs_depth(corruption_name(Veil))
-    assert not needs_depth("of_another_machine:2+fog")
+    depth = scene(*FRAME.shape[:2])
+    with pytest.raises(UsageError, match=r"failed in draw_scene: .*copy the frame or the depth before changing it"):
+        rf.corrupt(FRAME, FRAME, Changes, 3, depth=depth)
+    assert part(depth).any()
 
 
 def test_check_corruption_tries_depth_with_a_camera_of_known_and_of_unknown_motion():

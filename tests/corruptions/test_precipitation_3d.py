@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from robustflow.corruptions.depth.camera_path import STILL
 from robustflow.corruptions.depth.particles import EXPOSURE, FRAME_INTERVAL, NEAREST, Particles, streaks_of
@@ -18,17 +19,6 @@ from robustflow.random.rng import Rng
 from .pictures import picture, plane, seen
 
 both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
-
-
-def turned(about_x, about_y, about_z):
-    """Return a rotation matrix for angles in radians."""
-    matrix = np.eye(3)
-    for axis, angle in enumerate((about_x, about_y, about_z)):
-        one = np.eye(3)
-        a, b = (axis + 1) % 3, (axis + 2) % 3
-        one[[a, a, b, b], [a, b, a, b]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
-        matrix = one @ matrix
-    return matrix
 
 
 def projected(points, camera, index=0):
@@ -48,7 +38,7 @@ small = st.floats(-0.2, 0.2)
     second=st.sampled_from([None, (230.0, 220.0, 185.5, 80.0)]),
 )
 def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, second):
-    rotation, translation = turned(*angles), np.array(shift)
+    rotation, translation = Rotation.from_euler("xyz", angles).as_matrix(), np.array(shift)
     depth = plane(30.0, (180, 320), rotation=rotation, translation=translation, focal=200.0)
     depth = replace(depth, camera=replace(depth.camera, second=second))
     particles = kind().draw_scene(Rng.of(seed), 5, depth).particles

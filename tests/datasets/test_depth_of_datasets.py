@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from robustflow.datasets import load_dataset
 from robustflow.datasets.camera_motion import relative_motion, with_motion
@@ -26,14 +27,7 @@ CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 
 def turned(*angles):
     """A rotation about x, y and z."""
-    out = np.eye(3)
-    for axis, angle in enumerate(angles):
-        a, b = [number for number in range(3) if number != axis]
-        step = np.eye(3)
-        step[a, a] = step[b, b] = np.cos(angle)
-        step[a, b], step[b, a] = -np.sin(angle), np.sin(angle)
-        out = step @ out
-    return out
+    return Rotation.from_euler("xyz", angles).as_matrix()
 
 
 def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), sky=0):

@@ -13,7 +13,7 @@ from robustflow.psf.blur import KernelCache, Kernels, blur
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 
-from .naive_blur import blended_blur, blurred_pixels, kernel_at
+from .naive_blur import blended_blur, blurred_pixels
 
 
 def point_field(shift_rows: int = 0) -> PsfField:
@@ -38,24 +38,23 @@ def noise(height: int, width: int) -> np.ndarray:
     return np.random.default_rng(height).integers(0, 256, (height, width, 3)).astype(np.uint8)
 
 
-PICTURES = {
-    "noise": noise,
-    "black and white": lambda height, width: noise(height, width) // 128 * 255,
-    "board": lambda height, width: np.indices((height, width, 3))[:2].sum(0).astype(np.uint8) % 2 * 255,
-}
+def black_and_white(height: int, width: int) -> np.ndarray:
+    return noise(height, width) // 128 * 255
 
 
-@pytest.mark.parametrize("kind", PICTURES)
-@pytest.mark.parametrize(("shape", "severity"), [((70, 111), 1), ((111, 64), 3), ((131, 90), 5)])
-def test_blur_of_any_picture_equals_the_float64_reference(kind, shape, severity):
+def board(height: int, width: int) -> np.ndarray:
+    return np.indices((height, width, 3))[:2].sum(0).astype(np.uint8) % 2 * 255
+
+
+@pytest.mark.parametrize("picture", [noise, black_and_white, board])
+@pytest.mark.parametrize(
+    ("shape", "severity"),
+    [((70, 111), 1), ((111, 64), 3), ((131, 90), 5), ((1, 1), 4), ((1, 90), 4), ((61, 2), 4), ((33, 64), 4),
+     ((150, 31), 4)],
+)  # fmt: skip
+def test_blur_of_any_picture_equals_the_float64_reference(picture, shape, severity):
     """Single precision causes an error of at most 2e-4 grey levels, a thousandth of the interpolation error."""
-    frame, field = PICTURES[kind](*shape), shipped_field(severity)
-    assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (61, 2), (33, 64), (150, 31)])
-def test_blur_of_any_shape_equals_the_float64_reference(shape):
-    frame, field = noise(*shape), shipped_field(4)
+    frame, field = picture(*shape), shipped_field(severity)
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
@@ -142,14 +141,3 @@ def test_cache_over_its_limit_drops_the_least_recently_used():
     assert cache.get(("b", 1, 1), kernels(1)).spectra.size == 1
     assert cache.get(("large", 1, 1), kernels(30)).spectra.size == 30
     assert cache.nbytes <= 100
-
-
-@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
-def test_green_is_not_moved_anywhere_in_the_field(severity):
-    """Ground truth remains valid: the centroid of the green kernel shifts by at most 0.05 px."""
-    field, (height, width) = shipped_field(severity), (375, 1242)
-    place = np.arange(-30.0, 31.0)
-    for x, y in ((621, 187), (0, 0), (1241, 374), (300, 40), (900, 370), (1241, 187), (621, 0)):
-        green = kernel_at(field.stack, x, y, height, width)[1]
-        assert abs(green.sum(0) @ place) <= 0.05
-        assert abs(green.sum(1) @ place) <= 0.05
