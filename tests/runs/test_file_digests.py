@@ -124,9 +124,9 @@ def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path
 
 def test_a_second_call_checks_the_whole_data_set(frames):
     (frames / "loop").symlink_to(frames)  # a folder reached twice is listed once
-    assert "2 files" in _digests("--data", frames).output
+    assert " 2 files" in _digests("--data", frames).output
     before = (frames / DIGEST_LIST).read_bytes()
-    assert "2 files: no differences from" in _digests("--data", frames).output
+    assert "\n2 files: no differences from" in _digests("--data", frames).output
     (frames / "0.bmp").unlink()
     gone = _digests("--data", frames)
     assert isinstance(gone.exception, DataError)

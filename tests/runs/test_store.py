@@ -13,7 +13,7 @@ from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.runs.plan import Unit
 from robustflow.runs.sealed_array import read_array, write_array
-from robustflow.runs.shards import list_shards, read_shard, shard_name
+from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
 from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
 from robustflow.sealed import sealed_bytes
@@ -151,6 +151,15 @@ def test_a_shard_without_a_digest_is_refused(folder):
         RunError, match=r"is damaged .its name has no digest.; delete it and run the same command again"
     ):
         folder.rows()
+
+
+def test_a_shard_with_different_columns_is_refused(folder):
+    _write(folder, "a", "fog", (1,))
+    (path,) = list_shards(folder.rows_folder)
+    write_shard(folder.rows_folder, "b", read_shard(path).drop("wauc_sum"))
+    for read in (folder.rows, folder.scan):
+        with pytest.raises(RunError, match="has different columns than this version writes"):
+            read()
 
 
 def test_two_shards_that_contradict_each_other_are_named(folder):
