@@ -27,14 +27,14 @@ from torch import nn
 class Net(nn.Module):
     def __init__(self):
         super().__init__()
-        self.first = nn.Conv2d(6, 8, 3, padding=1)
+        self.corrector = nn.Conv2d(6, 8, 3, padding=1)  # also the prefix of BrightFlow's corrector
         self.norm = nn.BatchNorm2d(8)
         self.last = nn.Conv2d(8, 2, 3, padding=1)
 
     def forward(self, image1, image2):
         import torch
 
-        features = self.norm(self.first(torch.cat([image1, image2], dim=1)))
+        features = self.norm(self.corrector(torch.cat([image1, image2], dim=1)))
         flow = self.last(features)
         return [flow / 2, flow]
 """
@@ -53,6 +53,8 @@ def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
     assert state["norm.num_batches_tracked"] == own.recipe.updates == len(lines(own.output))  # in training mode
     model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(OPTIONS))
     assert torch.equal(model.net.module.last.weight, state["last.weight"])
+    run_training(replace(own, resume=True))
+    assert all(torch.equal(value, state[name]) for name, value in weights(path).items())
 
 
 SEVERAL_OUTPUTS = """
@@ -108,6 +110,14 @@ class Net(nn.Module):
     def forward(self, image1, image2):
         features = self.norm(self.first(torch.cat([image1, image2])))
         return self.last(torch.cat(features.chunk(2), dim=1))
+
+class Norms(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.norms = nn.ModuleList(kind(2) for kind in (nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm))
+
+    def forward(self, image1, image2):
+        return (image1 - image2)[:, :2]
 """
 
 
@@ -124,6 +134,16 @@ def test_a_users_network_keeps_what_it_freezes_and_its_own_batchnorm(tmp_path, m
     with torch.no_grad():
         features = model.net.module.first(torch.cat(images) / 127.5 - 1)
     assert torch.allclose(model.net.module.norm.running_mean, 0.1 * features.mean((0, 2, 3)), atol=1e-5)
+
+
+@pytest.mark.parametrize("frozen", ["batchnorm", "all"])
+def test_frozen_norms_freeze_batchnorm_of_every_dimension(tmp_path, monkeypatch, frozen):
+    (tmp_path / f"norms_for_{frozen}.py").write_text(FROZEN)
+    monkeypatch.syspath_prepend(tmp_path)
+    recipe = load_recipe("raft", "things").changed(method=f"norms_for_{frozen}:Norms", frozen_norms=frozen)
+    model, network = load_network(recipe, "random", "cpu", dict(OPTIONS))
+    network.train()
+    assert [norm.training for norm in model.net.module.norms] == [False] * 3
 
 
 FAILING = """
@@ -156,6 +176,10 @@ class Text(Net):
     def loss(self, batch):
         return self(batch["image1"], batch["image2"]).mean(), {"remark": "fine"}
 
+class Complex(Net):
+    def loss(self, batch):
+        return self(batch["image1"], batch["image2"]).mean(), {"spectrum": 1j}
+
 class Epoch(Net):
     def get_extra_state(self):
         return {"epoch": 3}
@@ -173,6 +197,7 @@ class Epoch(Net):
         ("Full", ModelError, "out of memory .*; use fewer pairs at once"),
         ("NoEntry", ModelError, r"fails at update 0 .*KeyError: 'disparity' \(at .*failing_nets\.py:\d+\)"),
         ("Text", UsageError, "values for the log that are not numbers"),
+        ("Complex", UsageError, "values for the log that are not numbers"),
         ("Epoch", UsageError, "'_extra_state' in its state_dict is not a tensor"),
     ],
 )
@@ -242,7 +267,7 @@ class Net(nn.Module):
 
 def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch):
     (tmp_path / "own_loss_for_test.py").write_text(
-        OWN_LOSS.replace("RETURNED", 'error, {"squared": error, "update": 7}')
+        OWN_LOSS.replace("RETURNED", 'error, {"squared": error, "update": 7, "empty": float("nan")}')
     )
     (tmp_path / "bad_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", "[error]"))
     monkeypatch.syspath_prepend(tmp_path)
@@ -250,7 +275,7 @@ def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch)
     own = replace(request, recipe=request.recipe.changed(method="own_loss_for_test:Net"))
     run_training(own)
     assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in lines(own.output))
-    assert [entry["update"] for entry in lines(own.output)] == [0, 1]
+    assert [(entry["update"], entry["empty"]) for entry in lines(own.output)] == [(0, None), (1, None)]  # strict JSON
     _, first = load_network(own.recipe, "random", "cpu", dict(OPTIONS))
     assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
     bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -54,14 +55,16 @@ class MetricsLog:
             self._board.close()
 
     def write(self, update: int, values: dict[str, float]) -> None:
-        """Write one line for an update, or for a validation after it.
+        """Write one line for an update, or for a validation after it. Values that are NaN or infinite, such as the EPE
+        of pairs without valid pixels, are null, because JSON has no such numbers.
 
         Raises:
             DataError: the disk is full.
         """
         try:
-            line = {"update": update} | values | {"update": update}  # a user's loss may return a value of this name
-            self._file.write(json.dumps(line) + "\n")
+            numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
+            line = {"update": update} | numbers | {"update": update}  # a user's loss may return a value of this name
+            self._file.write(json.dumps(line, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
             raise DataError(f"cannot write {self._path}: {error.strerror}; free up disk space and resume") from error

@@ -158,11 +158,12 @@ class TrainedNetwork(nn.Module):
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
         """Load a state returned by `weights`."""
-        own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
-        self._inner.load_state_dict(own)
         if self.corrector is not None:
+            own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
             rest = {name.removeprefix(_CORRECTOR): weights[name] for name in weights.keys() - own.keys()}
             self.corrector.load_state_dict(rest)
+            weights = own
+        self._inner.load_state_dict(weights)
 
     @property
     def _inner(self) -> nn.Module:
@@ -189,7 +190,7 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
             "tensor and a dictionary of numbers for the log"
         )
     try:
-        return loss.reshape(()), {str(name): torch.as_tensor(value).item() for name, value in numbers.items()}
+        return loss.reshape(()), {str(name): float(torch.as_tensor(value).item()) for name, value in numbers.items()}
     except (TypeError, ValueError, RuntimeError) as error:
         raise UsageError(
             f"the network's method loss(batch) returned values for the log that are not numbers ({first_line(error)}); "

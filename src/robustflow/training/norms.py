@@ -6,19 +6,23 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+_BATCHNORM = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm)
+_INSTANCENORM = (nn.InstanceNorm1d, nn.InstanceNorm2d, nn.InstanceNorm3d)
+
 
 def freeze_batchnorm(network: nn.Module) -> None:
     """Make every BatchNorm use its running statistics without updating them, like RAFT's `freeze_bn`; scale and shift
     are still trained. Call it again after each `network.train()`."""
     for module in network.modules():
-        if isinstance(module, nn.BatchNorm2d):
+        if isinstance(module, _BATCHNORM):
             module.eval()
 
 
 def freeze_all_norms(network: nn.Module) -> None:
-    """Put every normalisation layer into evaluation mode (SAMFlow). Call it again after each `network.train()`."""
+    """Put every normalisation layer that has running statistics into evaluation mode (SAMFlow). Call it again after
+    each `network.train()`."""
     for module in network.modules():
-        if isinstance(module, nn.BatchNorm2d | nn.InstanceNorm2d | nn.LayerNorm | nn.GroupNorm):
+        if isinstance(module, (*_BATCHNORM, *_INSTANCENORM)):
             module.eval()
 
 
