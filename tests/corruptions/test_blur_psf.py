@@ -17,6 +17,7 @@ from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 from robustflow.runner.frames_digest import frames_digest
 
+from ..refusals import refused
 from .pictures import picture
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -174,19 +175,17 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
             parts = {entry: source.read(entry) for entry in source.namelist()}
+        (index,) = (entry for entry in parts if entry.endswith(".pkl"))
+        assert b"K\x01t" in parts[index]
+        parts[index] = parts[index].replace(b"K\x01t", b"\x8a\x05\x00\x00\x00\x00\x01t")
         with zipfile.ZipFile(path, "w") as target:
             for entry, content in parts.items():
-                huge = (
-                    content.replace(b"K\x01t", b"\x8a\x05\x00\x00\x00\x00\x01t") if entry.endswith(".pkl") else content
-                )
-                assert not entry.endswith(".pkl") or huge != content
-                target.writestr(entry, huge)
+                target.writestr(entry, content)
     elif kind == "large":
         monkeypatch.setattr(reference_stack, "LARGEST", 1000)
     else:
         wrong = {"shape": good[1:], "dtype": good.double(), "dictionary": {"psf": good}, "nan": good * torch.nan}
         torch.save(wrong[kind], path)
-    with pytest.raises(DataError) as caught:
+    with refused(DataError, "rms0.0296"):
         PsfBlur(psf_dir=stacks).field(0.0296)
-    assert "\n" not in str(caught.value)
     assert "executed" not in capsys.readouterr().out

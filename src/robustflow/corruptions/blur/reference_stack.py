@@ -73,7 +73,10 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
         stack = _read_tensor(path, data)
         make_folder(kept.parent)
         write_bytes(kept, sealed_bytes(stack.tobytes(), source))
-    return PsfField(stack[:, :, ::-1, ::-1])
+    try:
+        return PsfField(stack[:, :, ::-1, ::-1])
+    except DataError as error:
+        raise DataError(f"{path}: {error}; use an unmodified .pth file") from error
 
 
 def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
