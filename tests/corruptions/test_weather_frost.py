@@ -82,9 +82,8 @@ def test_a_named_folder_is_used_and_its_files_are_verified(invented, monkeypatch
 
 def test_a_named_folder_without_the_file_is_an_error_and_nothing_else_is_tried(invented, monkeypatch, tmp_path, pip):
     monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(tmp_path))
-    with pytest.raises(AssetError, match=r"frost1\.png not found .*pip install") as caught:
+    with refused(AssetError, r"frost1\.png not found .*pip install"):
         frost_assets.read_texture(0)
-    assert "\n" not in str(caught.value)
     assert pip.calls == []
 
 
@@ -147,12 +146,9 @@ def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch)
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(AssetError) as caught:
+    with refused(AssetError, frost_assets.FOLDER_VARIABLE) as caught:
         frost_assets.read_texture(0)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert frost_assets.FOLDER_VARIABLE in message
-    assert "pip install --no-deps imagecorruptions" in message
+    assert "pip install --no-deps imagecorruptions" in str(caught.value)
     assert list(cache_folder("frost").iterdir()) == []
 
 

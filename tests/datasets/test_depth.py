@@ -24,6 +24,7 @@ from robustflow.images.io import write_image
 from robustflow.sample import Camera, Sample
 
 from ..corruptions.pictures import picture
+from ..refusals import refused
 from .layouts import placed
 
 CAMERA = Camera((10.0, 10.0), (2.0, 2.0))
@@ -279,9 +280,8 @@ def test_a_file_that_is_no_map_is_refused_in_one_line(clip, tmp_path, name):
     suffix = name.partition(".")[2]
     write_map(tmp_path / "maps" / f"a.{suffix}", metres())
     (tmp_path / "maps" / f"b.{suffix}").write_bytes(contents)
-    with pytest.raises(DataError, match=message) as caught:
+    with refused(DataError, message) as caught:
         OwnDepth(tmp_path / "maps", clip).depth(clip["a"])
-    assert "\n" not in str(caught.value)
     assert "maps" in str(caught.value)
 
 

@@ -3,10 +3,8 @@
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
 from robustflow.benchmarks import BENCHMARKS, BenchmarkFacts, benchmark_facts, load_benchmark
-from robustflow.cli.main import app
 from robustflow.corruptions import IMAGE_PAIR, PAPER_ORDER
 from robustflow.datasets import DATASETS, dataset_facts
 from robustflow.models.provenance import TRAINING_SETS
@@ -64,10 +62,10 @@ def test_an_opened_benchmark_carries_its_facts():
     assert load_benchmark("demo").facts is benchmark_facts("demo")
 
 
-def test_list_prints_the_facts():
-    printed = CliRunner().invoke(app, ["list", "datasets"]).output
+def test_list_prints_the_facts(robustflow):
+    printed = robustflow.prints("list", "datasets")
     for words in ("CC BY-NC-SA 3.0", "Menze and Geiger", "training/flow_occ", "200 pairs", "22,872 pairs"):
         assert words in printed
-    printed = CliRunner().invoke(app, ["list", "benchmarks"]).output
+    printed = robustflow.prints("list", "benchmarks")
     assert "kitti-fc: 80 driving pairs under 20 corruptions." in printed
     assert "RCRE (no ground truth)" in printed

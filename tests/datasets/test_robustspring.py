@@ -23,6 +23,7 @@ from robustflow.images.io import read_image
 from robustflow.models.provenance import Training
 from robustflow.testing import check_dataset
 
+from ..refusals import refused
 from .layouts import robustspring
 
 FOG, RAIN = "robustspring_fog", "robustspring_rain"
@@ -150,9 +151,8 @@ def _remove(path: str):
 )
 def test_mistakes_are_named_before_a_run_starts(root, mistake, message):
     mistake(root)
-    with pytest.raises(DataError, match=message) as error:
+    with refused(DataError, message):
         load_benchmark("robustspring", root)
-    assert "\n" not in str(error.value)
 
 
 def test_mistakes_that_only_reading_shows(root):

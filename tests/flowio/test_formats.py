@@ -17,6 +17,8 @@ from PIL import Image
 from robustflow.errors import AssetError, DataError
 from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
 
+from ..refusals import refused
+
 SHAPES = st.tuples(st.integers(1, 7), st.integers(1, 7))
 quick = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
@@ -201,6 +203,5 @@ def test_writing_replaces_a_file_whole_or_not_at_all(tmp_path: Path, monkeypatch
 
 
 def test_a_missing_folder_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="cannot write") as caught:
+    with refused(DataError, "cannot write"):
         write_flow(tmp_path / "no" / "flow.flo", np.zeros((2, 2, 2)))
-    assert "\n" not in str(caught.value)

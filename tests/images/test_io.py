@@ -15,13 +15,14 @@ from PIL import Image
 from robustflow.errors import DataError
 from robustflow.images.io import image_size, read_image, read_mask, stored_size, write_image
 
+from .. import refusals
+
 RGB = (np.arange(12 * 17 * 3).reshape(12, 17, 3) * 37 % 251).astype(np.uint8)
 
 
 def refused(path: Path, match: str) -> None:
-    with pytest.raises(DataError, match=match) as caught:
+    with refusals.refused(DataError, match) as caught:
         read_image(path)
-    assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
 
 

@@ -7,6 +7,7 @@ import pytest
 from robustflow.errors import DataError
 from robustflow.lenses.prescription import read_lens, write_lens
 
+from ..refusals import refused
 from .lenses import cooke_triplet
 
 
@@ -39,9 +40,8 @@ def damaged(change):
 def test_a_faulty_prescription_is_refused_in_one_line_that_names_the_fault(tmp_path, change, words):
     path = tmp_path / "lens.json"
     path.write_text(damaged(change))
-    with pytest.raises(DataError, match=words) as caught:
+    with refused(DataError, words):
         read_lens(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"name": NaN}', "\x00\x01"])

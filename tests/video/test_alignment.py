@@ -147,7 +147,7 @@ def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
 
 
 def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
-    """Yield the frames of a real clip, forwards and backwards in turn, until the file has the target size."""
+    """Write the frames of a real clip, forwards and backwards in turn, to a file of about the target size."""
     with av.open(str(source)) as container:
         frames = [frame.to_ndarray() for frame in container.decode(video=0)]
     height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
