@@ -143,7 +143,7 @@ def test_whole_kitti_fc_and_gopro_fc_are_opened_without_a_word(tmp_path, recwarn
     assert not recwarn.list
 
 
-def test_narrowing(kitti):
+def test_narrowing_and_still_scenes(kitti):
     benchmark = load_benchmark("kitti-fc", kitti)
     narrow = benchmark.narrowed(["snow", "fog", "snow"], [5, 1], 2)
     assert (narrow.corruptions, narrow.severities, narrow.keys) == (("snow", "fog"), (1, 5), benchmark.keys[:2])
@@ -154,6 +154,8 @@ def test_narrowing(kitti):
             benchmark.narrowed(**{name: wrong})
     with pytest.raises(UsageError):
         benchmark.narrowed(limit=0)
+    with pytest.raises(UsageError, match="^kitti-fc is a benchmark of moving scenes"):
+        benchmark.still()
 
 
 @given(st.integers(1, 400), st.integers(1, 400))

@@ -67,8 +67,10 @@ def test_a_run_whose_folder_or_lock_is_moved_writes_nothing_into_the_next_run_th
 def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
     for key in ("a", "b", "c"):
         _write(folder, key, CLEAN, (0,))
+        folder.finish_sample(key)
         write_array(folder.clean_path(key), np.zeros((2, 2, 2), np.float32), key)
     folder.pack()
+    assert len(list_shards(folder.rows_folder)) == 1
     _write(folder, "a", "fog", (1,))
     folder.drop_samples(["a", "b"])
     assert folder.tidy() == {("c", CLEAN, 0)}
