@@ -167,3 +167,4 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
 @pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 3.0, 5.0, 8.0])
 def test_ctrl_c_is_one_line(tmp_path, delay):
     check_stopped_by_ctrl_c(_start(tmp_path / "run", "-O", "fault=hang", FAULTS=str(tmp_path)), delay)
+    assert not list(Path(os.environ["TMPDIR"]).iterdir()), "an actor that is killed leaves no files"

@@ -22,7 +22,8 @@ class Job:
     dataset: Dataset
     model: ModelSpec | AnyModel
     options: RunOptions
-    folder: Path
+    folder: Path | None
+    """The run's folder, in which clean flows are stored between units; None to store none."""
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
     """The model, if this process has already loaded it; never sent to other processes."""
@@ -43,11 +44,15 @@ class Job:
         """Return the identity of the loaded model, including its name if it was loaded by name."""
         return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
 
+    @property
+    def clean_path(self) -> Callable[[str], Path] | None:
+        """Return the function from a sample's key to the file of its clean flow, if clean flows are stored."""
+        return None if self.folder is None else RunFolder(self.folder).clean_path
+
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
         """Create a worker with the model that `load_model` returns."""
-        clean_path = RunFolder(self.folder).clean_path
         model = self.load_model()
-        return Worker(self.dataset, model, self.options, clean_path, on_predict, self.batch_size, self.kept)
+        return Worker(self.dataset, model, self.options, self.clean_path, on_predict, self.batch_size, self.kept)
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 
 import numpy as np
 
 from ...metrics.rows import CLEAN
 from ...models.confidence import CHANNELS, Answer
 from ...runs.plan import Cell
-from ...runs.store import RunFolder
 from ...sample import Frame
 from ..frame_stage import FrameStage, Loaded
 from ..measure_stage import MeasureStage
@@ -77,8 +75,7 @@ class _Feeder:
         self._channels = 3 if job.options.draws > 1 else CHANNELS[job.options.confidence]
         self._seconds = no_seconds()
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
-        clean_path = RunFolder(Path(job.folder)).clean_path
-        self._measure = MeasureStage(job.options, clean_path, job.kept, self._seconds)
+        self._measure = MeasureStage(job.options, job.clean_path, job.kept, self._seconds)
         self._queued_cells: deque[Cell] = deque()
         self._samples: dict[str, _OpenSample] = {}
         self._batch: list[_Sent] = []

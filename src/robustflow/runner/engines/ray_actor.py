@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import os
 import pickle
-import secrets
-import shutil
 import socket
 import sys
-import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -75,7 +72,6 @@ class UnitActor:
         self._worker: Worker | None = None
         self._predicting: tuple[str, float] | None = None
         self._host = socket.gethostname()
-        self._scratch = Path(tempfile.gettempdir()) / f"robustflow-{secrets.token_hex(8)}"
 
     def hello(self, variables: dict[str, str], folder: str, path: list[str]) -> tuple[str, dict[str, str]]:
         """Return the node's name and the versions installed there.
@@ -133,21 +129,15 @@ class UnitActor:
                 f"node {self._host} has a different model of the same name (it differs in: "
                 f"{differing_fields(loaded, identity)}); use the same files on every node"
             )
-        self._worker = replace(job, folder=self._scratch, loaded=model).worker(self._note)
+        self._worker = replace(job, folder=None, loaded=model).worker(self._note)
         return _device()
 
     def _run(self, unit: Unit, files: Files) -> tuple[list[dict[str, Any]], dict[str, float]]:
-        from ...runs.store import RunFolder
         from ..seconds import pop_timings
 
         assert self._worker is not None
         self._check_files(files)
-        RunFolder(self._scratch).clean_path(unit.key).parent.mkdir(parents=True)
-        try:
-            rows = self._worker.run(unit)
-        finally:
-            shutil.rmtree(self._scratch)  # the worker already has the sample's clean flow in memory
-        return rows, pop_timings(self._worker.seconds)
+        return self._worker.run(unit), pop_timings(self._worker.seconds)
 
     def _note(self, what: str | None) -> None:
         self._predicting = None if what is None else (what, time.monotonic())
