@@ -57,11 +57,13 @@ def only_noc(kitti, tmp_path):
     return tmp_path / "noc"
 
 
-def test_kitti_fc_without_flow_occ_is_refused(only_noc, tmp_path):
+def test_without_flow_occ_kitti_fc_is_refused_and_kitti2015_warns(only_noc, tmp_path):
     with pytest.raises(
         DataError, match=r"training: no flow_occ/, .*unpack data_scene_flow\.zip.*--benchmark kitti2015"
     ):
         load_benchmark("kitti-fc", only_noc)
+    with pytest.warns(UserWarning, match="no flow_occ/, so errors are measured on non-occluded ground truth"):
+        load_benchmark("kitti2015", only_noc)
     (tmp_path / "released" / "clean").mkdir(parents=True)
     (only_noc / "training").rename(tmp_path / "released" / "clean" / "val")
     with pytest.raises(DataError, match=r"val: no flow_occ/, "):
