@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from robustflow.datasets import load_dataset
 from robustflow.flowio import read_flow
@@ -63,17 +64,11 @@ def inside(flow: np.ndarray) -> np.ndarray:
 
 def difference(sample: Sample, use: np.ndarray, flow: np.ndarray) -> float:
     """Mean |frame 1 - frame 2 at the flow's target| over RGB, bilinear in float64, with replicated borders."""
-    height, width = sample.shape
     y, x = np.nonzero(use)
-    first = sample.frames[0][y, x].astype(float)
     u, v = flow[y, x].astype(float).T
-    x, y = np.clip(x + u, 0, width - 1), np.clip(y + v, 0, height - 1)
-    left, top = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
-    a, b = (x - left)[:, None], (y - top)[:, None]
-    second = sample.frames[1].astype(float)
-    warped = (1 - b) * ((1 - a) * second[top, left] + a * second[top, left + 1])
-    warped += b * ((1 - a) * second[top + 1, left] + a * second[top + 1, left + 1])
-    return float(np.abs(first - warped).mean())
+    second = np.moveaxis(sample.frames[1].astype(float), -1, 0)
+    warped = [map_coordinates(channel, (y + v, x + u), order=1, mode="nearest") for channel in second]
+    return float(np.abs(sample.frames[0][y, x] - np.transpose(warped)).mean())
 
 
 @pytest.mark.skipif(not rows(), reason="no shared data; set ROBUSTFLOW_SHARED to the folder that contains it")
