@@ -114,9 +114,8 @@ def test_keys_seeds_and_severities_change_what_is_drawn(name):
         return
     keys = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, key=str(key))) for key in range(12)}
     seeds = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, seed=seed)) for seed in range(12)}
-    least = (
-        2 if name.endswith("exposure") else 9
-    )  # there are only two choices for the exposed frame, and similar blur directions may coincide
+    # there are only two choices for the exposed frame, and similar blur directions may coincide
+    least = 2 if name.endswith("exposure") else 9
     assert len(keys) >= least
     assert len(seeds) >= least
 

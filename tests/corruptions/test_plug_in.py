@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from .rain import RAIN
+from .rain import write_rain
 
 SCRIPT = """
 import numpy as np
@@ -49,8 +49,7 @@ def test_an_entry_point_is_a_corruption(tmp_path):
         "gone = no_module:Gone\nhail = haze_module:np\n"
     )
     (site / "haze_module.py").write_text(HAZE)
-    (site / "rain_module.py").write_text(RAIN)
-    (site / "rain_depth.py").write_text("DEPTH = 4\n")
+    write_rain(site)
 
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT], env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *sys.path])},

@@ -14,7 +14,7 @@ import pytest
 
 from robustflow import evaluate
 from robustflow.benchmarks import load_benchmark
-from robustflow.corruptions import CLIP, PAPER_ORDER, load_corruption
+from robustflow.corruptions import CLIP, PAPER_ORDER, corrupt, load_corruption
 from robustflow.datasets import FromClips, PreCorrupted, load_dataset
 from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.gopro_fc_prepared import GoProFCPrepared
@@ -205,8 +205,6 @@ def test_the_reference_variant_damages_with_5_m(prepared):
 
 def test_two_images_are_not_enough():
     grey = np.zeros((16, 16, 3), np.uint8)
-    from robustflow.corruptions import corrupt
-
     for name in CLIP:
         with pytest.raises(UsageError, match="--benchmark gopro-fc --data CLIP"):
             corrupt(grey, grey, name, 1)

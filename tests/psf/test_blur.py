@@ -13,6 +13,7 @@ from robustflow.psf.blur import KernelCache, Kernels, blur
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 
+from ..corruptions.pictures import noise
 from .naive_blur import blended_blur, blurred_pixels
 
 
@@ -32,10 +33,6 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
     error = got - blurred_pixels(frame, field.stack, points)
     assert np.sqrt((error**2).mean()) <= 0.15
     assert np.abs(error).max() <= 3.0
-
-
-def noise(height: int, width: int) -> np.ndarray:
-    return np.random.default_rng(height).integers(0, 256, (height, width, 3)).astype(np.uint8)
 
 
 def black_and_white(height: int, width: int) -> np.ndarray:

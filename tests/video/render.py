@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 from skimage import data
 
 
@@ -33,37 +34,20 @@ class Scene:
 
     def picture(self, time: float) -> np.ndarray:
         """RGB float64 (H, W, 3), 0 to 255."""
-        x, y = self._grid()
-        bx, by = self._to_background(x, y, time)
-        out = _bilinear(self._back, bx, by)
-        inside = self._in_disk(x, y, time)
-        front = _bilinear(self._front, x - self.disk[0] * time + 200.0, y - self.disk[1] * time + 120.0)
-        return np.where(inside[..., None], front, out)
+        y, x = np.mgrid[: self.height, : self.width].astype(np.float64)
+        cos, sin = np.cos(self.turn * time), np.sin(self.turn * time)
+        dx = x - self.width / 2 - self.background[0] * time
+        dy = y - self.height / 2 - self.background[1] * time
+        back = _bilinear(self._back, cos * dx + sin * dy + 220.0, -sin * dx + cos * dy + 160.0)
+        x, y = x - self.disk[0] * time, y - self.disk[1] * time
+        inside = np.hypot(x - self.width * 0.55, y - self.height * 0.4) < 0.22 * self.height
+        return np.where(inside[..., None], _bilinear(self._front, x + 200.0, y + 120.0), back)
 
     def frame(self, time: float) -> np.ndarray:
         """RGB uint8 (H, W, 3)."""
         return np.rint(self.picture(time)).astype(np.uint8)
 
-    def _grid(self) -> tuple[np.ndarray, np.ndarray]:
-        y, x = np.mgrid[: self.height, : self.width].astype(np.float64)
-        return x, y
-
-    def _in_disk(self, x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
-        cx, cy = self.width * 0.55 + self.disk[0] * time, self.height * 0.4 + self.disk[1] * time
-        return np.hypot(x - cx, y - cy) < 0.22 * self.height
-
-    def _to_background(self, x: np.ndarray, y: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-        cos, sin = np.cos(self.turn * time), np.sin(self.turn * time)
-        dx = x - self.width / 2 - self.background[0] * time
-        dy = y - self.height / 2 - self.background[1] * time
-        return cos * dx + sin * dy + 220.0, -sin * dx + cos * dy + 160.0
-
 
 def _bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    height, width = image.shape[:2]
-    x, y = np.clip(x, 0, width - 1.001), np.clip(y, 0, height - 1.001)
-    x0, y0 = x.astype(int), y.astype(int)
-    fx, fy = (x - x0)[..., None], (y - y0)[..., None]
-    top = image[y0, x0] * (1 - fx) + image[y0, x0 + 1] * fx
-    low = image[y0 + 1, x0] * (1 - fx) + image[y0 + 1, x0 + 1] * fx
-    return top * (1 - fy) + low * fy
+    channels = np.moveaxis(image, -1, 0)
+    return np.stack([map_coordinates(channel, (y, x), order=1, mode="nearest") for channel in channels], axis=-1)
