@@ -63,7 +63,6 @@ def test_a_seed_that_is_no_whole_number_is_refused(seed):
 
 def test_a_frame_without_pixels_is_refused():
     empty = np.zeros((0, 8, 3), np.uint8)
-
     with pytest.raises(DataError, match=r"expected RGB uint8 \(H, W, 3\), got uint8 \(0, 8, 3\)"):
         corrupt(empty, empty, "fog", 1)
 

@@ -61,16 +61,12 @@ def cooke_triplet() -> Lens:
     )
 
 
-def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
-    """Return a lens without spherical aberration at one wavelength, and its focus.
-
-    The rear surface is a hyperboloid (k = -n^2).
-    """
+def plano_hyperbolic(wavelength: float) -> Lens:
+    """Return a lens without spherical aberration at one wavelength; its rear surface is a hyperboloid (k = -n^2)."""
     n = refractive_index("N-BK7", wavelength)
     radius = -20.0
-    focus = radius / (1.0 - n)
-    rows = [(0.0, 1.0, AIR, 15.0), (0.0, 12.0, "N-BK7", 15.0), (radius, focus, AIR, 15.0)]
-    return lens_of(rows, stop=0, conics={2: -n * n}), focus
+    rows = [(0.0, 1.0, AIR, 15.0), (0.0, 12.0, "N-BK7", 15.0), (radius, radius / (1.0 - n), AIR, 15.0)]
+    return lens_of(rows, stop=0, conics={2: -n * n})
 
 
 def thin_lens(shape: float, focal_length: float, wavelength: float) -> Lens:

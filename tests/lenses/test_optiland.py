@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 LENSES = {
     **{f"severity {k}": lambda k=k: shipped_lens(k) for k in (1, 2, 3, 4, 5)},
     "Cooke triplet": cooke_triplet,
-    "plano-hyperbolic": lambda: plano_hyperbolic(0.55)[0],
+    "plano-hyperbolic": lambda: plano_hyperbolic(0.55),
     "thin lens": lambda: thin_lens(0.7, 100.0, 0.55),
 }
 
