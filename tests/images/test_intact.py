@@ -34,8 +34,9 @@ def chunk(name: bytes, content: bytes) -> bytes:
     return len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
 
 
-def png_of(header: bytes, *data: bytes) -> bytes:
-    """Encode a PNG with correct checksums from arbitrary compressed data."""
+def png_of(side: int, bits: int, *data: bytes, interlaced: bool = False) -> bytes:
+    """Encode a square RGB PNG with correct checksums from arbitrary compressed data."""
+    header = side.to_bytes(4, "big") * 2 + bytes([bits, 2, 0, 0, interlaced])
     parts = (chunk(b"IHDR", header), *(chunk(b"IDAT", part) for part in data), chunk(b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
@@ -44,22 +45,20 @@ def png_of(header: bytes, *data: bytes) -> bytes:
 @pytest.mark.parametrize("interlaced", [False, True])
 def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool, value: int) -> None:
     path = tmp_path / "a.png"
-    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([8, 2, 0, 0, int(interlaced)])
     sizes = [(1, 1), (1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4)] if interlaced else [(8, 8)]
     rows = [bytes([0]) + bytes([value]) * 3 * columns for columns, count in sizes for _ in range(count)]
-    path.write_bytes(png_of(header, zlib.compress(b"".join(rows))))
+    path.write_bytes(png_of(8, 8, zlib.compress(b"".join(rows)), interlaced=interlaced))
     assert (read_image(path) == value).all()
-    path.write_bytes(png_of(header, zlib.compress(b"".join(rows[:-1]))))
+    path.write_bytes(png_of(8, 8, zlib.compress(b"".join(rows[:-1])), interlaced=interlaced))
     with pytest.raises(DataError, match=r"ends before its last row"):
         read_image(path)
 
 
 def test_a_png_with_more_data_than_rows_is_not_inflated_to_the_end(tmp_path: Path) -> None:
-    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([8, 2, 0, 0, 0])
     stream = zlib.compressobj()
     first = stream.compress(bytes(201)) + stream.flush(zlib.Z_FULL_FLUSH)  # one byte more than the rows
     second = stream.compress(bytes(20_000_000)) + stream.flush()
-    (tmp_path / "a.png").write_bytes(png_of(header, first, second))
+    (tmp_path / "a.png").write_bytes(png_of(8, 8, first, second))
     tracemalloc.start()
     try:
         assert not read_image(tmp_path / "a.png").any()
@@ -70,8 +69,7 @@ def test_a_png_with_more_data_than_rows_is_not_inflated_to_the_end(tmp_path: Pat
 
 def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
-    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([16, 2, 0, 0, 0])
-    path.write_bytes(png_of(header, zlib.compress((bytes([0]) + bytes([1] * 48)) * 6)))
+    path.write_bytes(png_of(8, 16, zlib.compress((bytes([0]) + bytes([1] * 48)) * 6)))
     with pytest.raises(DataError, match=r"ends before its last row|cannot be decoded"):
         read_flow(path)
 
@@ -167,8 +165,7 @@ def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
     for _ in range(side):
         parts.append(compress.compress(bytes(1 + 6 * side)))
     rows = b"".join([*parts, compress.flush()])
-    header = side.to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
-    path.write_bytes(png_of(header, rows))
+    path.write_bytes(png_of(side, 16, rows))
     assert path.stat().st_size < 5_000_000
     with pytest.raises(DataError, match="20000x20000 pixels exceed"):
         read_flow(path)
