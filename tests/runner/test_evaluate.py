@@ -13,6 +13,8 @@ from robustflow.corruptions.digital.contrast import Contrast
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.models import ModelSpec
+from robustflow.runner.frames_digest import frames_digest
+from robustflow.runs.sealed_array import write_array
 from robustflow.runs.store import RunFolder
 
 from .conftest import FAST, SMALLEST
@@ -91,7 +93,9 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
         rf.evaluate(_trouble("raises"), output=folder, **SMALLEST)
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
-    np.save(clean, np.ones((HEIGHT, WIDTH, 2), np.float32))  # left by a run killed before the cell's row
+    frames = rf.load_dataset("motorcycle", None).load("motorcycle").frames
+    left_by_a_killed_run = np.ones((HEIGHT, WIDTH, 2), np.float32)
+    write_array(clean, left_by_a_killed_run, f"motorcycle {frames_digest(frames)}")
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
     assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 
 import numpy as np
@@ -40,6 +39,5 @@ def test_frames_take_the_memory_of_those_before():
 @pytest.mark.parametrize("name", ["MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"])
 def test_what_the_user_has_set_goes_before(monkeypatch, name):
     monkeypatch.setenv(name, "65536")
-    assert os.environ[name] == "65536"
     pages = 40 * 2 * int(np.prod(FRAMES)) // 4096
     assert _faults() > pages / 2

@@ -31,7 +31,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     identity = plan.identity()
     old = folder.manifest()
     if old and old.identity != identity and folder.rows().is_empty():
-        folder.keep_clean(())
         old = None
     if old is None:
         old = _empty(plan, identity)
