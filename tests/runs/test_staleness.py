@@ -78,6 +78,8 @@ def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
         assert list(getattr(kept, part)) == list(getattr(computed, part)), part
     assert list(kept.corruptions) == ["contrast", "high_light", "fog", "impulse_noise", "contrast+pixelate"]
     assert kept == computed
+    for name in ("epe_clean", "epe", "cre", "crer", "rcre"):
+        assert getattr(run, name) == getattr(computed, name)
 
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
