@@ -1,6 +1,7 @@
 """Complete runs: their rows, what continues them, and what is refused."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.benchmarks import Benchmark
 from robustflow.corruptions.digital.contrast import Contrast
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
@@ -16,8 +18,10 @@ from robustflow.models import ModelSpec
 from robustflow.runner.frames_digest import frames_digest
 from robustflow.runs.sealed_array import write_array
 from robustflow.runs.store import RunFolder
+from robustflow.testing import TexturePairs, ZeroFlow
 
 from .conftest import FAST, SMALLEST
+from .models_for_tests import Trouble
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
@@ -94,12 +98,28 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
     frames = rf.load_dataset("motorcycle", None).load("motorcycle").frames
+    same_run = rf.evaluate("robustflow.testing:ZeroFlow", output=tmp_path / "same", **SMALLEST).manifest.identity_digest
     left_by_a_killed_run = np.ones((HEIGHT, WIDTH, 2), np.float32)
-    write_array(clean, left_by_a_killed_run, f"motorcycle {frames_digest(frames)}")
+    write_array(clean, left_by_a_killed_run, f"{same_run} motorcycle {frames_digest(frames)}")
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
     assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"
     assert result.manifest.selection.severities == (2,)
+
+
+def test_a_clean_flow_of_a_different_run_that_still_writes_into_the_folder_is_not_used(tmp_path):
+    class Still(ZeroFlow):
+        def predict(self, frame1, frame2):
+            shutil.copy(flow, tmp_path / "run" / "clean")
+            return super().predict(frame1, frame2)
+
+    def benchmark(keys):
+        return Benchmark("drawn", TexturePairs(2, (24, 32)), keys, ("contrast",), (1,))
+
+    with pytest.raises(ModelError, match="no weights"):
+        rf.evaluate(Trouble("raises", after=1), benchmark(("1",)), output=tmp_path / "other")
+    (flow,) = (tmp_path / "other" / "clean").iterdir()
+    assert rf.evaluate(Still(), benchmark(("0", "1")), output=tmp_path / "run").rcre == 0.0
 
 
 def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatch):

@@ -49,7 +49,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     folder.settle(manifest.samples, unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
     learned = learned_patterns(folder, plan, named.model, units, batch_size)
-    job = replace(job, options=replace(plan.options, learned=learned))
+    job = replace(job, options=replace(plan.options, learned=learned, run=manifest.identity_digest))
     job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
     if units and isinstance(progress, TerminalProgress):

@@ -32,7 +32,7 @@ class Loaded:
     Attributes:
         sample: sample with its clean frames: the pair first, then the frames around it.
         regions: regions of the ground truth; None without ground truth.
-        clean_flow_key: key and digest of the frames from which the clean flow is computed.
+        clean_flow_key: run, key and digest of the frames from which the clean flow is computed.
     """
 
     sample: Sample
@@ -79,7 +79,7 @@ class FrameStage:
                     "exclude it with --split, or restore the flow file"
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
-            return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
+            return Loaded(sample, regions, f"{self._options.run} {key} {frames_digest(sample.frames)}")
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         """Return the frames of a sample under the first draw of a corruption, in the sample's order."""

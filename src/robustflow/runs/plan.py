@@ -73,6 +73,8 @@ class RunOptions:
     """The source of depth for corruptions that need it; None if there is no depth."""
     draws: int = 1
     """The number of draws of each corruption, with `seed` and the following seeds, for the spread of the flow."""
+    run: str = ""
+    """Digest of the run's identity, by which clean flows of a different run in the same folder are recognized."""
     pictures: Path | None = None
     """The folder in which workers store small pictures of corrupted frames; None to store none. It does not affect
     results."""
