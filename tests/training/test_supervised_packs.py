@@ -44,6 +44,7 @@ CASES = {
     ("flowdiffuser", "sintel"): 1,
 }
 """The steps of each case."""
+_NUMBERS = ("image1", "image2", "flow", "valid")
 EACH_CASE = pytest.mark.parametrize(("name", "case"), CASES)
 EACH_STEP = pytest.mark.parametrize(
     ("name", "case", "number"), [(*case, number) for case, count in CASES.items() for number in range(count)]
@@ -52,15 +53,23 @@ _LOSS = {"flowdiffuser": (2e-6, 1e-3)}
 """Relative tolerance of the loss in the first step and in later ones, for networks that do not use the default (1e-6,
 1e-4).
 """
-_NORM = {"flowdiffuser": (1e-4, 1e-3)}
+_NORM = {"flowdiffuser": (1e-4, 1e-3), "flowformer": (1e-4, 2e-4), "flowformer_pp": (1e-4, 1e-3)}
 """Relative tolerance of the norm of all gradients in the first step and in later ones, for networks that do not use
 the default 1e-4.
 """
-_GRADIENT = {"flowdiffuser": 5e-4}
+_GRADIENT = {"flowdiffuser": 5e-4, "flowformer": 6e-3, "flowformer_pp": 6e-3}
 """Tolerance of a gradient relative to its largest value, for networks that do not use the default 1e-3."""
-ROUNDING = 1e-6
-"""Parameters without any effect (biases before a norm, or biases of attention keys), whose gradients are only rounding
-error.
+_GRADIENT_NORM = {"flowdiffuser": 1e-2, "flowformer": 3e-3, "flowformer_pp": 8e-3}
+"""Relative tolerance of a gradient's norm, for networks that do not use the default 1e-3."""
+_FLOW = {"flowformer_pp": 2e-5}
+"""Tolerance of a flow relative to its largest value, for networks that do not use the default 1e-5."""
+DOUBLE = ("flowformer", "flowformer_pp")
+"""Networks that amplify rounding so much that processors differ. Their steps are computed here in double precision,
+where they do not; the tolerances are for the rounding in the packs, which are in single precision.
+"""
+ROUNDING = 2e-6
+"""Parameters without any effect (biases before a norm, or biases of attention keys) have gradients whose norm is at
+most this: only rounding error (1e-15 in double precision).
 """
 
 
@@ -90,8 +99,16 @@ def batch_of(name: str, case: str = "things", number: int = 0):
 @cache
 def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
     """All steps of a case, and the weights after the last one."""
-    network = network_of(name, case)
-    taken = list(steps(network, recipe_of(name, case), lambda number: batch_of(name, case, number), CASES[name, case]))
+    network, batches = network_of(name, case), [batch_of(name, case, number) for number in range(CASES[name, case])]
+    if name not in DOUBLE:
+        taken = list(steps(network, recipe_of(name, case), batches.__getitem__, len(batches)))
+        return taken, network.weights()
+    batches = [replace(batch, **{key: getattr(batch, key).double() for key in _NUMBERS}) for batch in batches]
+    torch.set_default_dtype(torch.float64)
+    try:
+        taken = list(steps(network.double(), recipe_of(name, case), batches.__getitem__, len(batches)))
+    finally:
+        torch.set_default_dtype(torch.float32)
     return taken, network.weights()
 
 
@@ -147,14 +164,12 @@ def test_flows_and_gradients_of_the_first_step_are_the_originals(name, case):
     for key in compared:
         index, stride = kept[key]
         off = np.abs(step.flows[index][..., ::stride, ::stride].numpy() - pack.arrays[key]).max()
-        assert off <= 1e-5 * np.abs(pack.arrays[key]).max()
+        assert off <= _FLOW.get(name, 1e-5) * np.abs(pack.arrays[key]).max()
     norms = expected["gradient_norms"]
     assert {key for key, norm in norms.items() if norm} == {key for key, value in step.gradients.items() if value.any()}
     for key, norm in norms.items():
         if norm and norm > ROUNDING:
-            assert step.gradients[key].norm().item() == pytest.approx(
-                norm, rel=1e-2 if name == "flowdiffuser" else 1e-3
-            )
+            assert step.gradients[key].norm().item() == pytest.approx(norm, rel=_GRADIENT_NORM.get(name, 1e-3)), key
     for key in [key for key in pack.arrays if key.startswith(f"{case}/gradient/")]:
         if norms[parameter := key.rpartition("/")[2]] > ROUNDING:
             off = np.abs(step.gradients[parameter].numpy() - pack.arrays[key]).max()
