@@ -15,6 +15,8 @@ from pathlib import Path
 for _name in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_name}_NUM_THREADS", "1")
 os.environ.setdefault("POLARS_MAX_THREADS", "1")
+# MKL gives the same bytes wherever in memory an array lies.
+os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
 
 import cv2
 import hypothesis
