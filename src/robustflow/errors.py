@@ -49,13 +49,17 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
     >>> print(unknown_name("model", "RAFT", ["dis", "raft"]))
     unknown model 'RAFT': did you mean 'raft'? Known: dis, raft
+    >>> print(unknown_name("corruption", "motion_blur", ["glass_blur", "camera_motion_blur", "motion_blur_3d"]))
+    unknown corruption 'motion_blur': did you mean 'camera_motion_blur' or 'motion_blur_3d'? Known: glass_blur, \
+camera_motion_blur, motion_blur_3d
     >>> print(unknown_name("metric", "error", ["epe", "cre"]))
     unknown metric 'error'. Known: epe, cre
     """
     names = list(known)
     as_lower = {each.lower(): each for each in reversed(names)}
-    close = get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)
-    hint = f": did you mean '{as_lower[close[0]]}'?" if close else "."
+    longer = [each for each in names if len(name) > 2 and name.lower() in each.lower()][:3]
+    close = longer or [as_lower[each] for each in get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)]
+    hint = f": did you mean {' or '.join(map(repr, close))}?" if close else "."
     return UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names) or 'none'}")
 
 

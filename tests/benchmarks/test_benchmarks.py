@@ -24,7 +24,7 @@ from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.facts import BenchmarkFacts, QuickSubset
 from robustflow.cli.main import app
 from robustflow.cli.tables import print_result
-from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.corruptions.registry import FAMILIES, FURTHER, IMAGE_PAIR
 from robustflow.datasets.split import kitti_split
 from robustflow.errors import DataError, UsageError
 from robustflow.models import ModelSpec
@@ -48,6 +48,28 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs_or_those_of_a_spli
     assert benchmark.keys == ("000000", "000001", "000002")
     (tmp_path / "split.txt").write_text("000002\n")
     assert load_benchmark("kitti-fc", kitti, tmp_path / "split.txt").keys == ("000002",)
+
+
+@pytest.mark.parametrize(
+    ("asked", "chosen"),
+    [
+        ("all", IMAGE_PAIR),
+        ("weather", FAMILIES["weather"]),
+        (["fog", "weather", "noise"], ["fog", "spatter", "frost", "snow", *FAMILIES["noise"]]),
+        ("blur", [name for name in FAMILIES["blur"] if name != "object_motion_blur"]),
+        ("sensor", ["raw_noise"]),
+        ("depth", FURTHER["depth"]),
+        (["noise:2+fog"], None),
+        ("video", None),
+    ],
+)
+def test_families_stand_for_the_corruptions_that_a_benchmark_can_make(asked, chosen):
+    demo = load_benchmark("demo")
+    if chosen is None:
+        with refused(UsageError, "video|noise"):
+            demo.narrowed(asked)
+    else:
+        assert demo.narrowed(asked).corruptions == tuple(chosen)
 
 
 @pytest.fixture

@@ -32,6 +32,14 @@ def test_run_then_show(robustflow):
     assert "Digital" in robustflow.prints("show", "run", "--metric", "rcre")
 
 
+def test_models_may_be_given_without_an_option_and_severities_as_a_range(robustflow):
+    printed = robustflow.prints(
+        "run", "dis", "-m", "farneback", "-c", "contrast", "-s", "1-2", "--json", "--no-examples"
+    )
+    runs = {run["name"]: run["summary"]["corruptions"]["contrast"] for run in json.loads(printed)}
+    assert {name: scores["severities"] for name, scores in runs.items()} == {"DIS": [1, 2], "Farneback": [1, 2]}
+
+
 def test_run_and_show_as_json_print_the_summary_and_nothing_else(robustflow):
     out = robustflow.prints("run", "-m", "farneback", "-c", "contrast", "-s", "1", "-o", "run", "--json")
     (fact,) = json.loads(out)

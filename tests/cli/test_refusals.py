@@ -132,7 +132,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
-        (None, "run -m dis -s high", 2, "integers from"),
+        (None, "run -m dis -s high", 2, "'high'"),
         pytest.param(None, "experiment robust-training --severities 9", 2, "severity 9", marks=NEEDS_TORCH),
         pytest.param(None, "experiment robust-training --size 7x", 2, "is not a size", marks=NEEDS_TORCH),
         (None, "run -m dis --variant other", 2, "default, reference, paper"),
@@ -161,6 +161,11 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "prepare gopro-fc -d data -o made --fps 240 --factor 0", 2, "must be from 1 (no interpolation)"),
         (write_frames, "predict data -o made --video v.mp4 --fps 0.0004", 2, "give a number from 0.01 to 1000"),
         (None, "export demo -d x", 1, "x: no such file or folder"),
+        (write_frames, "export data -o made", 2, "--format"),
+        (None, "run -b demo", 2, "--model"),
+        (None, "run dis -m dis", 2, "twice"),
+        (None, "run dis -s 5-1", 2, "5-1"),
+        (None, "run dis -c motion_blur", 2, "'camera_motion_blur' or 'object_motion_blur'"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, arguments, code, says):

@@ -78,7 +78,7 @@ def test_recipes_are_listed(robustflow):
         ("raft --recipe ood --data x --validate-corruptions fog", "--validate-corruptions needs --validate BENCHMARK"),
         ("a:Net --like raft --recipe ood --iterations 6", "--iterations is not an option of a:Net; omit it"),
         ("tiny --recipe small --iterations 6", "--iterations is not an option of tiny; omit it"),
-        ("raft --recipe ood --data x --corrupt noise,video", "--corrupt video: no corruption of this family applies"),
+        ("raft --recipe ood --data x --corrupt noise,video", "no corruption of the family 'video' applies"),
         ("raft --recipe ood --data x --loaders -1", "--loaders must be at least 0; got -1"),
         ("raft --recipe ood --data . --save-every 0", "--save-every must be at least 1; got 0"),
         ("raft --recipe ood --data . --keep-every -1", "--keep-every must be at least 1; got -1"),

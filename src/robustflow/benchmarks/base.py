@@ -9,6 +9,7 @@ from typing import Any
 
 from ..attacks.api import AnyAttack, with_controls
 from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
+from ..corruptions.names import with_families
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import needs_depth, split_stack
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
@@ -88,8 +89,8 @@ class Benchmark:
     ) -> Benchmark:
         """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
 
-        With attacks but without corruptions, only the attacks are run. Random noise of the same norms is added as a
-        baseline.
+        Names of families and "all" stand for the benchmark's corruptions. With attacks but without corruptions, only
+        the attacks are run. Random noise of the same norms is added as a baseline.
 
         Raises:
             UsageError: a corruption or attack is unknown, a severity is outside 1 to 5, or the limit is below 1.
@@ -98,7 +99,7 @@ class Benchmark:
             raise UsageError(f"--limit {limit} leaves no samples: give a whole number, 1 or more")
         against = with_controls(_several(attacks or ()))
         asked = (() if against else self.corruptions) if corruptions is None else _several(corruptions)
-        chosen = corruption_names(asked)
+        chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
                 load_corruption(name)

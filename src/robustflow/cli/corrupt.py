@@ -34,11 +34,11 @@ def corrupt(
             "--corruption",
             "-c",
             autocompletion=complete.corruptions,
-            help="Comma-separated names, stacks (fog+snow), or your own module.path:Attribute.",
+            help="Comma-separated names, families (weather), stacks (fog+snow), or your own module.path:Attribute.",
         ),
     ] = None,
     severities: Annotated[
-        str, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
+        str, typer.Option("--severities", "--severity", "-s", help="1 (mild) to 5 (severe), e.g. 3 or 1-5.")
     ] = "3",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the corrupted frames.")] = Path(
         "corrupted"
@@ -69,8 +69,9 @@ def corrupt(
     from ..atomic import make_folder
     from ..benchmarks import Benchmark
     from ..benchmarks.registry import with_own_depth
+    from ..corruptions import IMAGE_PAIR, corruption_name, load_corruption
     from ..corruptions import corrupt as corrupt_pair
-    from ..corruptions import corruption_name, load_corruption
+    from ..corruptions.names import with_families
     from ..errors import UsageError
     from ..images.io import read_image, write_image
     from ..runner.predict import frames_of
@@ -79,7 +80,8 @@ def corrupt(
     if frame1 is None or frame2 is None or corruptions is None:
         raise UsageError("give two frames and --corruptions, or --check alone")
     use_psf_dir(psf_dir)
-    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
+    wanted = with_families(names(corruptions) or [], IMAGE_PAIR)
+    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in wanted]
     levels = numbers(severities) or []
     for one in chosen:
         for level in levels:

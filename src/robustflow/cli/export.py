@@ -6,11 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
+from ..errors import UsageError
 from .options import (
     Checkpoint,
     CommonDraws,
     Corruptions,
     Data,
+    DataOptions,
     Depth,
     Device,
     Focal,
@@ -42,6 +44,7 @@ def export(
         str, typer.Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
     ],
     data: Data = None,
+    data_option: DataOptions = None,
     depth: Depth = None,
     focal: Focal = None,
     output: Annotated[
@@ -105,15 +108,19 @@ def export(
         _export_run(context, Path(benchmark), format, output, hub_dataset)
         return
     refuse_unused(context, {"hub_dataset", *_OF_MODEL}, "without --format")
-    output = output or Path("KITTI-FC")
-    from ..benchmarks import load_benchmark
+    from ..benchmarks import BENCHMARKS, load_benchmark
     from ..benchmarks.export import export as write
     from ..corruptions.stack import levels_of
     from ..progress_bar import ProgressBar
     from ..text import counted
 
+    if benchmark not in BENCHMARKS and Path(benchmark).exists():
+        raise UsageError(
+            f"{benchmark} is not a benchmark: add --format to export a run, or give its folder with --data"
+        )
     use_psf_dir(psf_dir)
-    opened = load_benchmark(benchmark, data, split, data_options(None, depth, focal))
+    output = output or Path("KITTI-FC")
+    opened = load_benchmark(benchmark, data, split, data_options(data_option, depth, focal))
     chosen = opened.narrowed(names(corruptions), numbers(severities), limit)
     levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
     total = len(chosen.keys) * (1 + sum(levels))
@@ -169,7 +176,6 @@ def _export_submission(
     from ..analysis.robustspring import robustness_csv, robustness_means, robustspring_results
     from ..atomic import write_bytes
     from ..datasets.robustspring_condition import CORRUPTIONS, submitted
-    from ..errors import UsageError
     from ..models import ModelSpec
     from ..progress_bar import ProgressBar
     from ..records.load import load_any_run

@@ -97,9 +97,11 @@ def gallery(
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
     if wanted is not None:
-        from ..corruptions import corruption_name
+        from ..corruptions import IMAGE_PAIR, PAPER_ORDER, corruption_name
+        from ..corruptions.names import with_families
 
-        wanted = [corruption_name(name) for name in wanted]
+        possible = IMAGE_PAIR if clip is None else PAPER_ORDER
+        wanted = [corruption_name(name) for name in with_families(wanted, possible)]
     shown = _Shown(wanted, severity, severity_scale, seed, output)
     if attacks is not None and model is not None:
         _attacked(shown, _sample_of(frames)[0], names(attacks) or [], model)

@@ -22,7 +22,7 @@ _MODEL = typer.Option(
     "flow files.",
 )
 ModelName = Annotated[str, _MODEL]
-ModelNames = Annotated[list[str], _MODEL]
+ModelNames = Annotated[list[str] | None, _MODEL]
 """Repeatable; models run one after another."""
 ModelOptions = Annotated[
     list[str] | None,
@@ -105,7 +105,8 @@ Corruptions = Annotated[
         "--corruption",
         "-c",
         autocompletion=complete.corruptions,
-        help="Comma-separated names, stacks (fog+snow), or your own module.path:Attribute; all by default.",
+        help="Comma-separated names, families (weather), stacks (fog+snow), or your own module.path:Attribute; all by "
+        "default.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -135,7 +136,7 @@ Severities = Annotated[
         "--severities",
         "--severity",
         "-s",
-        help="Comma-separated severities, 1 (mild) to 5 (severe).",
+        help="Severities, 1 (mild) to 5 (severe), e.g. 3 or 1,3 or 1-5.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -266,21 +267,27 @@ def names(text: str | None) -> list[str] | None:
 
 
 def numbers(text: str | None) -> list[int] | None:
-    """Parse a comma-separated list of severities.
+    """Parse a comma-separated list of severities and ranges of severities.
 
     Raises:
-        UsageError: an item is not an integer from 1 to 5.
+        UsageError: an item is not an integer from 1 to 5 or a range of these.
 
-    >>> numbers("1, 3")
-    [1, 3]
+    >>> numbers("1, 3"), numbers("1-3,5")
+    ([1, 3], [1, 2, 3, 5])
     """
-    parts = names(text)
-    try:
-        return None if parts is None else [check_severity(int(part)) for part in parts]
-    except UsageError:
-        raise
-    except ValueError:
-        raise UsageError(f"severities must be integers from 1 to 5, separated by commas, not '{text}'") from None
+    levels: list[int] = []
+    for part in names(text) or []:
+        first, _, last = part.partition("-")
+        try:
+            ends = int(first), int(last or first)
+        except ValueError:
+            raise UsageError(
+                f"'{text}' is not a list of severities: give numbers from 1 to 5, e.g. 1,3 or 1-5"
+            ) from None
+        if ends[0] > ends[1]:
+            raise UsageError(f"severities {part}: the range is empty; write {last}-{first}")
+        levels += map(check_severity, range(ends[0], ends[1] + 1))
+    return None if text is None else levels
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:

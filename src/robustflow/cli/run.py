@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import UsageError
+from . import complete
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import (
     HOW,
@@ -40,7 +41,11 @@ from .options import (
 
 
 def run(
-    model: ModelNames,
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="MODEL...", help="Models, as with --model.", autocompletion=complete.models),
+    ] = None,
+    model: ModelNames = None,
     benchmark: Benchmark = "demo",
     data: Data = None,
     checkpoint: Checkpoint = None,
@@ -181,7 +186,7 @@ def run(
 
     \b
     Examples:
-      robustflow run --model dis
+      robustflow run dis
       robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
       robustflow run --model dis --model farneback --benchmark kitti-fc --data ~/kitti
       robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
@@ -191,20 +196,23 @@ def run(
       robustflow run --model dis --data clip.mp4 --still --seeds 3
       robustflow run --model dis --confidence forward-backward
       robustflow run --model tiny --attacks apgd,square --severities 1,3
-      robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
+      robustflow run --model dis -O preset=fast -c weather,psf_blur -s 1-3
     """
     from ..models import ModelSpec
 
     terminate_as_on_ctrl_c()
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
-    if len(set(model)) < len(model):
+    models = [*(models or []), *(model or [])]
+    if not models:
+        raise UsageError("no model to measure: give one with --model, e.g. --model dis (see robustflow list models)")
+    if len(set(models)) < len(models):
         raise UsageError("a model is given twice; give each model once")
-    if name is not None and len(model) > 1:
+    if name is not None and len(models) > 1:
         raise UsageError("--name applies to a single model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError(f"--seeds {seeds}: give 1 or more")
     runs = 1 if still else seeds
-    specs = [ModelSpec(each, options) for each in model]
+    specs = [ModelSpec(each, options) for each in models]
     for spec in specs:
         spec.preflight()  # check before the imports below, which take seconds
     use_psf_dir(psf_dir)
@@ -217,7 +225,7 @@ def run(
     progress = TerminalProgress()
     try:
         for spec in specs:
-            of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
+            of_model = output if output is None or len(models) == 1 else output / file_name(spec.name)
             for number in range(seed, seed + runs):
                 folder = of_model if of_model is None or runs == 1 else of_model / f"seed{number}"
                 with progress:

@@ -177,12 +177,7 @@ def train(
 
 def _corruptions(text: str | None) -> list[str]:
     """Return names of corruptions; a family expands to all of its corruptions that apply to image pairs."""
-    from ..corruptions.registry import FAMILIES, IMAGE_PAIR
+    from ..corruptions.names import with_families
+    from ..corruptions.registry import IMAGE_PAIR
 
-    chosen: list[str] = []
-    for name in names(text) or []:
-        of_pairs = [each for each in FAMILIES[name] if each in IMAGE_PAIR] if name in FAMILIES else [name]
-        if not of_pairs:
-            raise UsageError(f"--corrupt {name}: no corruption of this family applies to image pairs; remove it")
-        chosen += of_pairs
-    return list(dict.fromkeys(chosen))
+    return with_families(names(text) or [], IMAGE_PAIR)

@@ -5,10 +5,12 @@ Results are grouped and ordered using these names; `registry` lists the corrupti
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from typing import Any
 
+from ..errors import UsageError
 from .on_disk import SETS
-from .registry import FAMILIES
+from .registry import CLIP, CORRUPTIONS, FAMILIES, FURTHER
 
 MEMBERS: dict[str, tuple[str, ...]] = {
     family: (*names, *(each.local_name(own) for each in SETS for own in each.families.get(family, ())))
@@ -42,3 +44,39 @@ def ordered(names: Iterable[str]) -> list[str]:
     ['contrast', 'fog', 'robustspring_fog', 'rain']
     """
     return sorted(names, key=lambda name: (_PLACE.get(name, len(_PLACE)), name))
+
+
+ALL = "all"
+"""Stands for all corruptions of a benchmark where names are expected."""
+
+
+def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]:
+    """Replace "all" and names of families with the corruptions that they contain; keep everything else.
+
+    Args:
+        given: names of corruptions and families, or corruptions.
+        available: corruptions that "all" stands for. A family contains only these; "depth" and "sensor" also contain
+            the corruptions that need no clip.
+
+    Raises:
+        UsageError: none of a family's corruptions is available.
+
+    >>> with_families(["noise", "fog:2+snow"], ["fog", "shot_noise", "impulse_noise"])
+    ['shot_noise', 'impulse_noise', 'fog:2+snow']
+    >>> with_families(["sensor"], ["fog"])
+    ['raw_noise']
+    """
+    chosen: list[Any] = []
+    for name in given:
+        family = None if not isinstance(name, str) or name in CORRUPTIONS else MEMBERS.get(name) or FURTHER.get(name)
+        members = available if name == ALL else family
+        if members is None:
+            chosen.append(name)
+            continue
+        fitting = [one for one in members if one in available or (name in ("depth", "sensor") and one not in CLIP)]
+        if not fitting:
+            raise UsageError(
+                f"no corruption of the family '{name}' applies to these data; choose from {', '.join(available)}"
+            )
+        chosen += fitting
+    return list(dict.fromkeys(chosen))
