@@ -49,28 +49,55 @@ def test_a_source_without_a_spread_has_none():
     assert min(_of(split, "seed") for split in splits) == 0, "a negative estimate of a variance counts as 0"
 
 
-def test_a_split_is_the_analysis_of_variance_in_sums_of_squares():
-    runs = _runs(0.5, 0.4, 0.3, 3, np.random.default_rng(4))
-    fog = [[run.filter(corruption="fog", severity=level).sort("sample")["epe_sum"].to_numpy() / 1000 - 1
-            for level in (1, 3)] for run in runs.values()]  # fmt: skip
-    y = np.array(fog).transpose(2, 0, 1)  # image, seed, severity
+def _of_scores(y: np.ndarray) -> dict[int, pl.DataFrame]:
+    """Runs of fog whose CRE is y, float64 (images, seeds, severities), with up to three severities."""
     images, seeds, levels = y.shape
-    of_image, of_seed, of_level, of_cell = (
-        (y.mean(axis=axes, keepdims=True) - y.mean()) * np.ones(y.shape) for axes in ((1, 2), (0, 2), (0, 1), 2)
-    )
-    ss_image, ss_seed, ss_level, ss_cell, ss = (
-        float((part**2).sum()) for part in (of_image, of_seed, of_level, of_cell, y - y.mean())
-    )
-    ms_image, ms_seed = ss_image / (images - 1), ss_seed / (seeds - 1)
-    inter = (ss_cell - ss_image - ss_seed) / ((images - 1) * (seeds - 1))
-    within = (ss - ss_cell - ss_level) / (images * seeds * (levels - 1))
-    split = variance_split(runs, "cre")
-    assert _of(split, "image") ** 2 == pytest.approx((ms_image - inter) / (seeds * levels))
-    assert _of(split, "seed") ** 2 == pytest.approx((ms_seed - inter) / (images * levels))
-    assert _of(split, "severity") ** 2 == pytest.approx(ss_level / (images * seeds * (levels - 1)))
-    assert _of(split, "rest") ** 2 == pytest.approx(inter / levels + within)
-    variance_of_mean = (ms_image + ms_seed - inter) / (images * seeds * levels)
-    assert (split["error_of_mean"].drop_nulls() ** 2).sum() == pytest.approx(variance_of_mean)
+    runs = {}
+    for seed in range(seeds):
+        errors = np.concatenate([1 + y[:, seed], np.ones((images, 3 - levels))], axis=1)
+        snow = pl.col("corruption") == "snow"
+        rows = rows_of(np.ones(images), errors, errors)
+        rows = rows.with_columns(severity=pl.when(snow).then(pl.lit(5, pl.Int64)).otherwise("severity"))
+        rows = rows.with_columns(corruption=pl.when(snow).then(pl.lit("fog")).otherwise("corruption"))
+        runs[seed] = rows.filter(pl.col("severity") <= (0, 1, 3, 5)[levels])
+    return runs
+
+
+def test_split_of_three_images_equals_variances_computed_by_hand():
+    """Scores of three images (rows) with two seeds (columns) at severity 1 and at severity 3."""
+    y = np.array([[[0.0, 4.0], [2.0, 6.0]], [[1.0, 7.0], [1.0, 7.0]], [[5.0, 13.0], [7.0, 9.0]]])
+    split = variance_split(_of_scores(y), "cre")
+    # means of the images 3, 4, 8.5; of the seeds 5, 16/3; of the severities 8/3, 23/3; of all 31/6
+    # mean squares: image 103/3, seed 1/3, image x seed 7/3, image x severity 1, seed x severity 3, residual 3
+    assert _of(split, "image") ** 2 == pytest.approx((103 / 3 - 7 / 3) / 4)
+    assert _of(split, "seed") == 0  # (1/3 - 7/3) / 6 is negative
+    assert _of(split, "severity") ** 2 == pytest.approx(12.5)
+    both, of_image, of_seed, residual = (7 / 3 - 3) / 2, (1 - 3) / 2, (3 - 3) / 3, 3
+    assert _of(split, "rest") ** 2 == pytest.approx(both + (of_image + of_seed) / 2 + residual)
+    assert (split["error_of_mean"].drop_nulls() ** 2).sum() == pytest.approx(8 / 3 + 7 / 3 / 12)
+
+
+@pytest.mark.parametrize("severities", [1, 2, 3])
+def test_rest_of_pure_noise_is_its_deviation_at_any_number_of_severities(severities):
+    rng = np.random.default_rng(6)
+    noise = [rng.normal(0, 1, (40, 3, severities)) for _ in range(25)]
+    rests = [_of(variance_split(_of_scores(y + 5), "cre"), "rest") ** 2 for y in noise]
+    standard_error = np.sqrt(2 / (40 * 3 * severities) / len(rests)) * 1.5  # estimates with fewer degrees of freedom
+    assert np.mean(rests) == pytest.approx(1, abs=3 * standard_error)
+
+
+def test_rest_is_the_variance_of_one_score_around_image_seed_and_severity():
+    """Scores with interactions of known variance: image and seed 0.5, image and severity 1, noise 0.25."""
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(60):
+        of_image_and_severity = rng.normal(0, 1, (40, 1, 1)) * np.array([1, -1])  # adds up to 0 over severities
+        y = rng.normal(0, 2, (40, 1, 1)) + rng.normal(0, 0.5**0.5, (40, 3, 1)) + of_image_and_severity
+        y = y + rng.normal(0, 0.5, (40, 3, 2)) + np.array([0.0, 4.0])
+        split = variance_split(_of_scores(y + 20), "cre")
+        found.append([_of(split, source) ** 2 for source in ("image", "rest")])
+    means, errors = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / len(found) ** 0.5
+    assert np.all(np.abs(means - [4, 1.75]) < 3 * errors), (means, errors)
 
 
 def test_one_seed_and_other_metrics_are_refused():

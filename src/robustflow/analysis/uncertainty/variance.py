@@ -5,9 +5,10 @@ analysis of variance (one value per cell) give the components by the method of m
 (Searle, Casella and McCulloch 1992, ch. 4). Severities are chosen by the protocol, not sampled, so their component is
 reported but not included in the error of the mean, which depends on images and seeds only:
 
-    var(mean) = image / n + seed / s + rest / (n s)
+    var(mean) = image / n + seed / s + r / (n s)
 
-where the rest is the interaction of image and seed, averaged over severities.
+where r is the interaction of image and seed, averaged over severities. The rest of one score y_ijk is r and the
+variation within an image and seed: all interactions with the severity and the noise.
 """
 
 from __future__ import annotations
@@ -71,13 +72,21 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
     rest_of_mean = square_inter / levels  # for an image's mean over severities with one seed
     per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
-    residual = y - both[:, :, None] - level[None, None, :] + mean
-    within = np.square(residual).sum() / max(1, images * seeds * (levels - 1)) if levels > 1 else 0.0
+    rest = rest_of_mean
+    if levels > 1:  # severities are fixed, so within an image and seed the variance is (levels - 1) / levels of this
+        of_image = y.mean(axis=1) - image[:, None] - level + mean
+        of_seed = y.mean(axis=0) - seed[:, None] - level + mean
+        residual = y - both[:, :, None] - level + mean - of_image[:, None, :] - of_seed
+        square_residual = np.square(residual).sum() / ((images - 1) * (seeds - 1) * (levels - 1))
+        within = np.square(of_image).sum() / ((images - 1) * (levels - 1))
+        within += np.square(of_seed).sum() / ((seeds - 1) * (levels - 1))
+        within += square_residual * (1 - 1 / images - 1 / seeds)
+        rest += within * (levels - 1) / levels
     parts = [
         ("image", images, per_image, per_image / images),
         ("seed", seeds, per_seed, per_seed / seeds),
         ("severity", levels, per_level, None),
-        ("rest", images * seeds * levels, rest_of_mean + within, rest_of_mean / (images * seeds)),
+        ("rest", images * seeds * levels, rest, rest_of_mean / (images * seeds)),
     ]
     whole = sum(variance for _, _, variance, _ in parts) or 1.0
     records = [
