@@ -275,6 +275,19 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
     assert (code, out.splitlines()[0]) == (1, "contrast: different bytes at severity 1, 3, 5")
 
 
+def test_corrupt_check_of_a_new_corruption_says_that_no_bytes_are_stored_and_fails(robustflow, monkeypatch):
+    from robustflow.corruptions import machine_check
+    from robustflow.video import machine_check as clips
+
+    Path("digests.json").write_text("{}")
+    monkeypatch.setattr(machine_check, "DIGESTS", Path("digests.json"))
+    monkeypatch.setattr(machine_check, "CHECKED", ("contrast",))
+    monkeypatch.setattr(clips, "compare_with_package", list)
+    code, out, _ = robustflow("corrupt", "--check")
+    assert code == 1
+    assert re.match("contrast: .*tests.rewrite.*\n0 of 1 ", out)
+
+
 def test_a_run_writes_its_own_page_with_the_setting_beside_the_name(robustflow, real_pictures):
     command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
     with real_pictures():

@@ -1,5 +1,6 @@
 """Corruptions produce the same bytes with this machine's instruction set as with a 2003 processor's."""
 
+import json
 import os
 import platform
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import pytest
 
 from robustflow.corruptions import machine_check
+from robustflow.corruptions.registry import CLIP
 from robustflow.video import machine_check as clips
 
 SCRIPT = """
@@ -70,6 +72,11 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path):
     here = digests()
     assert len(here) >= 24
     assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
+
+
+def test_the_stored_digests_are_of_the_shipped_corruptions():
+    stored = [set(json.loads(module.DIGESTS.read_text())) for module in (machine_check, clips)]
+    assert stored == [set(machine_check.CHECKED), set(CLIP)]
 
 
 @pytest.mark.slow  # compilation and computation take half a minute; psf_blur alone takes five seconds

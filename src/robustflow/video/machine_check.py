@@ -23,6 +23,7 @@ from .prepare import Preparation, prepare_clip
 from .prepared import CACHE_LIMIT, PreparedClip
 from .source import VideoFile
 
+DIGESTS = resources.files(__package__) / "data" / "digests.json"
 _FRAMES, _FPS = 14, Fraction(240)
 _PREPARATION = Preparation(factor=4, step=1, interpolator="flow")
 _DIVISORS = {"h264_abr": 16, "bit_error": 10_000}
@@ -35,7 +36,7 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
     """
     with TemporaryDirectory() as folder:
         digests = partial(digests_of, clip=prepared_clip(Path(folder)))
-        yield from compare(CLIP, digests, resources.files(__package__) / "data" / "digests.json")
+        yield from compare(CLIP, digests, DIGESTS)
 
 
 def prepared_clip(folder: Path) -> PreparedClip:

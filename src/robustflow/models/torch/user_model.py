@@ -141,6 +141,7 @@ class TorchModel(NetworkModel):
         self._class = type(net).__name__
         super().__init__(name or self._class, wrapped, convention, settings, execution)
         self.frozen = frozenset(f"module.{name}" for name in frozen)
+        """Names of the parameters that the module excludes from training."""
 
     def identity(self) -> dict[str, Any]:
         """Return the identity as in `NetworkModel.identity`, but without the name, which does not affect the
