@@ -38,3 +38,10 @@ def seen(first, second=None, rotation=None, translation=None, focal=100.0):
 def plane(depth, shape, **camera):
     """Return the depth of a fronto-parallel plane in both frames."""
     return seen(np.full(shape, depth, np.float32), **camera)
+
+
+def ray_lengths(lens, shape):
+    """Return the length of each pixel's ray to a plane at a depth of one metre, in float64."""
+    fx, fy, cx, cy = lens
+    rows, columns = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    return np.linalg.norm([(columns - cx) / fx, (rows - cy) / fy, np.ones(shape)], axis=0)

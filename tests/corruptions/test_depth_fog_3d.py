@@ -11,7 +11,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.random.rng import Rng
 from robustflow.sample import Camera, SceneDepth
 
-from .pictures import picture, scene, seen
+from .pictures import picture, ray_lengths, scene, seen
 
 VISIBILITIES = (1000.0, 500.0, 250.0, 125.0, 60.0)
 """Distances in metres at which 2 % of the contrast are left; exp(-3.912) is 0.02."""
@@ -28,13 +28,15 @@ def test_fog_is_within_a_grey_level_of_the_formula_in_float64(severity, seed, de
     low, high = sorted(depths)
     maps = tuple(np.exp(rng.uniform(np.log(low), np.log(high), (20, 30))).astype(np.float32) for _ in range(2))
     known = np.ones((20, 30), bool)
-    depth = SceneDepth(maps, (known, known), Camera((30.0, 30.0), (15.0, 10.0)))
+    lenses = (30.0, 20.0, 15.0, 10.0), (45.0, 40.0, 8.0, 17.0)
+    depth = SceneDepth(maps, (known, known), Camera(lenses[0][:2], lenses[0][2:], second=lenses[1]))
     frames = picture(20, 30), picture(20, 30, seed=1)
     corruption = load_corruption("fog_3d")
     state = corruption.draw_with_depth(Rng.of(seed), severity, (20, 30), depth)
     airlight = state[0].astype(np.float64)
     for index, frame in enumerate(frames):
-        passed = np.exp(-3.912 / VISIBILITIES[severity - 1] * maps[index].astype(np.float64))[..., None]
+        distance = maps[index].astype(np.float64) * ray_lengths(lenses[index], (20, 30))
+        passed = np.exp(-3.912 / VISIBILITIES[severity - 1] * distance)[..., None]
         expected = passed * frame + (1 - passed) * airlight
         assert np.abs(corruption.apply(frame, state, index) - expected).max() < 0.51
 

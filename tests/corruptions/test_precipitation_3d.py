@@ -15,8 +15,9 @@ from robustflow.corruptions.depth.rain_3d import Rain3d
 from robustflow.corruptions.depth.snow_3d import Snow3d
 from robustflow.errors import UsageError
 from robustflow.random.rng import Rng
+from robustflow.sample import Camera
 
-from .pictures import picture, plane, seen
+from .pictures import picture, plane, ray_lengths, scene, seen
 
 both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
 
@@ -99,6 +100,20 @@ def test_terminal_speeds_are_those_of_rain_and_of_snow():
 
 @both
 @pytest.mark.parametrize("index", [0, 1])
+def test_the_veil_is_that_of_the_rays_length_beyond_its_start(kind, index):
+    lenses, frame = ((70.0, 60.0, 20.0, 50.0), (90.0, 90.0, 80.0, 60.0)), picture(120, 160)
+    depth = replace(scene(120, 160), camera=Camera(lenses[0][:2], lenses[0][2:], second=lenses[1]))
+    state = kind().draw_scene(Rng.of("veil"), 5, depth)
+    out = kind().apply(frame, state._replace(particles=by_hand(np.empty((0, 3)), [], lenses=lenses)), index)
+    density, start = state.veil
+    beyond = np.maximum(depth.maps[index].astype(np.float64) - start, 0) * ray_lengths(lenses[index], (120, 160))
+    passed = np.exp(-density * beyond)[..., None]
+    assert passed.min() < 0.9
+    assert np.abs(out - (passed * frame + (1 - passed) * np.array(kind.colour))).max() < 0.51
+
+
+@both
+@pytest.mark.parametrize("index", [0, 1])
 def test_particles_are_hidden_pixel_by_pixel(kind, index):
     frame, maps = picture(120, 160), np.full((2, 120, 160), 50.0, np.float32)
     maps[:, :, :80] = NEAREST - 0.01
@@ -111,13 +126,13 @@ def test_particles_are_hidden_pixel_by_pixel(kind, index):
     assert (open_sky != frame).any(axis=(0, 2)).all()
 
 
-def by_hand(points, diameters, speed=(0.0, 0.0, 0.0)):
+def by_hand(points, diameters, speed=(0.0, 0.0, 0.0), lenses=((100.0, 100.0, 79.5, 59.5),) * 2):
     """Return particles at the given positions, all with the same velocity."""
     first = np.array(points, np.float64)
     velocity = np.tile(np.array(speed), (len(first), 1))
     return Particles(
         (first, first + FRAME_INTERVAL * velocity), (velocity, velocity), np.array(diameters, np.float64),
-        np.array([[100.0, 100.0, 79.5, 59.5]] * 2), STILL,
+        np.array(lenses), STILL,
     )  # fmt: skip
 
 

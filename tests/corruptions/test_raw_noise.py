@@ -9,14 +9,22 @@ from scipy.ndimage import convolve
 
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.sensor.camera import CameraColours, bytes_of_linear, draw_camera, linear_of_bytes
-from robustflow.corruptions.sensor.exposure import BLACK, WHITE, Sensor, exposed, sensor_at
+from robustflow.corruptions.sensor.exposure import (
+    BLACK,
+    NOISELESS,
+    WHITE,
+    Sensor,
+    exposed,
+    exposed_without_noise,
+    sensor_at,
+)
 from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
+from robustflow.corruptions.sensor.raw_noise import RawState
 from robustflow.random.rng import Rng
 
 from .pictures import picture
 
 SPAN = WHITE - BLACK
-NOISELESS = Sensor(0.0, 0.0)
 ISO = load_corruption("raw_noise").severities
 
 
@@ -116,8 +124,7 @@ def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, mo
     smooth = rng.uniform(16, 230) - 123 + (waves * heights)[..., :3] + (waves * heights)[..., 3:]
     frame = np.rint(123 + 107 * np.tanh(smooth / 100)).astype(np.uint8)
     camera = draw_camera(Rng.of("smooth", seed))
-    raw = np.rint(BLACK + light_on_sensor(frame, camera) * SPAN).astype(np.uint16)
-    back = developed(raw, camera, NOISELESS)
+    back = developed(exposed_without_noise(light_on_sensor(frame, camera)), camera, NOISELESS)
     difference = np.abs(back.astype(int) - frame)[2:-2, 2:-2]
     assert difference.max() <= most
     assert (difference > 1).mean() <= share
@@ -175,3 +182,13 @@ def test_grey_keeps_its_colour_on_average(grey):
     corruption, frame = load_corruption("raw_noise"), np.full((200, 300, 3), grey, np.uint8)
     state = corruption.draw(Rng.of("cast", grey), 1, frame.shape[:2])
     np.testing.assert_allclose(corruption.apply(frame, state, 0).mean((0, 1)), grey, atol=1)
+
+
+@pytest.mark.parametrize(("noise", "most", "mean"), [(1e-9, 1, 0.02), (1e-7, 2, 0.1), (1e-6, 6, 0.25)])
+def test_a_frame_stays_as_it_is_as_the_noise_vanishes(noise, most, mean):
+    """The remaining differences of a level come from the rounding to 14 bits."""
+    corruption, frame = load_corruption("raw_noise"), picture(100, 120)
+    state = RawState(draw_camera(Rng.of("vanishing")), Sensor(noise, noise), Rng.of("noise"))
+    difference = np.abs(corruption.apply(frame, state, 0).astype(int) - frame)
+    assert difference.max() <= most
+    assert difference.mean() < mean

@@ -16,6 +16,7 @@ from robustflow.datasets import load_dataset
 from robustflow.datasets.camera_motion import relative_motion, with_motion
 from robustflow.errors import DataError
 from robustflow.flowio import write_flow
+from robustflow.images.io import write_image
 from robustflow.sample import Camera
 
 from .layouts import picture, placed
@@ -23,6 +24,7 @@ from .layouts import picture, placed
 HEIGHT, WIDTH = 48, 64
 FOCAL = 60.0
 CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+SKY_ROWS = 5
 
 
 def turned(*angles):
@@ -97,9 +99,11 @@ def kitti(root, scene, baseline=0.54):
     """A KITTI 2015 pair with disparity, as stored in its PNG files, and calibration."""
     training = root / "training"
     for number in (10, 11):
-        picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
+        frame = picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
+        frame[:SKY_ROWS] = 250
+        write_image(training / "image_2" / f"000010_{number}.png", frame)
     known = np.ones((HEIGHT, WIDTH), bool)
-    known[:5] = known[:, ::3] = False  # the sky, and the gaps between the scan lines
+    known[:SKY_ROWS] = known[:, ::3] = False  # the sky, and the gaps between the scan lines
     write_flow(placed(training / "flow_occ" / "000010_10.png"), scene.flow, known)
     for name, metres in (("disp_occ_0", scene.depth), ("disp_occ_1", scene.then)):
         values = np.rint(256 * np.where(known, FOCAL * baseline / metres, 0)).astype("<u2")
@@ -126,6 +130,8 @@ def test_kitti_has_depth_by_disparity_and_calibration_and_a_fitted_camera(tmp_pa
     np.testing.assert_array_equal(depth.measured[0], sample.valid)
     quantized = np.rint(256 * FOCAL * 20.0 / scene.depth[sample.valid])
     np.testing.assert_allclose(depth.maps[0][sample.valid], FOCAL * 20.0 * 256 / quantized, rtol=1e-6)
+    assert (depth.maps[0][:SKY_ROWS] == 10_000).all()
+    assert depth.maps[0][SKY_ROWS:].max() < 100
     check_second(depth, scene)
     np.testing.assert_allclose(depth.camera.intrinsics(1), (FOCAL, FOCAL, *CENTRE))
     np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=2e-3)

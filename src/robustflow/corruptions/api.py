@@ -21,7 +21,7 @@ from .registry import CORRUPTIONS
 from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_registered
 
-STREAM_VERSION = 2
+STREAM_VERSION = 3
 """Version of the corruptions' output. It is part of every run's identity and is incremented when the output of any
 corruption changes, so that results from different versions are never mixed.
 """

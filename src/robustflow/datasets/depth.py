@@ -19,6 +19,8 @@ from ..compiled import njit
 from ..errors import DataError, first_line
 from ..sample import Camera, DepthMap, Flow, Mask, Sample, SceneDepth
 
+SKY = 10_000.0
+"""Depth of the sky, in metres."""
 _NEAREST, _FARTHEST = 0.1, 10_000.0
 """Plausible range of the median depth, in metres; a median outside it suggests the wrong unit."""
 

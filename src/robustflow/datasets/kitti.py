@@ -31,9 +31,10 @@ from ..flowio.depth import read_depth_png
 from ..layout import by_sequence, choice, following, locate, partner
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
-from .depth import carried, check_size, depth_of, present, scene_depth
+from .depth import SKY, carried, check_size, depth_of, present, scene_depth
 from .facts import DatasetFacts
 from .kitti_drives import drive_groups
+from .kitti_sky import sky
 from .pairs import PairDataset, PairFiles, Truth
 
 KITTI_FRAME = r"(\d{6})_(\d\d)\.png"
@@ -107,7 +108,7 @@ class Kitti2015(KittiSequences):
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`. Depth is f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1`
         contains the disparity in frame 2 at the pixels of frame 1; the true flow gives their positions in frame 2. The
-        camera motion is fitted to depth and flow (`camera_motion`)."""
+        camera motion is fitted to depth and flow (`camera_motion`). The sky (`kitti_sky`) is 10 km away."""
         first, second, calibration = self.depth_files(sample.key)
         camera, scale = _calibration(calibration)
         now, then = (depth_of(read_depth_png(path), 256 * scale) for path in (first, second))
@@ -117,7 +118,10 @@ class Kitti2015(KittiSequences):
         assert sample.valid is not None
         camera = with_motion(camera, now, sample.flow, sample.valid & (now > 0))
         moved = carried(then, sample.flow, sample.valid & (then > 0))
-        return scene_depth(now, moved, camera, self.name, sample)
+        depth = scene_depth(now, moved, camera, self.name, sample)
+        for frame, metres, measured in zip(sample.frames[:2], depth.maps, depth.measured, strict=True):
+            metres[sky(frame, measured)] = SKY
+        return depth
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

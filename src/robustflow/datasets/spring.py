@@ -25,14 +25,12 @@ from ..flowio.depth import read_dsp5
 from ..layout import choice, consecutive, folders, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
-from .depth import check_size, depth_of, present, scene_depth, table_of
+from .depth import SKY, check_size, depth_of, present, scene_depth, table_of
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
 _BASELINE = 0.065
 """Stereo baseline, in metres."""
-_SKY = 10_000.0
-"""Largest depth, in metres; also used for the sky, whose disparity is zero."""
 
 
 class Spring(PairDataset):
@@ -94,7 +92,7 @@ class Spring(PairDataset):
             fx, fy, cx, cy = table[place].tolist()
             lenses.append((fx, fy, cx, cy))
             disparity = read_dsp5(path)[::2, ::2]
-            disparity = np.where(disparity >= 0, np.maximum(disparity, fx * _BASELINE / _SKY), disparity)
+            disparity = np.where(disparity >= 0, np.maximum(disparity, fx * _BASELINE / SKY), disparity)
             depths.append(depth_of(disparity, fx * _BASELINE))
             check_size(depths[-1], sample.shape, f"{path}: every second value of the disparity")
         (fx, fy, cx, cy), second = lenses

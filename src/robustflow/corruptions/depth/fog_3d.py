@@ -22,8 +22,8 @@ _TINT = 6.0
 class Fog3d(DepthCorruption):
     """Adds fog of uniform density to both frames, following Koschmieder's law.
 
-    The severity parameter is the meteorological visibility V in metres. A pixel x at a depth of Z metres becomes t x +
-    (1 - t) A with t = exp(-3.912 Z / V). The airlight A is drawn once per pair: green is between 175 and 230 grey
+    The severity parameter is the meteorological visibility V in metres. A pixel x whose ray is d metres long becomes
+    t x + (1 - t) A with t = exp(-3.912 d / V). The airlight A is drawn once per pair: green is between 175 and 230 grey
     levels, and red and blue deviate from it by up to 6 levels in opposite directions, so A is grey with a slightly warm
     or cold tint. As with real fog, the effect is invisible in a room that is only a few metres deep.
     """
@@ -38,7 +38,9 @@ class Fog3d(DepthCorruption):
         """Return the random airlight and the transmission of both frames."""
         green, tint = rng.uniform(_DARKEST, _BRIGHTEST), rng.uniform(-_TINT, _TINT)
         density = _CONTRAST / self.parameter(severity)
-        first, second = (transmission(one, density) for one in depth.maps)
+        first, second = (
+            transmission(one, depth.camera.intrinsics(index), density) for index, one in enumerate(depth.maps)
+        )
         return np.array([green - tint, green, green + tint], np.float32), (first, second)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:

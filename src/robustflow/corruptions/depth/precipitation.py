@@ -51,7 +51,7 @@ class Precipitation(DepthCorruption):
         """Add the particles and the veil to frame `index`, 0 or 1."""
         depth = np.ascontiguousarray(state.depth[index])
         density, start = state.veil
-        passed = transmission(depth, density, start)
+        passed = transmission(depth, state.particles.lenses[index], density, start)
         _cover(streaks_of(state.particles, index), depth, passed)
         return veiled(frame, passed, np.array(self.colour, np.float32))
 

@@ -15,23 +15,31 @@ from ...sample import DepthMap, Frame
 Transmission = npt.NDArray[np.float32]
 """Fraction of an object's light that reaches the camera, float32 (H, W) in (0, 1]."""
 
+Lens = tuple[float, float, float, float] | npt.NDArray[np.float64]
+"""Intrinsics fx, fy, cx, cy, in pixels."""
+
 _STEPS, _THICKEST = 256, 16
 """Table entries per unit of optical thickness, and the thickness beyond which nothing is visible."""
 
 
-def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmission:
-    """Return exp(-density * max(depth - start, 0)), accurate to 1e-5.
+def transmission(depth: DepthMap, lens: Lens, density: float, start: float = 0.0) -> Transmission:
+    """Return exp(-density * d), accurate to 1e-5, where d is the length of a pixel's ray in the medium.
 
     Args:
         depth: depth map, float32 (H, W), in metres.
+        lens: intrinsics (fx, fy, cx, cy) of the camera, in pixels.
         density: extinction coefficient in 1/m.
-        start: distance in metres between the camera and the start of the medium.
+        start: depth in metres at which the medium starts.
 
-    >>> transmission(np.array([[1.0, 3.0]], np.float32), 0.5, 1.0).round(4).tolist()
-    [[1.0, 0.367...]]
+    >>> lens = (4.0, 4.0, 0.0, 0.0)  # the ray of the fourth pixel to the right is 5/4 as long as its depth
+    >>> transmission(np.full((1, 4), 3.0, np.float32), lens, 0.5, 1.0)[0, ::3].round(4).tolist()
+    [0.367..., 0.286...]
     """
+    (height, width), (fx, fy, cx, cy) = depth.shape, lens
+    down, across = ((np.arange(height) - cy) / fy) ** 2, ((np.arange(width) - cx) / fx) ** 2
     out = np.empty(depth.shape, np.float32)
-    _look_up(np.ascontiguousarray(depth), np.float32(density * _STEPS), np.float32(start), _decay(), out)
+    squares = down.astype(np.float32), across.astype(np.float32)
+    _look_up(np.ascontiguousarray(depth), *squares, np.float32(density * _STEPS), np.float32(start), _decay(), out)
     return out
 
 
@@ -65,12 +73,12 @@ def _decay() -> npt.NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True)
-def _look_up(depth: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
+def _look_up(depth: Any, down: Any, across: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
     last = np.float32(table.shape[0] - 2)
     for y in range(depth.shape[0]):
-        source, target = depth[y], out[y]
+        source, target, rest = depth[y], out[y], np.float32(1) + down[y]
         for x in range(source.shape[0]):
-            place = min(max(source[x] - start, np.float32(0)) * scale, last)
+            place = min(max(source[x] - start, np.float32(0)) * (np.sqrt(rest + across[x]) * scale), last)
             below = np.int32(place)
             part = place - np.float32(below)
             target[x] = table[below] + part * (table[below + 1] - table[below])

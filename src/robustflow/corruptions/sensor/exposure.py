@@ -45,6 +45,9 @@ class Sensor(NamedTuple):
     read: float
 
 
+NOISELESS = Sensor(0.0, 0.0)
+
+
 @cache
 def sensor_at(iso: int) -> Sensor:
     """Return the noise parameters for an ISO number, as fitted by Brooks et al. to the Darmstadt Noise Dataset.
@@ -84,6 +87,11 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
         out.reshape(-1),
     )
     return out
+
+
+def exposed_without_noise(light: Light) -> Raw:
+    """Return the RAW image of a sensor without noise: the arguments and the result are those of `exposed`."""
+    return np.rint(BLACK + light * np.float32(WHITE - BLACK)).astype(np.uint16)
 
 
 @cache

@@ -10,7 +10,7 @@ from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from .camera import CameraColours, draw_camera
-from .exposure import Sensor, exposed, sensor_at
+from .exposure import NOISELESS, Sensor, exposed, exposed_without_noise, sensor_at
 from .mosaic import developed, light_on_sensor
 
 
@@ -27,9 +27,10 @@ class RawNoise(Corruption):
     """Simulates capturing the frames with a noisy sensor; severities are ISO numbers.
 
     Each frame is converted back to the light on the sensor (`camera`, `mosaic`), exposed with photon and read noise
-    (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. The camera
-    and its gains are drawn once per pair; the noise is independent in each frame. This corruption is excluded from the
-    paper's averages.
+    (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. The
+    difference from a development without noise and denoising is added to the frame, because the frame has been
+    demosaiced before: without noise it stays as it is. The camera and its gains are drawn once per pair; the noise is
+    independent in each frame. This corruption is excluded from the paper's averages.
     """
 
     name = "raw_noise"
@@ -41,7 +42,9 @@ class RawNoise(Corruption):
         return RawState(draw_camera(rng.spawn("camera")), sensor_at(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: RawState, index: int) -> Frame:
-        """Expose and develop frame `index`, 0 or 1."""
+        """Add to frame `index`, 0 or 1, what the noise changes when it is exposed and developed."""
         key = np.uint64(state.stream.spawn("frame", index).key)
-        raw = exposed(light_on_sensor(frame, state.camera), state.sensor, key)
-        return developed(raw, state.camera, state.sensor)
+        light = light_on_sensor(frame, state.camera)
+        noisy = developed(exposed(light, state.sensor, key), state.camera, state.sensor)
+        clean = developed(exposed_without_noise(light), state.camera, NOISELESS)
+        return np.clip(frame + (noisy.astype(np.int16) - clean), 0, 255).astype(np.uint8)
