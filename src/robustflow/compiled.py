@@ -10,6 +10,7 @@ from __future__ import annotations
 import grp
 import hashlib
 import os
+import pickle
 import pwd
 import stat
 import sys
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import UsageError
+from .sealed import sealed_bytes, unsealed_bytes
 
 _yaml = sys.modules.get("yaml")
 sys.modules["yaml"] = None  # type: ignore[assignment]  # without yaml, numba cannot read settings
@@ -126,7 +128,7 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
 
 
 class _CacheFiles(numba.core.caching.IndexDataCacheFile):
-    """Cache files of compiled code, each named after its signature and target processor.
+    """Cache files of compiled code, each sealed with a digest and named after its signature and target processor.
 
     numba numbers these files and keeps the numbers in an index. When two processes compile different signatures of a
     function at once, both choose the same number. Code for contiguous arrays may then run on strided arrays and
@@ -134,14 +136,19 @@ class _CacheFiles(numba.core.caching.IndexDataCacheFile):
     """
 
     def save(self, key: Any, data: Any) -> None:
-        self._save_data(self._name(key), (self._source_stamp, data))
+        name = self._name(key)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(sealed_bytes(self._dump(data), self._made_of(key)))
 
     def load(self, key: Any) -> Any:
         try:
-            stamp, data = self._load_data(self._name(key))
+            data = unsealed_bytes(Path(self._data_path(self._name(key))).read_bytes(), self._made_of(key))
         except OSError:
             return None
-        return data if stamp == self._source_stamp else None
+        return None if data is None else pickle.loads(data)
+
+    def _made_of(self, key: Any) -> str:
+        return repr((self._version, key, self._source_stamp))
 
     def _name(self, key: Any) -> Any:
         digest = hashlib.sha256(repr((self._version, key)).encode()).hexdigest()

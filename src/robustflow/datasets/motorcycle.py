@@ -14,6 +14,7 @@ import numpy as np
 import skimage
 
 from ..errors import AssetError, UsageError
+from ..flowio.arrays import readable
 from ..images.io import read_image
 from ..sample import Camera, Flow, Mask, Sample, SceneDepth
 from .depth import carried, scene_depth
@@ -88,7 +89,7 @@ class Motorcycle(Samples):
         return self.files(key)[2:]
 
     def _truth(self) -> tuple[Flow, Mask]:
-        with np.load(self._files[2], allow_pickle=False) as archive:
+        with readable(self._files[2]), np.load(self._files[2], allow_pickle=False) as archive:
             disparity = archive["arr_0"]
         valid = np.isfinite(disparity)
         flow = np.zeros((*disparity.shape, 2), np.float32)

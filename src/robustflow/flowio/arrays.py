@@ -6,7 +6,9 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +28,13 @@ UNKNOWN_THRESHOLD = 1e9
 """A component whose magnitude exceeds this threshold marks unknown flow, as in Middlebury's format."""
 
 
+DAMAGE = (
+    *(ValueError, TypeError, LookupError, EOFError, SyntaxError, MemoryError, RuntimeError),
+    *(TokenError, BadZipFile, zlib.error),
+)
+"""Errors of the parsers of NumPy, OpenCV, HDF5 and zip on damaged files."""
+
+
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
     """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
@@ -36,7 +45,7 @@ def readable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError, zlib.error) as error:
+    except DAMAGE as error:
         raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError
+from ..flowio.arrays import DAMAGE
 from ..severity import SEVERITIES, check_severity
 from .psf_field import SIZE, PsfField
 
@@ -37,7 +37,7 @@ def shipped_field(severity: int) -> PsfField:
     try:
         with np.load(path, allow_pickle=False) as archive:
             half = archive["half"]
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, *DAMAGE) as error:
         raise DataError(f"cannot read the PSFs {path}: {error}; reinstall robustflow") from error
     check_digest(f"psf_s{severity}", half_digest(half))
     return PsfField(whole(half))
