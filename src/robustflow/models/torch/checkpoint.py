@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
+import io
 import warnings
 import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +16,7 @@ from torch import Tensor
 from ...errors import ModelError
 from ...layout import user_path
 from ..model_file import damaged, opened
+from .pickle_scan import IGNORED, RefusedError, scan_pickle
 
 
 class _Unread:
@@ -27,13 +27,6 @@ class _Unread:
 
     def __setstate__(self, state: Any) -> None:
         pass
-
-
-# For example the best error, the learning rate or the command line; none of them is unpickled.
-_BESIDE_WEIGHTS = [
-    (_Unread, name)
-    for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
-]
 
 
 HELD_AS = ("state_dict", "model_state_dict", "model")
@@ -68,7 +61,8 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     in `HELD_AS`.
 
     No code in the file is executed: a safetensors file contains none; in a file saved with `torch.save`, the declared
-    sizes are compared with the file size, and the file is then read with `weights_only=True`.
+    sizes are compared with the file size, its pickle is scanned (`pickle_scan`), and the file is then read with
+    `weights_only=True`.
 
     Args:
         path: path of the file.
@@ -101,7 +95,7 @@ def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
     with opened(path, sha256) as (file, digest):
         if _is_safetensors(file):
             return _load_safetensors(path, file), digest
-        _check_archive(path, file)
+        _check(path, file)
         return _load(path, file), digest
 
 
@@ -119,46 +113,60 @@ def _load_safetensors(path: Path, file: BinaryIO) -> dict[str, Tensor]:
         raise damaged(path, error) from None
 
 
-def _check_archive(path: Path, file: BinaryIO) -> None:
-    if file.read(2) != b"PK":
-        return  # the format before PyTorch 1.6, for which torch itself checks the declared sizes
-    size = file.seek(0, 2)
+def _check(path: Path, file: BinaryIO) -> None:
+    """Raise unless PyTorch can read the file at a cost that its size bounds, and without running code."""
+    zipped = file.read(2) == b"PK"
+    file.seek(0)
     try:
-        with zipfile.ZipFile(file) as archive:
-            declared = sum(record.file_size for record in archive.infolist())
-            changed = archive.testzip() if declared <= size else None
-    except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
-        raise damaged(path, error) from None
-    if declared > size:
-        # torch.save does not compress, so the contents cannot be larger than the file.
+        if zipped:
+            scan_pickle(_pickle_of_archive(path, file))
+        else:  # the format before PyTorch 1.6: the content is the fourth of five pickles
+            for _ in range(5):
+                scan_pickle(file)
+    except RefusedError as error:
         raise ModelError(
-            f"{path}: its {size} bytes would unpack to {declared}; torch.save does not compress, so this is not a "
-            "genuine checkpoint"
-        )
-    if changed is not None:
-        raise damaged(path, ValueError(f"checksum mismatch in {changed[:60]}"))
+            f"{path}: not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run "
+            "code or exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict "
+            "with torch.save"
+        ) from None
+    except ModelError:
+        raise
+    except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
+        raise damaged(path, error) from None
+    file.seek(0)
+
+
+def _pickle_of_archive(path: Path, file: BinaryIO) -> BinaryIO:
+    size = path.stat().st_size
+    with zipfile.ZipFile(file) as archive:
+        records = archive.infolist()
+        declared = sum(record.file_size for record in records)
+        if declared > size:
+            # torch.save does not compress, so the contents cannot be larger than the file.
+            raise ModelError(
+                f"{path}: its {size} bytes would unpack to {declared}; torch.save does not compress, so this is not a "
+                "genuine checkpoint"
+            )
+        if (changed := archive.testzip()) is not None:
+            raise ValueError(f"checksum mismatch in {changed[:60]}")
+        # PyTorch searches names regardless of case, in the folder of the first record
+        names = [record.filename.lower() for record in records]
+        if len(set(names)) < len(names):
+            raise ValueError("two records have the same name")
+        return io.BytesIO(archive.read(records[0].filename.partition("/")[0] + "/data.pkl"))
 
 
 def _load(path: Path, file: BinaryIO) -> Any:
-    file.seek(0)
     try:
-        with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
+        with warnings.catch_warnings(), torch.serialization.safe_globals([(_Unread, name) for name in IGNORED]):
             warnings.simplefilter("ignore")  # pickle protocol warnings; unreadable files raise an error anyway
             return torch.load(file, weights_only=True, map_location="cpu")
-    except pickle.UnpicklingError as error:
-        lines = str(error).splitlines()
-        reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
-        reason = reason.partition(" Please use")[0][:200]  # drops torch's advice to execute the code in the file
-        raise ModelError(
-            f"{path}: not loaded, because it contains more than plain weights ({reason}), which may run code; use the "
-            "authors' file, or, if you trust this one, save only its state_dict with torch.save"
-        ) from None
     except Exception as error:  # torch has no specific exception type for truncated or inconsistent files
         raise damaged(path, error) from None
 
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:
-    for _ in HELD_AS:  # a file may contain itself, so the depth is limited
+    for _ in HELD_AS:
         held = content if isinstance(content, dict) else {}
         content = next((held[name] for name in HELD_AS if isinstance(held.get(name), dict)), content)
     if not isinstance(content, dict) or not content:
