@@ -1,17 +1,24 @@
 """Test the export of rows for other programs, and a folder of records to which several people contribute."""
 
 import io
+import json
 import re
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+from robustflow.analysis.results_file import read_results
 from robustflow.api import load_run
+from robustflow.atomic import json_bytes
+from robustflow.corruptions.api import STREAM_VERSION
+from robustflow.digest import digest_of_value
 from robustflow.errors import DataError, RunError
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.collection import LIST, add_records, collected
 from robustflow.records.pack import pack, record_bytes
+
+from ..records.forge import entries_of, sealed
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +145,28 @@ def test_a_record_that_was_exchanged_or_is_gone(records, tmp_path):
     copy.unlink()
     with pytest.raises(DataError, match="but missing"):
         collected(tmp_path / "site")
+
+
+def test_record_of_an_earlier_version_is_left_out_of_the_leaderboard_alone(robustflow, run, records, monkeypatch):
+    """The board shows the others, `show` gives the same reason, and the record cannot be added to a collection."""
+    monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
+    old = Path("old.robustflow")
+    entries = entries_of(records[0].read_bytes())
+    manifest, record = (json.loads(entries[name]) for name in ("manifest.json", "record.json"))
+    manifest["identity"]["frames"]["streams"] = STREAM_VERSION - 1
+    manifest["identity_digest"] = record["run"] = digest_of_value(manifest["identity"])
+    changed = {"manifest.json": json_bytes(manifest), "record.json": json_bytes(record)}
+    old.write_bytes(sealed(entries | changed))
+    reason = robustflow.refuses("show", old, code=1)
+    code, out, left_out = robustflow("leaderboard", records[0], old, "--no-published", "-o", "page")
+    assert (code, out) == (0, "page/index.html\n")
+    assert left_out == f"left out: {reason.removeprefix('robustflow: ')}\n"
+    assert {line.name for line in read_results("page/results.csv")} == {"Farneback"}
+    assert robustflow.refuses("leaderboard", old, code=1) == reason
+    assert "absent" in robustflow.refuses("leaderboard", records[0], "absent", code=1)
+    add_records(Path("site"), records)
+    with pytest.raises(RunError):
+        add_records(Path("site"), [old])
 
 
 def test_a_page_is_written_into_one_folder(robustflow, records):

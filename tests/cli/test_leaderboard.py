@@ -30,7 +30,7 @@ def test_runs_and_files_beside_them(robustflow, run):
     Path("mine.csv").write_text(_RESULTS)
     robustflow.prints("leaderboard", run, "mine.csv", "-o", "site")
     page = Path("site/index.html").read_text()
-    assert "From mine.csv" in page
+    assert "Claimed: mine.csv" in page
     assert "1 pair of the demo" in page
     assert "different frames: not comparable with the other groups" in page
     assert "Tab. 2" in page
@@ -60,7 +60,7 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     robustflow.prints("leaderboard", run, *files, "--no-published", "-o", "site")
     page = Path("site/index.html").read_text()
     imported = ("RAFT_ood", "gma kitti", "Reference code, kitti-fc", "FlowBench, kitti-2015, severity 3")
-    for said in (*imported, NOTE, "Not ranked here: 1 imported line"):
+    for said in (*imported, NOTE, "Not ranked here: 1 claimed line"):
         assert said in page
     (gma,) = (line for line in read_results("site/results.csv") if line.name == "gma kitti")
     assert gma.number("epe", "motion_blur") == 4.86

@@ -47,13 +47,14 @@ def test_frames_of_differences():
 
 
 def test_the_sentence_and_the_table_say_who_is_better():
-    assert _FOUND.metric == "cre"
+    assert _FOUND.metric == "epe"
     assert "is lower than" in _FOUND.sentence
+    assert _FOUND.sentence.endswith(": a<b> is more accurate.")
     verdict = ": the error of a<b> grows less under corruption, and a<b> is as accurate on clean frames."
-    assert _FOUND.sentence.endswith(verdict)
+    assert _FOUND.table("cre").remarks[0].endswith(verdict)
     shown = repr(_FOUND)
     assert "\x1b" not in shown
-    assert "CRE (px) per corruption" in shown
+    assert "EPE (px) per corruption" in shown
     html = _FOUND._repr_html_()
     assert "<b>" in html  # the better value
     assert "a&lt;b&gt;" in html
@@ -67,7 +68,7 @@ def test_marks_follow_the_level():
         found = Comparison(("a", "b"), compare_rows(_BETTER, _WORSE, ("a", "b"), level=level, resamples=499))
         cells = [cell for section in found.table().sections for line in section.lines for cell in line.cells]
         assert any(cell.best for cell in cells) == expected
-        assert ("grows less" in found.sentence) == expected
+        assert ("is more accurate" in found.sentence) == expected
 
 
 def test_without_ground_truth_and_outside_the_paper(runs_without_truth):

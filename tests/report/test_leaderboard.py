@@ -11,11 +11,10 @@ from typing import ClassVar
 
 import pytest
 
-from robustflow.analysis.imported import NOTE
 from robustflow.analysis.labels import SETTING_LABELS
 from robustflow.analysis.model_result import ModelResult, Value
 from robustflow.analysis.published.tables import published_costs, published_results
-from robustflow.analysis.results_file import parse_results
+from robustflow.analysis.results_file import parse_results, results_csv
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.leaderboard import PLACE, boards_of, by_error
 from robustflow.report.render import render
@@ -100,14 +99,14 @@ def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert not any(_best(cells) for line, cells in _CELLS.items() if line.setting == "knowledge")
     (alone,) = _cells_of(_file("OOD,A,epe,clean,2.00\n")).values()
     assert not _best(alone)
-    two = _cells_of(_file("OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n"))
+    two = _cells_of(_measured(("A", "OOD", 2.0), ("B", "OOD", 2.01)))
     assert [bool(_best(cells)) for cells in two.values()] == [True, False]
 
 
 def test_same_name_on_other_frames_is_another_page_and_no_rival():
     own = _file("OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n", "sample_set")
     content = whole_content([], [("a.csv", own)])
-    mine = content.lines[0]
+    mine = content.lines[-1]
     assert mine.frames == "mine"
     assert list(content.pages.values()).count(content.pages[mine]) == 1
     assert ("flops", "") not in content.cells[mine]
@@ -123,19 +122,35 @@ def test_order_puts_what_is_missing_last():
     assert [line.label for line in board.lines] == ["C", "A", "B"]
 
 
-def test_imported_lines_are_the_best_of_nothing():
-    for note, best in (("", 1), (NOTE, 0)):
-        cells = _cells_of(_file(f'own,A,epe,fog,1.00,"{note}"\nown,B,epe,fog,2.00,"{note}"\n', "note")).values()
-        assert sum(of_line["epe", "fog"].best for of_line in cells) == best
+def test_claimed_lines_have_no_best_value_and_are_ranked_by_no_sentence():
+    lines = _file("own,A,epe,average,1.00\nown,B,epe,average,2.00\n")
+    assert not any(map(_best, _cells_of(lines).values()))
+    (only,) = headline(whole_content([], [("a.csv", lines)], published=False))
+    assert only.startswith("Not ranked here: 2 claimed lines")
 
 
-def test_random_weights_in_a_results_file_are_never_ranked():
-    lines = _file("untrained,A,cre,average,1.00\nOOD,B,cre,average,2.00\nOOD,C,cre,average,3.00\n")
-    untrained, *_ = _cells_of(lines).items()
-    assert not _best(untrained[1])
-    first, *_, last = headline(whole_content([], [("a.csv", lines)], published=False))
-    assert "the lead of B (CRE 2.00 px) over C" in first
-    assert last == "Not ranked: A, because its weights are random."
+def test_results_file_that_names_a_measured_or_the_published_sample_set_is_a_group_below_them(small_run):
+    """A file with half of every value of a run, the paper's numbers halved, and their sample sets."""
+    content = whole_content([small_run])
+    rows = list(csv.DictReader(io.StringIO(results_csv(content.lines))))
+    halved = [
+        f"{row['benchmark']},{row['setting']},{row['model']} halved,{row['metric']},{row['corruption']},"
+        f"{float(row['value']) / 2},{row['sample_set']},yes"
+        for row in rows
+    ]
+    text = "benchmark,setting,model,metric,corruption,value,sample_set,marked\n" + "\n".join(halved) + "\n"
+    both = whole_content([small_run], [("halved.csv", parse_results(text, "halved.csv", "halved"))])
+    assert {line.source for line in both.lines} == {"measured", "published", "claimed"}
+    for board in both.boards:
+        sections = [{line.result.source for line in section.lines} for section in board.sections]
+        assert sections[-1] == {"claimed"}
+        assert len(sections) == 2
+        claimed = board.sections[-1]
+        assert claimed.title.startswith("Claimed: halved.csv")
+        assert not any(cell.best for line in claimed.lines for cell in line.cells)
+    before = {line.key: _best(content.cells[line]) for line in content.lines}
+    assert {line.key: _best(both.cells[line]) for line in both.lines if line.source != "claimed"} == before
+    assert not any("halved" in sentence for sentence in headline(both))
 
 
 class _Measured(ModelResult):
@@ -145,8 +160,8 @@ class _Measured(ModelResult):
     intervals: ClassVar = {}
 
 
-def _measured(*models: tuple[str, str, float]):
-    lines = [
+def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
+    return [
         _Measured(
             *("kitti-fc", "here", setting, name, ""),
             {("epe", "average"): Value(number)},
@@ -155,14 +170,18 @@ def _measured(*models: tuple[str, str, float]):
         )
         for name, setting, number in models
     ]
-    return {line.name: cells[PLACE].text if PLACE in cells else None for line, cells in _cells_of(lines).items()}
+
+
+def _places(*models: tuple[str, str, float]) -> dict[str, str | None]:
+    cells = _cells_of(_measured(*models))
+    return {line.name: of_line[PLACE].text if PLACE in of_line else None for line, of_line in cells.items()}
 
 
 def test_measured_models_of_every_setting_are_ranked_together_and_excluded_or_single_ones_not():
     sound = [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0)]
-    ranks = _measured(*sound, ("Blind", "OOD", 1.0))
+    ranks = _places(*sound, ("Blind", "OOD", 1.0))
     assert ranks == {"DIS": "2", "Blind": None, "A": "1", "B": "2", "C": "4"}
-    assert _measured(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}
+    assert _places(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}
 
 
 def test_every_renderer_writes_a_leaderboard_like_any_table():

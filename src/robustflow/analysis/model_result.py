@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from ..errors import DataError
 from ..metrics.summary import has_gaps
@@ -95,6 +95,7 @@ class ModelResult:
         beside_published: whether averages are restricted to the paper's corruptions, for comparison with published
             ones.
         detailed: whether to compute an interval for each corruption instead of for the averages only.
+        published: whether the values are the paper's.
         printed_cost: the paper's cost of the model, on published lines with ground truth.
         stated_coverage: the `coverage` given in a results file.
         exclusion: function that computes `excluded`, which depends on the other runs read together with this run.
@@ -109,9 +110,24 @@ class ModelResult:
     run: Run | None = None
     beside_published: bool = False
     detailed: bool = True
+    published: bool = False
     printed_cost: PrintedCost | None = None
     stated_coverage: float | None = None
     exclusion: Callable[[], str] = field(default=str, repr=False)
+
+    @property
+    def source(self) -> Literal["measured", "verified record", "published", "claimed"]:
+        """Where the values come from. Only values with rows can be checked; a results file merely claims its values."""
+        if self.run is not None:
+            return "verified record" if self.run.record else "measured"
+        return "published" if self.published else "claimed"
+
+    def may_be_best(self, metric: str) -> bool:
+        """Return whether the lowest value of a metric may be marked: of runs, only the EPE, because a flow that is too
+        short has a lower CRE, CREr and RCRE than the sound flow; of the paper, whatever the paper marks."""
+        if self.setting == "knowledge":
+            return False
+        return self.published or (self.run is not None and metric == "epe")
 
     @property
     def key(self) -> tuple[str, str]:

@@ -28,8 +28,8 @@ def compare(
 ) -> None:
     """Test whether models differ, paired by image, with intervals and corrected p-values.
 
-    Two runs are compared in one table: overall in every metric, and under each corruption in one metric (CRE by
-    default, RCRE without ground truth). Bold marks significantly lower values. More than two runs are ranked, each with
+    Two runs are compared in one table: overall in every metric, and under each corruption in one metric (EPE by
+    default, RCRE without ground truth). Bold marks a significantly lower EPE. More than two runs are ranked, each with
     its range of possible ranks (not in CSV, which contains a single table), and compared pairwise by the average of one
     metric: one sentence per pair on the terminal, one line per pair in other formats.
 
@@ -66,7 +66,7 @@ def compare(
     if len(runs) < 2:
         raise UsageError("a comparison needs two or more runs")
     loaded = [load_any_run(run) for run in runs]
-    chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
+    chosen = metric or ("rcre" if any(run.epe is None for run in loaded) else "epe")
     tables, sentences = [], []
     if (by_seed := seeds_of(loaded)) is not None:
         refuse_unused(context, _OF_TESTS, "for one model with several seeds, which needs no test")

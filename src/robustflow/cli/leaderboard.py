@@ -34,12 +34,13 @@ def leaderboard(
     """Build a leaderboard: a self-contained index.html, and results.csv.
 
     Without a source, the leaderboard shows the paper's results. Results measured on different frames form separate
-    groups and are not ranked against each other. Pages with more than 24 runs omit the example pictures, which make up
+    groups and are not ranked against each other. A run or record that cannot be read, such as one of an earlier version,
+    is left out with its reason. Pages with more than 24 runs omit the example pictures, which make up
     a third of the file size (robustflow gallery draws them). Values computed from a run are cached in its folder.
 
     Results files are CSV, or JSON written by the paper's reference code (results.json) or FlowBench
-    (metrics_DATASET.json). They contain means without rows, so they form separate groups that are labelled as
-    unverifiable.
+    (metrics_DATASET.json). They contain means without rows, so they form separate groups, labelled "claimed", below all
+    others.
 
     With --add the source is a folder that several people add records to. Each record is verified and copied into its
     records/ (a run's folder is packed first), and the page is rebuilt from all records. Without --add, a folder of
@@ -58,13 +59,14 @@ def leaderboard(
     from ..analysis.imported import read_imported
     from ..analysis.results_file import read_results, results_csv
     from ..atomic import make_folder, write_bytes
-    from ..errors import UsageError
+    from ..errors import RobustFlowError, UsageError
     from ..records.collection import add_records, collected, is_collection
     from ..records.load import load_any_run
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.embedded import embedded_slider
     from ..runs.example_list import FOLDER as EXAMPLES
+    from ..text import plain
 
     if add:
         if len(sources or []) != 1 or output not in (None, *(sources or [])):
@@ -84,8 +86,20 @@ def leaderboard(
         raise UsageError("--only-own needs a source: give a run's folder or a results file")
     files = [path for path in sources if path.suffix.lower() == ".csv"]
     imported = [path for path in sources if path.suffix.lower() == ".json"]
-    runs = [load_any_run(path) for path in sources if path not in (*files, *imported)]
-    results = [*((path.name, read_results(path)) for path in files), ("imported", read_imported(imported))]
+    runs, refused = [], []
+    for path in sources:
+        if path in (*files, *imported):
+            continue
+        try:
+            runs.append(load_any_run(path))
+        except RobustFlowError as error:
+            refused.append(error)
+            if not path.exists() or len(refused) == len(sources):
+                raise
+    for error in refused:
+        typer.echo(f"left out: {plain(str(error), None)}", err=True)
+    results = [(path.name, read_results(path)) for path in files]
+    results.append((", ".join(path.name for path in imported), read_imported(imported)))
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
     page = render_site(content, None if pictured or len(runs) > MOST_DETAILED else embedded_slider()).encode()

@@ -89,6 +89,7 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     try:
         reader.extract(folder)
         run = kind(folder)
+        run.record = reader.sha256
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise

@@ -84,14 +84,14 @@ def _measured_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
         cost, note = result.cost, full_note(result)
         cells = [TableCell("-")] * len(_COLUMNS)
         crer_at, average_at = _PLACE.get(result.setting, _OTHER)
-        cells[crer_at] = TableCell(number_text(result.crer, None) + _shown(rank.crer), rank.crer == 1)
+        cells[crer_at] = TableCell(number_text(result.crer, None) + _shown(rank.crer))
         if cost is not None:
             cells[0] = TableCell(f"{cost.parameters_m:.2f}")
             cells[1] = TableCell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
             if rank.average is not None:
-                cells[average_at] = TableCell(str(rank.average), rank.average == 1)
+                cells[average_at] = TableCell(str(rank.average))
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
-        lines.append(Line(result.name, tuple(cells), note, best=rank.average == 1))
+        lines.append(Line(result.name, tuple(cells), note))
     return tuple(lines)
 
 

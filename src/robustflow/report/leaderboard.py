@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from ..analysis.best import Compared, best_of_columns
 from ..analysis.cost_ranks import printed_cost_ranks, run_ranks
-from ..analysis.imported import NOTE as IMPORTED
 from ..analysis.labels import (
     FAMILY_LABELS,
     METRIC_LABELS,
@@ -136,9 +135,8 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
 
 
 def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
-    """Build the cells of each line and mark the best ones. As in the paper, knowledge-driven methods are never marked.
-    Numbers that the paper does not print are not marked either, nor are imported lines, whose frames cannot be
-    verified."""
+    """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
+    print are not marked."""
     ranks = printed_cost_ranks(results)
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     values, compared, derived = {}, [], {}
@@ -161,9 +159,9 @@ def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, T
         values[line] |= printed
         derived[line] = {CRER} if line.frames == PAPER and CRER not in printed else set()
         unmarked = {PARAMETERS, FLOPS, COVERAGE, *derived[line]}
-        if line.setting == "knowledge" or line.note == IMPORTED:
-            unmarked |= values[line].keys()
-        texts = {key: value.text for key, value in values[line].items() if key not in unmarked}
+        texts = {
+            key: value.text for key, value in values[line].items() if key not in unmarked and line.may_be_best(key[0])
+        }
         compared.append(Compared((line.benchmark, line.frames, line.setting), texts, bool(line.excluded)))
     for line, place in _places(results).items():
         values[line] |= {PLACE: Value(place, 0)}
@@ -263,8 +261,9 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
     every = [cell for of_line in cells.values() for cell in of_line.values()]
     if any(cell.best for cell in every):
         yield (
-            "Bold values are the best in their column among models in the same setting measured on the same frames, as "
-            "in the paper; knowledge-driven methods are not marked."
+            "Bold values are the best in their column among models in the same setting measured on the same frames. Of "
+            "runs, only the EPE is marked, because a flow that is too short has a low CRE, CREr and RCRE. "
+            "Knowledge-driven methods are not marked."
         )
     if any(cell.derived for cell in every):
         yield "In italics: CREr values that the paper does not print, computed from other values in the same row."

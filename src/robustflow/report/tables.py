@@ -89,12 +89,13 @@ def build_table(
     sections = tuple(
         Section(
             SETTING_LABELS.get(setting, setting),
-            _lines({line: values for line, values in chosen.items() if line.setting == setting}, keys, seeds),
+            _lines({line: values for line, values in chosen.items() if line.setting == setting}, metric, keys, seeds),
         )
         for setting in settings_in_order(line.setting for line in chosen)
     )
     title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
-    remarks = [_BEST, _SHARE] if gaps else [_BEST]
+    marked = any(cell.best for section in sections for line in section.lines for cell in line.cells)
+    remarks = [_BEST] * marked + [_SHARE] * gaps
     if any(is_still(line.benchmark) for line in chosen):
         remarks.append(PHANTOM)
     return Table(name, title, tuple(columns), sections, tuple(remarks))
@@ -128,12 +129,12 @@ def _column(key: str, metric: str) -> Column:
 
 
 def _lines(
-    chosen: Mapping[ModelResult, Mapping[str, Value]], keys: Sequence[str], seeds: Sequence[SeedGroup]
+    chosen: Mapping[ModelResult, Mapping[str, Value]], metric: str, keys: Sequence[str], seeds: Sequence[SeedGroup]
 ) -> tuple[Line, ...]:
-    """Build the lines for one setting; knowledge-driven models are not marked."""
+    """Build the lines for one setting."""
     texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
     compared = [
-        Compared(line.frames, {} if line.setting == "knowledge" else shown, bool(line.excluded))
+        Compared(line.frames, shown if line.may_be_best(metric) else {}, bool(line.excluded))
         for line, shown in texts.items()
     ]
     excluded = {line.key: line.excluded for line in chosen}

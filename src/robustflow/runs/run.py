@@ -37,9 +37,14 @@ class Run:
     Args:
         folder: path of the run's folder.
 
+    Attributes:
+        record: SHA-256 of the verified record from which the folder was unpacked; "" if the folder was not.
+
     Raises:
         RunError: the folder contains no run, or a run that this version cannot read.
     """
+
+    record = ""
 
     def __init__(self, folder: str | Path) -> None:
         self._folder = RunFolder(folder)

@@ -31,7 +31,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
     boards = {board.benchmark: board for board in content.boards}
     titles = [section.title for section in boards["kitti-fc"].sections]
-    assert titles == ["From one.csv", "From two.csv", "Published values"]
+    assert titles == ["Published values", "Claimed: one.csv", "Claimed: two.csv"]
     assert "1 pair of the demo" in boards["demo"].sections[0].title
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "is not a learned method"),)
 
@@ -58,10 +58,9 @@ def test_what_was_measured_comes_before_what_was_published(small_run, many_image
 
 
 def test_a_value_given_twice_is_refused():
-    of_paper = _file("OOD,RAFT,epe,clean,1.00,paper\n")
-    with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'paper'"):
-        whole_content([], [("mine.csv", of_paper)])
-    assert whole_content([], [("mine.csv", of_paper)], published=False).lines[0].name == "RAFT"
+    mine = _file("OOD,RAFT,epe,clean,1.00,mine\n")
+    with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'mine'"):
+        whole_content([], [("one.csv", mine), ("two.csv", mine)])
 
 
 def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
@@ -71,8 +70,8 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
         assert low < line.number("cre", "average") < high
         assert cells["cre", "average"].interval == f"[{low:.2f}, {high:.2f}]"
     best = headline(content)
-    assert "the error grows least under corruption for A (CRE " in best[0]
-    assert "the error of A grows less under corruption, and A is as accurate on clean frames." in best[1]
+    assert "the most robust is A (EPE " in best[0]
+    assert best[1].endswith(": A is more accurate.")
     assert "clean EPE" in best[0]
     assert "p < 0.001" in best[1]
 
@@ -94,7 +93,7 @@ def test_no_useless_model_is_crowned(many_images, monkeypatch):
 def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
     runs = [many_images("A" * (1 + index), 1 + 0.1 * index) for index in range(4)]
     said = headline(whole_content(runs, published=False))
-    assert "The average CRE of A is lower than that of AA" in said[1]
+    assert "The average EPE of A is lower than that of AA" in said[1]
     assert "corrected for 6 comparisons" in said[1]
 
 
@@ -102,24 +101,24 @@ def test_no_winner_where_the_difference_is_none(many_images):
     """Models with equal errors share the lead; neither wins because of its name."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
-    assert "A and Bb share the lead (CRE " in said[0]
+    assert "A and Bb share the lowest EPE under corruption (" in said[0]
     said = headline(whole_content([many_images(name) for name in ("A", "Bb", "Ccc")], published=False))
-    assert "A, Bb and Ccc share the lead (CRE " in said[0]
+    assert "A, Bb and Ccc share the lowest EPE under corruption (" in said[0]
     said = headline(whole_content([many_images("A"), many_images("Bb", 1.22, seed=1)], published=False))
-    assert re.search(r"none can be called the most robust: the lead of .* \(CRE .*\) may be due to chance\.", said[0])
-    assert "No difference in average CRE between " in said[1]
+    assert re.search(r"none can be called the most robust: the lead of .* \(EPE .*\) may be due to chance\.", said[0])
+    assert "No difference in average EPE between " in said[1]
 
 
-def test_headline_of_a_lowest_cre_whose_flow_changes_more_says_so(many_images, monkeypatch):
-    """Noise in a flow lowers its CRE and raises its RCRE."""
-    noisy, steady = many_images("Noisy"), many_images("Steady", 1.5)
-    rows = noisy.rows.with_columns(rcre_sum=pl.col("rcre_sum") * 10)
-    monkeypatch.setitem(noisy.__dict__, "rows", rows)
-    content = whole_content([noisy, steady], published=False)
-    moved = {line.name: line.number("rcre", "average") for line in content.lines}
-    assert moved["Noisy"] > moved["Steady"]
-    values = f"(RCRE {moved['Steady']:.2f} against {moved['Noisy']:.2f} px)"
-    assert f"; the flow of Steady changes less {values}." in headline(content)[0]
+def test_headline_of_a_lower_corrupted_but_higher_clean_error_names_no_winner(many_images):
+    """The first model has the lower error under corruption, and twice the second's error on the clean frames."""
+    first, second = many_images("A"), many_images("Bb", 2.0)
+    clean = pl.col("corruption") == "clean"
+    doubled = [pl.when(clean).then(2 * pl.col("epe_sum")).otherwise("epe_sum").alias("epe_sum")]
+    doubled += [pl.col(name) * 2 for name in first.rows.columns if name.startswith("clean_epe_sum")]
+    first.rows = first.rows.with_columns(doubled)
+    said = headline(whole_content([first, second], published=False))[0]
+    assert "none can be called the most robust: A (EPE " in said
+    assert "and Bb (EPE " in said
 
 
 @pytest.mark.parametrize(("factor", "says"), [(1.5, "raises the end-point error from"), (0.1, "lowers the end-point")])
@@ -136,8 +135,7 @@ def test_one_run_is_compared_with_nothing(many_images, small_run):
 
 def test_the_paper_has_no_significance():
     said = " ".join(headline(whole_content([])))
-    assert "SAMFlow-B (OOD, CRE 4.44 px as printed, 4.47 px from its EPE)" in said
-    assert "ARFlow (ID, CRE 2.74 px)" in said
+    assert "SAMFlow-H (OOD, EPE 8.39 px)" in said
     assert "FlowFormer (OOD, RCRE 1.29 px)" in said
     assert "the significance of a lead is unknown" in said
 

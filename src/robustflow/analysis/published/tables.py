@@ -53,7 +53,11 @@ def published_results() -> tuple[ModelResult, ...]:
     costs = published_costs()
     lines = merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER))
     return tuple(
-        replace(line, printed_cost=costs.get(line.name)) if benchmark_facts(line.benchmark).has_flow else line
+        replace(
+            line,
+            published=True,
+            printed_cost=costs.get(line.name) if benchmark_facts(line.benchmark).has_flow else None,
+        )
         for line in lines
     )
 

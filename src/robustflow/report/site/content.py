@@ -39,7 +39,7 @@ class Content:
 
     Attributes:
         title: title of the page.
-        lines: lines from the runs, then from the files, then from the paper.
+        lines: lines from the runs, then from the paper, then from the files, whose values cannot be verified.
         pages: id of the model's page for each line.
         group_titles: heading for each sample set.
         alone: whether the page is only about its runs; the paper's results are then shown for comparison only, without
@@ -95,12 +95,12 @@ def whole_content(
     Args:
         runs: the runs; may be empty.
         files: pairs of a file name and the results read from the file. Each file is a separate sample set unless its
-            lines name one.
+            lines name one; they are never in the sample set of a run or of the paper.
         published: whether to include the paper's results.
         only_own: whether the page is about the runs and files, and shows the paper's results only for comparison.
 
     Raises:
-        DataError: the same value appears in two files, or in a file and in the paper's results.
+        DataError: the same value appears in two files.
         UsageError: there are no results.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)
@@ -122,14 +122,19 @@ def _content(
     titles = {PAPER: "Published values"}
     for frames, group in of_frames.items():
         notes = [note_of_run[id(run)] for run in group]
-        titles[frames] = f"Measured here: {notes[0] or 'the frames of the paper'}"
+        titles[frames] = f"Measured: {notes[0] or 'the frames of the paper'}"
         lines += run_results(group, beside, notes, detailed)
+    lines += published_results() if published else ()
+    verified = {line.frames for line in lines} | {PAPER}
     for name, read in files:
         # named after its values, so that a results file written from this page does not share the name of another file
         here = f"file {digest_of_bytes(results_csv(read).encode(), size=4)}"
-        lines += (replace(line, frames=here) if line.frames == FILE else line for line in read)
-        titles[here] = f"From {plain(name)}"
-    lines = merged([*lines, *(published_results() if published else ())])
+        for line in read:
+            of = line.frames
+            frames = here if of == FILE else f"{here}, {of}" if of in verified else of
+            titles[frames] = f"Claimed: {plain(name if of == FILE else f'{name}, sample set {of}', 80)}"
+            lines.append(replace(line, frames=frames))
+    lines = merged(lines)
     if not lines:
         raise UsageError(
             "nothing to show: there are no results; give runs or results files, or include the published results"

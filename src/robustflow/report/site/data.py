@@ -79,15 +79,15 @@ def _line(
     values: list[str | int] = [0] * len(place)
     for key, cell in cells.items():
         values[place[key]] = cell.text
-    note = plain(result.note, 300)
     shown = {
         "name": plain(result.name),
         "setting": plain(result.setting, 40),
         "page": page,
         "frames": plain(result.frames, 200),
-        "note": note,
-        # text below the name: differences not mentioned in the heading, and why the model is not ranked
-        "remark": with_exclusion(plain(note, 80) if note not in title else "", plain(result.excluded, 300)),
+        "note": plain(result.note, 300),
+        # text below the name: what the heading does not mention, and why the model is not ranked
+        "remark": with_exclusion(_remark(result, title), plain(result.excluded, 300)),
+        "source": result.source,
         "excluded": bool(result.excluded),
         "values": values,
         "best": sorted(place[key] for key, cell in cells.items() if cell.best),
@@ -95,6 +95,11 @@ def _line(
         "intervals": {place[key]: cell.interval for key, cell in cells.items() if cell.interval},
     }
     return {name: value for name, value in shown.items() if value or name in ("name", "setting")}
+
+
+def _remark(result: ModelResult, title: str) -> str:
+    source = result.source if result.source == "verified record" else ""
+    return "; ".join(filter(None, (source, plain(result.note, 80) if plain(result.note, 300) not in title else "")))
 
 
 def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ...analysis.audit.rounding import misfits
-from ...analysis.conclusion import conclusion, without_truth
-from ...analysis.imported import NOTE as IMPORTED
+from ...analysis.conclusion import conclusion
 from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
 from ...analysis.model_result import ModelResult, ValueKey, not_ranked, ranked
 from ...analysis.paper_means import paper_rows
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.still import PHANTOM, phantom_motion
-from ...analysis.uncertainty import compare_leaders
+from ...analysis.uncertainty import compare_leaders, compare_rows
 from ...analysis.uncertainty.paired import MOST_COMPARED
 from ...benchmarks.facts import is_still
 from ...errors import RunError
@@ -22,10 +21,11 @@ from ..table import number_text
 from .content import Content
 
 _CLEAN: ValueKey = ("epe", CLEAN)
+_EPE: ValueKey = ("epe", AVERAGE)
+_CRE: ValueKey = ("cre", AVERAGE)
 _MOVED: ValueKey = ("rcre", AVERAGE)
 _PRINTED = 0.015
 """Largest combined error, in pixels, of three numbers rounded to hundredths."""
-_RANKED: tuple[ValueKey, ...] = (("cre", AVERAGE), _MOVED)
 
 
 def headline(content: Content, benchmark: str | None = None) -> list[str]:
@@ -36,15 +36,15 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         if benchmark in (None, line.benchmark):
             groups.setdefault((line.benchmark, line.frames), []).append(line)
     published = []
-    imported = 0
+    claimed = 0
     for (of, frames), lines in groups.items():
-        if lines[0].note == IMPORTED:
-            imported += len(lines)
+        if lines[0].source == "claimed":
+            claimed += len(lines)
         elif frames == PAPER:
             best = _best_of_settings(lines)
             published += [f"on {benchmark_words(of)} {best}"] if best else []
-        elif own := [line for line in content.lines if line.frames == frames and line.run and without_truth(line.run)]:
-            sentences.append(conclusion(own))
+        elif all(_CLEAN not in line.values and _MOVED in line.values for line in lines):
+            sentences.append(conclusion(lines))
         elif is_still(of):
             sentences += [*_phantom(lines), PHANTOM]
         elif len(lines) == 1:
@@ -57,9 +57,9 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
             f"Among the published models, {'; '.join(published)}. The paper prints means but no values per image, so "
             "the significance of a lead is unknown."
         )
-    if imported:
+    if claimed:
         sentences.append(
-            f"Not ranked here: {counted(imported, 'imported line')}, because imported values cannot be verified."
+            f"Not ranked here: {counted(claimed, 'claimed line')}, because values without rows cannot be verified."
         )
     return sentences
 
@@ -70,32 +70,29 @@ def _phantom(lines: Sequence[ModelResult]) -> list[str]:
     return [f"{plain(name)}: {sentence}." for name, sentence in known if sentence]
 
 
-_LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
-
-
 def _best_of_settings(lines: Sequence[ModelResult]) -> str:
-    """Name the model with the lowest CRE (RCRE if there is no CRE) for each setting, and explain the result."""
+    """Name the model with the lowest EPE (RCRE without ground truth) under corruption for each setting."""
     leaders: dict[str, list[str]] = {}
     for setting in dict.fromkeys(line.setting for line in lines if line.setting != "knowledge"):
-        if (leaders_of := _leaders([line for line in lines if line.setting == setting])) is not None:
-            key, order = leaders_of
-            leader = f"{plain(order[0].name)} ({plain(setting, 40)}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})"
-            leaders.setdefault(_LEAST[key[0]], []).append(leader)
-    return " and ".join(f"{least} under corruption for {joined(models)}" for least, models in leaders.items())
+        for key, what in ((_EPE, "the error under corruption is lowest"), (_MOVED, "the flow changes least")):
+            if len(order := _in_order((line for line in lines if line.setting == setting), key)) > 1:
+                best = order[0]
+                leader = (
+                    f"{plain(best.name)} ({plain(setting, 40)}, {METRIC_LABELS[key[0]]} {best.values[key].text} px)"
+                )
+                leaders.setdefault(what, []).append(leader)
+                break
+    return " and ".join(f"{what} for {joined(models)}" for what, models in leaders.items())
 
 
-def _printed(line: ModelResult, key: ValueKey) -> str:
-    """Format a printed score; if a CRE is inconsistent with the printed EPE, add the CRE recomputed from the EPE."""
-    epe, clean, value = line.number("epe", AVERAGE), line.number("epe", CLEAN), line.values[key]
-    text = f"{value.text} px"
-    if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(value.number, epe - clean, _PRINTED):
-        return text
-    return f"{text} as printed, {epe - clean:.2f} px from its EPE"
+def _in_order(lines: Iterable[ModelResult], key: ValueKey) -> list[ModelResult]:
+    known = [line for line in lines if key in line.values]
+    return sorted(known, key=lambda line: (line.values[key].number, plain(line.name)))
 
 
 def _alone(line: ModelResult) -> list[str]:
     where = on_benchmark(plain(line.name), line.benchmark)
-    clean, whole, cre = (_text(line, key) for key in (_CLEAN, ("epe", AVERAGE), ("cre", AVERAGE)))
+    clean, whole, cre = (_text(line, key) for key in (_CLEAN, _EPE, _CRE))
     if not clean or not whole:
         moved = _text(line, _MOVED)
         return [f"{where}: corruption changes its flow by {moved} px (RCRE)."] if moved else []
@@ -113,7 +110,7 @@ def _alone(line: ModelResult) -> list[str]:
         f"{where}: corruption {changes} "
         f"(CRE {cre or '–'} px, CREr {'–' if line.crer is None else number_text(line.crer)})"
     )
-    interval = line.intervals.get(("cre", AVERAGE))
+    interval = line.intervals.get(_CRE)
     if interval is None:
         return [f"{sentence}. There are too few images or values for a confidence interval."]
     significant = "significant" if interval[0] > 0 or interval[1] < 0 else "not significant"
@@ -121,57 +118,58 @@ def _alone(line: ModelResult) -> list[str]:
 
 
 def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
-    """Return sentences about the ranked model whose error increases least, whether its lead is significant, and which
-    model is most accurate."""
+    """Return sentences about the ranked models. The most robust one has a significantly lower EPE under corruption than
+    the second, and no other is significantly more accurate on the clean frames: a flow that is too short has a low CRE
+    and RCRE, so these only explain an error."""
     reasons = not_ranked(lines)
     left_out = [f"Not ranked: {'; '.join(reasons)}."] if reasons else []
     sound = ranked(lines)
-    leaders = _leaders(sound)
-    if leaders is None:
+    order = _in_order(sound, _EPE)
+    if len(order) < 2:
         return [sentence for line in sound for sentence in _alone(line)] + left_out
-    key, order = leaders
-    best, second = order[0], order[1]
+    best, second = order[:2]
     start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
-    tied = [plain(line.name) for line in order if line.values[key].number == best.values[key].number]
+    tied = [plain(line.name) for line in order if line.values[_EPE].number == best.values[_EPE].number]
     if len(tied) > 1:
-        shared = f"{METRIC_LABELS[key[0]]} {best.values[key].text} px"
-        return [f"{start}{joined(tied)} share the lead ({shared}).", *left_out]
-    sure, evidence = _difference(key[0], order, content)
-    first, other = (f"{plain(line.name)} ({_shown(line, key)})" for line in (best, second))
-    if sure:
-        sentence = f"{start}{_LEAST[key[0]]} under corruption for {first}, followed by {other}"
+        return [
+            f"{start}{joined(tied)} share the lowest EPE under corruption ({best.values[_EPE].text} px).",
+            *left_out,
+        ]
+    sure, evidence = _lead(order, content)
+    accurate = next((line for line in _in_order(order, _CLEAN) if _is_more_accurate(line, best)), None)
+    if not sure:
+        verdict = (
+            f"none can be called the most robust: the lead of {_shown(best)} over {_shown(second)} may be due to chance"
+        )
+    elif accurate is not None:
+        verdict = (
+            f"none can be called the most robust: {_shown(best)} has the lowest error under corruption, and "
+            f"{_shown(accurate)} a lower one on the clean frames"
+        )
     else:
-        sentence = f"{start}none can be called the most robust: the lead of {first} over {other} may be due to chance"
-    moved, less = (line.number(*_MOVED) for line in (best, second))
-    if key != _MOVED and moved is not None and less is not None and moved - less >= 0.005:
-        sentence += f"; the flow of {plain(second.name)} changes less (RCRE {less:.2f} against {moved:.2f} px)"
-    sentence += "."
-    known = [line for line in order if _CLEAN in line.values]
-    accurate = min(known, key=lambda line: line.values[_CLEAN].number, default=best)
-    if _CLEAN in best.values and accurate.values[_CLEAN].number < best.values[_CLEAN].number:
-        sentence += f" The most accurate is {plain(accurate.name)} ({_shown(accurate, key)})."
-    return [sentence, *evidence, *left_out]
+        verdict = f"the most robust is {_shown(best)}, followed by {_shown(second)}"
+    return [f"{start}{verdict}.", *evidence, *left_out]
 
 
-def _shown(line: ModelResult, key: ValueKey) -> str:
-    """State a score together with the clean EPE and the share of predicted pixels, which are needed to interpret it."""
-    clean = _text(line, _CLEAN)
-    text = f"{METRIC_LABELS[key[0]]} {line.values[key].text} px" + (f"; clean EPE {clean} px" if clean else "")
-    return text if line.coverage is None else f"{text}; on {100 * line.coverage:.1f} % of the pixels"
+def _shown(line: ModelResult) -> str:
+    """Name a model with its errors and the share of predicted pixels, which are needed to interpret them."""
+    keys = ((_EPE, "EPE"), (_CLEAN, "clean EPE"), (_CRE, "CRE"))
+    texts = [f"{label} {line.values[key].text} px" for key, label in keys if key in line.values]
+    texts += [] if line.coverage is None else [f"on {100 * line.coverage:.1f} % of the pixels"]
+    return f"{plain(line.name)} ({'; '.join(texts)})"
 
 
 def _text(line: ModelResult, key: ValueKey) -> str:
     return line.values[key].text if key in line.values else ""
 
 
-def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
-    """Return whether the lead of the best model over the second-best is significant, with a sentence about it."""
+def _lead(order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
+    """Return whether the EPE of the first model is significantly lower than that of the second, with a sentence about
+    it."""
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
     measured = {line.name: rows(line.run) for line in order[:MOST_COMPARED] if line.run is not None}
-    if len(measured) < min(len(order), MOST_COMPARED):
-        return False, []  # results files have no values per image
     try:
-        pair = compare_leaders(measured, metric)
+        pair = compare_leaders(measured, "epe")
     except RunError:
         return False, []  # records may group the same samples differently; the leaderboard still shows their values
     if pair is None:
@@ -179,9 +177,13 @@ def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> 
     return pair["p_holm"] is not None and pair["p_holm"] < 0.05, [plain(pair["sentence"], None)]
 
 
-def _leaders(lines: Sequence[ModelResult]) -> tuple[ValueKey, list[ModelResult]] | None:
-    for key in _RANKED:
-        known = [line for line in lines if key in line.values]
-        if len(known) > 1:
-            return key, sorted(known, key=lambda line: (line.values[key].number, plain(line.name)))
-    return None
+def _is_more_accurate(line: ModelResult, best: ModelResult) -> bool:
+    """Return whether the clean EPE of a model is significantly lower than that of the best one under corruption."""
+    if line.run is None or best.run is None or line.values[_CLEAN].number >= best.values[_CLEAN].number:
+        return False
+    clean = (one.run.rows.filter(corruption=CLEAN) for one in (line, best))
+    try:
+        (p,) = compare_rows(*clean)["p_holm"]
+    except RunError:
+        return True
+    return p is not None and p < 0.05

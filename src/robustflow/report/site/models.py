@@ -114,6 +114,7 @@ def _run_facts(run: Run) -> Facts:
     manifest, provenance = run.manifest, run.provenance
     frames, published = manifest.identity.frames, benchmark_facts(run.benchmark).published
     return [
+        ("Source", f"verified record {run.record}" if run.record else "measured"),
         ("Model", _described(manifest.identity.model.settings)),
         ("Setting", run.setting),
         ("Trained on", _trained_on(run.setting, provenance.trained_on)),
@@ -137,7 +138,7 @@ def _published_facts(lines: Sequence[ModelResult]) -> Facts:
     """Return facts about a model from the paper or a results file: its method, and the tables that contain its
     values."""
     method = method_of(lines[0].name)
-    sources = dict.fromkeys(value.source for line in lines for value in line.values.values())
+    sources = dict.fromkeys([lines[0].source, *(value.source for line in lines for value in line.values.values())])
     facts = [("Source", ", ".join(filter(None, sources)))]
     if method is not None:
         facts += [
