@@ -9,12 +9,11 @@ from the given datasets, the demo and flying shapes. Results are saved after eve
 early, because fewer pairs are also sufficient.
 
 `choose` searches for the smallest set of conditions that preserves two rankings: that of these methods, by EPE, CRE and
-RCRE over all conditions and pairs, and that of the 29 published variants, whose tables contain means over severities
-and pairs. A set consists of some corruptions at some severities. Its quality is the smallest Kendall's tau (a) over
-the three metrics and the two rankings. For each number of severities, corruptions are removed one by one, then swapped
-as long as that improves the set. Each method and variant is then left out in a trial: corruptions and severities are
-chosen without it, and tau is computed over all methods or variants. A set that can replace the full run should reach
-0.95 in 95 % of these trials.
+RCRE over all conditions and pairs, and that of the 29 published variants within their settings (OOD, ID), whose tables
+contain means over severities and pairs. A set consists of some corruptions at some severities. Its quality is the
+smallest Kendall's tau (a) over the three metrics and the rankings. For each number of severities, corruptions are
+removed one by one, then swapped as long as that improves the set. A set is printed if no smaller one is as good, with
+trials: as many corruptions are chosen for half of the published method families, and tau is computed for the others.
 
 **Pairs.** The pairs of KITTI-FC are not among the measured ones, so only their number can be chosen. The last lines of
 the output show how using a fraction of the pairs changes the ranking when all corruptions and severities are kept.
@@ -26,7 +25,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -34,7 +33,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.model_result import ModelResult
+from robustflow.analysis.published.tables import method_of, published_results
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.datasets import load_dataset
@@ -47,6 +47,7 @@ METRICS = ("epe", "cre", "rcre")
 WANTED = 0.95
 PAIRS = 80
 DRAWS = 200
+SPLITS = 12
 Predict = Callable[[Frame, Frame], Flow]
 
 
@@ -63,31 +64,25 @@ class Population:
     errors: np.ndarray
     full: np.ndarray
 
-    def tau(self, chosen: Sequence[int], without: int = -1) -> float:
-        """The smallest tau of the three metrics between the rankings by the chosen corruptions and by all corruptions,
-        excluding the model `without`."""
+    def tau(self, chosen: Sequence[int]) -> float:
+        """The smallest tau of the three metrics between the rankings by the chosen corruptions and by all."""
         first, second = np.triu_indices(self.errors.shape[1], 1)
-        kept = (first != without) & (second != without)
         means, full = self.errors[:, :, list(chosen)].mean(-1), self.full.mean(-1)
         orders = np.sign(means[:, first] - means[:, second]) * np.sign(full[:, first] - full[:, second])
-        return float(orders[:, kept].mean(1).min())
+        return float(orders.mean(1).min())
 
 
-Without = tuple[int, int]
-"""Index of the model that is left out of each of the two populations; -1 if none is."""
-
-
-def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
-    """The smaller tau, then the sum of both taus."""
-    taus = [each.tau(chosen, lost) for each, lost in zip(populations, without, strict=True)]
+def quality(populations: Sequence[Population], chosen: Sequence[int]) -> tuple[float, float]:
+    """The smallest tau, then the sum of all."""
+    taus = [each.tau(chosen) for each in populations]
     return min(taus), sum(taus)
 
 
-def best(populations: Sequence[Population], count: int, without: Without = (-1, -1)) -> list[int]:
+def best(populations: Sequence[Population], count: int) -> list[int]:
     """Find `count` corruptions whose ranking agrees well with the ranking by all corruptions."""
 
     def of(chosen: list[int]) -> tuple[float, float]:
-        return quality(populations, chosen, without)
+        return quality(populations, chosen)
 
     every = range(len(IMAGE_PAIR))
     chosen = list(every)
@@ -103,12 +98,36 @@ def best(populations: Sequence[Population], count: int, without: Without = (-1, 
         chosen = better
 
 
-def published() -> np.ndarray:
-    """EPE, CRE and RCRE of the published variants under each corruption, float64 (3, 29, 20)."""
-    lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
-    return np.array(
-        [[[line.number(metric, name) for name in IMAGE_PAIR] for line in lines] for metric in METRICS], float
-    )
+def published(families: Collection[str] | None = None) -> list[Population]:
+    """The published variants of each setting with learned models, of all method families or of some."""
+    populations = []
+    for setting in ("OOD", "ID"):
+        lines = [
+            line
+            for line in published_results()
+            if (line.benchmark, line.setting) == ("kitti-fc", setting) and (not families or family(line) in families)
+        ]
+        means = [[[line.number(metric, name) for name in IMAGE_PAIR] for line in lines] for metric in METRICS]
+        populations += [Population(np.array(means, float), np.array(means, float))] if len(lines) > 1 else []
+    return populations
+
+
+def family(line: ModelResult) -> str:
+    method = method_of(line.name)
+    assert method is not None
+    return method.method
+
+
+def held_out(count: int) -> np.ndarray:
+    """For halves of the published method families, the tau of `count` corruptions that were chosen for the others."""
+    families = sorted({family(line) for line in published_results() if line.setting in ("OOD", "ID")})
+    rng, taus = np.random.default_rng(0), []
+    for _ in range(SPLITS):
+        half = {*rng.permutation(families)[: len(families) // 2].tolist()}
+        for chosen_for, tested in ((half, {*families} - half), ({*families} - half, half)):
+            corruptions = best(published(chosen_for), count)
+            taus.append(quality(published(tested), corruptions)[0])
+    return np.array(taus)
 
 
 class Measured:
@@ -131,45 +150,33 @@ class Measured:
 
 
 def choose(path: Path, most: int) -> None:
-    """Print the best sets, the trials of those that preserve both rankings, and the effect of using fewer pairs."""
+    """Print the best sets, their trials, and the effect of using fewer pairs."""
     measured, tables = Measured(path), published()
     full = measured.means(SEVERITIES)
-    counts = full.shape[1], tables.shape[1]
-    print(f"{counts[0]} methods on {len(measured.errors)} pairs, {counts[1]} published variants; tau of both")
+    print(f"{full.shape[1]} methods on {len(measured.errors)} pairs; tau of these, of OOD and of ID variants")
     levels = {
-        severities: (Population(measured.means(severities), full), Population(tables, tables))
+        severities: (Population(measured.means(severities), full), *tables)
         for size in range(1, len(SEVERITIES) + 1)
         for severities in combinations(SEVERITIES, size)
     }
 
-    def chosen(size: int, count: int, without: Without = (-1, -1)) -> tuple[tuple[int, ...], list[int]]:
-        """The best severities and corruptions for the given numbers of each."""
-        sets = [(levels[each], each, best(levels[each], count, without)) for each in levels if len(each) == size]
-        _, severities, corruptions = max(sets, key=lambda one: quality(one[0], one[2], without))
-        return severities, corruptions
-
-    trials = [(lost, -1) for lost in range(counts[0])] + [(-1, lost) for lost in range(counts[1])]
     sizes = [(size, count) for size in range(1, len(SEVERITIES) + 1) for count in range(10, len(IMAGE_PAIR) + 1)]
+    reached = -1.0
     for size, count in sorted(sizes, key=lambda one: one[0] * one[1]):
-        if size * count > most:
+        if size * count > most or reached >= WANTED:
             break
-        severities, corruptions = chosen(size, count)
+        sets = [(each, best(levels[each], count)) for each in levels if len(each) == size]
+        severities, corruptions = max(sets, key=lambda one: quality(levels[one[0]], one[1]))
         taus = [each.tau(corruptions) for each in levels[severities]]
-        if min(taus) < WANTED:
+        if min(taus) <= reached:
             continue
-        found = []
-        for without in trials:
-            severities_then, then = chosen(size, count, without)
-            found.append(min(each.tau(then) for each in levels[severities_then]))
-        share = np.mean(np.array(found) >= WANTED)
-        names = ", ".join(IMAGE_PAIR[one] for one in corruptions)
+        reached, trials = min(taus), held_out(count)
         print(
-            f"{size * count:3d} conditions: severities {severities}, tau {taus[0]:.3f} and {taus[1]:.3f}, "
-            f"{100 * share:.0f} % of {len(trials)} trials (minimum {min(found):.3f}), {count} corruptions: {names}",
+            f"{size * count:3d} conditions: severities {severities}, tau {', '.join(f'{tau:.3f}' for tau in taus)}; "
+            f"for other families {trials.mean():.3f}, at least {WANTED} in {(trials >= WANTED).sum()} of {len(trials)} "
+            f"trials; {count} corruptions: {', '.join(IMAGE_PAIR[one] for one in corruptions)}",
             flush=True,
         )
-        if share >= WANTED:
-            break
     of_pairs(measured, full)
 
 
@@ -177,10 +184,13 @@ def of_pairs(measured: Measured, full: np.ndarray) -> None:
     """Print how well random subsets of the pairs preserve the ranking under all conditions."""
     rng, pairs = np.random.default_rng(0), len(measured.errors)
     for share in (0.25, 0.5, 0.75, 0.9):
-        count = round(share * pairs)
+        count = max(1, round(share * pairs))
         drawn = (rng.choice(pairs, count, replace=False) for _ in range(DRAWS))
-        populations = [Population(measured.means(SEVERITIES, each), full) for each in drawn]
-        taus = [each.tau(range(len(IMAGE_PAIR)), lost) for each in populations for lost in range(full.shape[1])]
+        means = [measured.means(SEVERITIES, each) for each in drawn]
+        without = [
+            (np.delete(each, lost, 1), np.delete(full, lost, 1)) for each in means for lost in range(full.shape[1])
+        ]
+        taus = [Population(*each).tau(range(len(IMAGE_PAIR))) for each in without]
         reached = 100 * np.mean(np.array(taus) >= WANTED)
         print(f"{count} of {pairs} pairs, all conditions: mean tau {np.mean(taus):.3f}, {reached:.0f} % of trials")
 

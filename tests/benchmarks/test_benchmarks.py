@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from dataclasses import replace
-from itertools import pairwise
+from importlib.util import module_from_spec, spec_from_file_location
+from itertools import pairwise, product
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -265,23 +268,42 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
         assert len(str(caught.value)) < 400
 
 
-def test_the_quick_subset_ranks_the_published_models_as_all_corruptions_do():
+@pytest.fixture(scope="module")
+def quick_subset():
+    """The script that chose the quick subset."""
+    spec = spec_from_file_location("quick_subset", Path(__file__).parents[2] / "bench/quick_subset.py")
+    module = sys.modules[spec.name] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_tau_of_the_quick_subset_is_that_within_a_setting_and_of_other_methods(quick_subset):
     quick = benchmark_facts("kitti-fc").quick
     lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
     assert len(lines) == quick.published
-    taus = []
-    for metric in ("epe", "cre", "rcre"):
+    taus = {"OOD": [], "ID": []}
+    for (setting, found), metric in product(taus.items(), ("epe", "cre", "rcre")):
         means = [
-            [np.mean([line.number(metric, name) for name in names]) for line in lines]
+            [np.mean([line.number(metric, name) for name in names]) for line in lines if line.setting == setting]
             for names in (quick.corruptions, IMAGE_PAIR)
         ]
-        taus.append(kendalltau(*means).statistic)
-    assert min(taus) >= quick.tau - 0.005 > 0.945
-    assert quick.trials >= 95
+        found.append(kendalltau(*means).statistic)
+    assert min(taus["OOD"]) > min(taus["ID"]) == pytest.approx(quick.tau, abs=0.005)
+    assert quick_subset.held_out(len(quick.corruptions)).mean() == pytest.approx(quick.tau_of_others, abs=0.005)
+
+
+def test_choice_from_errors_on_two_pairs_prints_a_tau(quick_subset, tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    errors = rng.gamma(2, 1, (2, 4, len(IMAGE_PAIR), 5, 2))
+    np.savez(tmp_path / "errors.npz", errors=errors, clean=rng.gamma(2, 1, (2, 4)), methods=list("abcd"))
+    quick_subset.choose(tmp_path / "errors.npz", 11)
+    assert re.search(r"10 conditions: severities .* tau (-?\d\.\d{3}, ){2}\d\.\d{3};", capsys.readouterr().out)
 
 
 def test_means_over_the_quick_subset_are_estimates_until_more_is_measured(tmp_path):
-    chosen = QuickSubset(corruptions=("contrast",), severities=(1, 3), tau=0.96, trials=97, published=8, measured=5)
+    chosen = QuickSubset(
+        corruptions=("contrast",), severities=(1, 3), tau=0.96, tau_of_others=0.9, published=8, measured=5
+    )
     facts = BenchmarkFacts(title="Mine", quick=chosen)
     mine = replace(load_benchmark("shapes", options={"pairs": 1, "size": "32x48"}), facts=facts)
     quick = rf.evaluate(ZeroFlow(), mine, output=tmp_path / "run", subset="quick")

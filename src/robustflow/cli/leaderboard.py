@@ -34,9 +34,9 @@ def leaderboard(
     """Build a leaderboard: a self-contained index.html, and results.csv.
 
     Without a source, the leaderboard shows the paper's results. Results measured on different frames form separate
-    groups and are not ranked against each other. A run or record that cannot be read, such as one of an earlier version,
-    is left out with its reason. Pages with more than 24 runs omit the example pictures, which make up
-    a third of the file size (robustflow gallery draws them). Values computed from a run are cached in its folder.
+    groups and are not ranked against each other. A run or record that cannot be read, such as one of an earlier
+    version, is left out with its reason. Pages with more than 24 runs omit the example pictures, which make up a third
+    of the file size (robustflow gallery draws them). Values computed from a run are cached in its folder.
 
     Results files are CSV, or JSON written by the paper's reference code (results.json) or FlowBench
     (metrics_DATASET.json). They contain means without rows, so they form separate groups, labelled "claimed", below all
