@@ -26,8 +26,8 @@ def files() -> dict[str, str]:
         "### Checkpoints",
         "The training data of each published checkpoint, and the resulting setting on a benchmark. OOD: trained on "
         "nothing from the benchmark's domain; ID: trained on that domain, but on none of the evaluated pairs; LEAKED: "
-        "trained on evaluated pairs; UNKNOWN: not documented by the authors, and never ranked with OOD. `?` marks "
-        "possible training data.",
+        "trained on evaluated pairs; UNKNOWN: not documented by the authors, or with a backbone whose pre-training was "
+        "not checked (`?`), and never ranked with OOD. `?` also marks possible training data.",
         _checkpoints(),
         "## Benchmarks",
         _benchmarks(),
@@ -57,10 +57,18 @@ def _methods() -> str:
 
 def _checkpoints() -> str:
     rows = [
-        (f"`{c.model}`", f"`{c.checkpoint}`", c.trained_on.replace("+", ", "), *_settings(c), c.confidence, c.note)
+        (
+            f"`{c.model}`",
+            f"`{c.checkpoint}`",
+            c.trained_on.replace("+", ", "),
+            c.backbone,
+            *_settings(c),
+            c.confidence,
+            c.note,
+        )
         for c in checkpoints()
     ]
-    columns = ("model", "checkpoint", "trained on", *_BENCHMARKS.values(), "confidence", "evidence")
+    columns = ("model", "checkpoint", "flow training", "backbone", *_BENCHMARKS.values(), "confidence", "evidence")
     return _compact(columns, rows)
 
 

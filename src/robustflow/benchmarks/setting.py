@@ -27,8 +27,9 @@ _KITTI = "kitti2015"
 _RAW = "kitti-raw"
 _GOPRO = "gopro"
 _RELEASED = "released"
-PAIRS_NOTE = "pairs: "
-"""Prefix of a note about the evaluated pairs, which contains no semicolon: `Provenance.on` replaces such notes."""
+PAIRS_NOTE, BACKBONE_NOTE = "pairs: ", "backbone: "
+"""Prefixes of notes about the evaluated pairs and the backbone, which contain no semicolon: `Provenance.on` replaces
+such notes."""
 
 
 def setting_of(
@@ -41,7 +42,8 @@ def setting_of(
 
     "OOD": not trained on the benchmark's domain. "ID": trained on the domain, but on none of the evaluated frames.
     "LEAKED": trained on evaluated frames. "knowledge": a method without learning. "untrained": random weights.
-    "UNKNOWN": training sets undeclared or unknown, or the user's own frames.
+    "UNKNOWN": training sets undeclared or unknown, a backbone whose pre-training data were not checked, or the user's
+    own frames.
 
     Args:
         training: training sets of the model.
@@ -60,7 +62,18 @@ def setting_of(
 def judge(
     training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
 ) -> tuple[Setting, list[str]]:
-    """Return the setting, and notes about the evaluated pairs; for arguments see `setting_of`."""
+    """Return the setting, and notes about the backbone and the evaluated pairs; for arguments see `setting_of`."""
+    setting, notes = _of_flow_training(training, benchmark, keys, protocol)
+    if training.backbone.endswith("?") and setting in ("OOD", "ID"):
+        of_backbone = f"{BACKBONE_NOTE}the pre-training data of {training.backbone[:-1]} were not checked"
+        return "UNKNOWN", [of_backbone, *notes]
+    return setting, notes
+
+
+def _of_flow_training(
+    training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
+) -> tuple[Setting, list[str]]:
+    """Return the setting that follows from the sets of the flow training, and notes about the evaluated pairs."""
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)

@@ -106,7 +106,7 @@ def _models() -> list[str]:
         + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
         "OOD: not trained on KITTI; ID: trained on KITTI, but not on evaluated pairs; LEAKED: trained on evaluated "
-        "pairs; UNKNOWN: not documented (declare with --trained-on C+T).",
+        "pairs; UNKNOWN: not documented (declare with --trained-on C+T), or a backbone with unchecked pre-training.",
         "multi-frame: supervised, with up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
         "Few of the published weights come with a licence.",
@@ -134,7 +134,8 @@ def _published(search: str) -> list[str]:
         for entry in entries:
             training = training_of_entry(entry)
             settings = ", ".join(f"{setting_of(training, one)} on {one}" for one in ("kitti-fc", "sintel", "gopro-fc"))
-            lines.append(f"{name} {entry.checkpoint}: {settings}; trained on {entry.trained_on.replace('+', ', ')}")
+            sets, backbone = entry.trained_on.replace("+", ", "), entry.backbone or "none known"
+            lines.append(f"{name} {entry.checkpoint}: {settings}; trained on {sets}; backbone {backbone}")
             lines.append(f"    confidence {entry.confidence}: {entry.note or 'as stated by the authors'}")
     return lines
 

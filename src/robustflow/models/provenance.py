@@ -19,6 +19,7 @@ TRAINING_SETS = {
     "S": "sintel",
     "K": "kitti2015",
     "K12": "kitti2012",
+    "VK": "virtual-kitti",
     "KR": "kitti-raw",
     "H": "hd1k",
     "SP": "spring",
@@ -61,12 +62,14 @@ class Training:
         basis: source of this information.
         note: description of the uncertainty, if any.
         trained: whether the model was trained; False for methods without learning and for random weights.
+        backbone: pre-trained network in the model, with "?" if its pre-training data were not checked; "" for none.
     """
 
     sets: tuple[str, ...] | None
     basis: str
     note: str = ""
     trained: bool = True
+    backbone: str = ""
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
@@ -100,7 +103,8 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
 
 def training_of_entry(entry: CheckpointEntry) -> Training:
     """Return the training sets of a checkpoint in the catalogue."""
-    return Training(tuple(entry.trained_on.split("+")), f"catalog: {entry.model} {entry.checkpoint}", entry.note)
+    basis = f"catalog: {entry.model} {entry.checkpoint}"
+    return Training(tuple(entry.trained_on.split("+")), basis, entry.note, backbone=entry.backbone)
 
 
 def parse_training_sets(text: str) -> tuple[str, ...]:

@@ -87,16 +87,17 @@ def training_problems(plan: Manifest) -> list[str]:
         except UsageError as error:
             return [f"the declared training sets cannot be read: {plain(str(error), 120)}"]
     due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
-    if (declared.setting, declared.basis, declared.trained_on) != (due.setting, due.basis, due.trained_on):
+    if declared != due.model_copy(update={"note": declared.note}):
         return [
-            f"the manifest states {declared.setting} ({declared.basis}), trained on {_sets(declared.trained_on)}; for "
-            f"this model and benchmark, it should be {due.setting} ({due.basis}), trained on {_sets(due.trained_on)}"
+            f"the manifest states {_in_words(declared)}; for this model and benchmark, it should be {_in_words(due)}"
         ]
     return []
 
 
-def _sets(names: Sequence[str] | None) -> str:
-    return "+".join(names) if names else "unknown data"
+def _in_words(training: Provenance) -> str:
+    sets = "+".join(training.trained_on) if training.trained_on else "unknown data"
+    backbone = f", with the backbone {training.backbone}" if training.backbone else ""
+    return f"{training.setting} ({training.basis}), trained on {sets}{backbone}"
 
 
 def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ..benchmarks.setting import PAIRS_NOTE, judge
+from ..benchmarks.setting import BACKBONE_NOTE, PAIRS_NOTE, judge
 from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training
 from ..validated import Untrusted
 from .identity import Text
@@ -18,7 +18,8 @@ class Provenance(Untrusted):
 
     Attributes:
         setting: relation of the training data to the benchmark, see `robustflow.benchmarks.setting.setting_of`.
-        trained_on: names of training sets; None if unknown.
+        trained_on: names of the sets of its flow training; None if unknown.
+        backbone: pre-trained network in the model, with "?" if its pre-training data were not checked; "" for none.
         basis: source of this information.
         note: remark about uncertainties.
     """
@@ -27,6 +28,7 @@ class Provenance(Untrusted):
     trained_on: Annotated[tuple[Text, ...], Field(max_length=100)] | None
     basis: Text
     note: str = ""
+    backbone: Text | Literal[""] = ""
 
     @classmethod
     def of(
@@ -44,12 +46,14 @@ class Provenance(Untrusted):
         """
         setting, notes = judge(training, benchmark, keys, protocol or {})
         note = "; ".join(filter(None, (training.note, *notes)))
-        return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note)
+        backbone = training.backbone
+        return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
 
     def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
         """Return the provenance of the same training data for a benchmark and the given samples."""
-        own = "; ".join(part for part in self.note.split("; ") if not part.startswith(PAIRS_NOTE))
-        training = Training(self.trained_on, self.basis, own, trained=self.basis not in (RANDOM, KNOWLEDGE))
+        own = "; ".join(part for part in self.note.split("; ") if not part.startswith((PAIRS_NOTE, BACKBONE_NOTE)))
+        trained = self.basis not in (RANDOM, KNOWLEDGE)
+        training = Training(self.trained_on, self.basis, own, trained=trained, backbone=self.backbone)
         return Provenance.of(training, benchmark, keys, protocol)
 
 

@@ -64,6 +64,8 @@ class CheckpointEntry(Frozen):
         sha256: first eight hexadecimal digits of the file's SHA-256.
         trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" denotes a dataset
             that may have been used.
+        backbone: pre-trained network that the model contains, or the data on which it was pre-trained; "?" denotes
+            pre-training on data that were not checked; "" if none is known.
         confidence: confidence in `trained_on`: "high" if it is stated in the authors' code, documentation or replies;
             "medium" if it is inferred from their naming, from a reproduction by others, or from a matching accuracy;
             "low" if it is not documented.
@@ -75,6 +77,7 @@ class CheckpointEntry(Frozen):
     file: str
     sha256: str = Field(pattern="^[0-9a-f]{8}$")
     trained_on: str = Field(pattern=r"^[a-z0-9+?-]+$")
+    backbone: str = Field(pattern=r"^[a-z0-9-]*[?]?$")
     confidence: Literal["high", "medium", "low"]
     note: str
 

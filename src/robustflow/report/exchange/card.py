@@ -42,6 +42,7 @@ def _content(facts: RunFacts) -> dict[str, object]:
             "settings": facts.settings,
             "setting": training.setting,
             "trained_on": None if training.trained_on is None else list(training.trained_on),
+            "backbone": training.backbone,
             "basis": training.basis,
             "note": training.note,
         },
@@ -63,7 +64,8 @@ def _markdown(facts: RunFacts) -> str:
     lines = [
         f"# Robustness of {escape(facts.name)} on {escape(facts.title)}",
         "",
-        f"Trained on: {escape(sets)}; setting {escape(training.setting)} ({escape(training.basis)}).  ",
+        f"Trained on: {escape(sets)}; backbone: {escape(training.backbone or 'none known')}; setting "
+        f"{escape(training.setting)} ({escape(training.basis)}).  ",
         f"Measured on {count} under {counted(len(data['corruptions']), 'corruption')} at "
         f"{counted(len(data['severities']), 'severity', 'severities')}, seed {data['seed']}, "
         f"RobustFlow {escape(facts.version)}, run `{facts.digest}`.",

@@ -118,6 +118,7 @@ def _run_facts(run: Run) -> Facts:
         ("Model", _described(manifest.identity.model.settings)),
         ("Setting", run.setting),
         ("Trained on", _trained_on(run.setting, provenance.trained_on)),
+        ("Pre-trained backbone", provenance.backbone),
         ("Evidence for the training data", provenance.basis),
         ("Note on training", provenance.note),
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
