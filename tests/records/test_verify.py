@@ -130,6 +130,24 @@ def test_changed_rows_whose_hashes_fit_fail_a_check(packed, check, edit, says):
     assert_fails(with_rows(packed, edit), check, says)
 
 
+def test_record_with_unplanned_cells_has_no_subject_and_no_check_of_its_means(packed):
+    found = verified(with_rows(packed, lambda rows: rows.with_columns(sample=pl.lit("other"))))
+    assert failure(found)[0] == "cells"
+    assert found.subject is None
+    status = {check.name: check.status for check in found.checks}
+    assert {status[name] for name in ("measurements", "summary")} == {"not checked"}
+
+
+@pytest.mark.parametrize(("count", "more"), [(2, ""), (3, "; and 1 more"), (4, "; and 2 more")])
+def test_failed_check_states_three_problems_and_the_number_of_the_others(packed, count, more):
+    """Each unknown corruption is a problem, and so is the plan's omission of their severities."""
+    names = [f"unknown_{number}" for number in range(count)]
+    check, message = failure(with_json(packed, "manifest.json", put("selection", "corruptions", value=names)))
+    assert check == "cells"
+    assert [name in message for name in names] == [True] * min(count, 3) + [False] * (count - 3)
+    assert message.partition("; and ")[1:] == (more and "; and ", more.removeprefix("; and "))
+
+
 def test_a_few_equal_frames_are_possible(packed):
     """A corruption that changes nothing (a flat frame, a stream in which no bit was flipped) is not a forgery."""
     same = with_rows(packed, at(_FOG & (pl.col("severity") == 5), frames_digest=pl.col("frames_digest").first()))

@@ -184,6 +184,18 @@ def test_measured_models_of_every_setting_are_ranked_together_and_excluded_or_si
     assert _places(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}
 
 
+def test_mark_of_the_best_value_skips_an_excluded_line_that_comes_first():
+    cells = _cells_of(_measured(("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)))
+    assert [line.name for line, of_line in cells.items() if _best(of_line)] == ["A"]
+
+
+@pytest.mark.parametrize("sets", [("a",), ("a", "b")])
+def test_remark_about_groups_appears_only_with_several_groups(sets):
+    lines = _file("".join(f"OOD,{name},epe,clean,1.00,{name}\n" for name in sets), "sample_set")
+    (board,) = boards_of(lines, {})
+    assert ("Rows are sorted within each group." in board.remarks) == (len(sets) > 1)
+
+
 def test_every_renderer_writes_a_leaderboard_like_any_table():
     (board,) = boards_of(_file("OOD,A|B,epe,average,2.00\n"), {"a": "Frames of a"})
     assert list(csv.DictReader(io.StringIO(render(board, "csv")))) == [
