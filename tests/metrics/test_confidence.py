@@ -82,7 +82,8 @@ def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():
     assert error_at(errors, -errors, 0.8) == 3.5
     assert error_at(errors, errors, 0.5) == 7.0
     assert error_at(errors, errors, 1.0) == 4.5
-    for coverage in (0.0, math.nan):
+    assert error_at(errors, -errors, 0.01) == 0.0
+    for coverage in (0.0, 0.005, 1.004, math.nan):  # the first two round to no pixel, 1.004 to all
         with pytest.raises(DataError, match=r"0\.01 to 1"):
             error_at(errors, errors, coverage)
 
@@ -125,3 +126,22 @@ def test_a_flow_that_is_not_finite_is_confirmed_by_nothing():
     lost[0, 0] = lost[1, 2] = True
     assert np.array_equal(rejected[lost], [True, True])
     assert np.isneginf(confidence[lost]).all()
+
+
+@pytest.mark.parametrize(("axis", "length"), [(0, 20), (1, -20)])
+@pytest.mark.parametrize(("return_length", "rejected"), [(17.3, False), (17.2, True), (23.1, False), (23.2, True)])
+def test_the_tolerance_grows_with_the_squares_of_both_flows(axis, length, return_length, rejected):
+    """For 17.3 px back from 20 px, 2.7^2 = 7.29 < 0.01 (20^2 + 17.3^2) + 0.5 = 7.49; for 17.2 px, 7.84 > 7.46. For
+    23.1 px, 9.61 < 9.84; for 23.2 px, 10.24 > 9.88.
+    """
+    flow, back = np.zeros((41, 41, 2), np.float32), np.zeros((41, 41, 2), np.float32)
+    flow[..., axis], back[..., axis] = length, -np.sign(length) * return_length
+    assert forward_backward(flow, back)[1][20, 20] == rejected
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [((4, 5, 2), (5, 4, 2)), ((4, 5, 3), (4, 5, 3)), ((1, 4, 2, 2), (1, 4, 2, 2))]
+)
+def test_flows_of_other_shapes_are_refused(one, other):
+    with pytest.raises(DataError, match="backward flow"):
+        forward_backward(np.zeros(one, np.float32), np.zeros(other, np.float32))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import load_model
-from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights
+from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights, tiled
 
 
 class Counting:
@@ -134,6 +134,13 @@ def test_frames_that_are_no_pair_are_refused():
     for other in (np.zeros((80, 96, 3), np.uint8), np.zeros((64, 96, 3), np.float32)):
         with pytest.raises(UsageError, match=r"differ in size|expected RGB uint8"):
             TiledModel(Counting(), "64x96").predict(frame, other)
+
+
+@pytest.mark.parametrize("tile", [None, "none"])
+def test_a_model_without_tiles_is_unchanged(tile):
+    model = Counting()
+    assert tiled(model, tile) is model
+    assert isinstance(tiled(model, "64x96"), TiledModel)
 
 
 def test_any_model_takes_the_option(tmp_path):
