@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -18,16 +17,18 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 import torch.nn.functional as F  # noqa: E402
 from torch import Tensor  # noqa: E402
 
-from robustflow.images.io import read_image  # noqa: E402
 from robustflow.models.networks.table import NETWORKS  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.recipe import load_recipe  # noqa: E402
+from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
 from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
 
+from .pack_steps import TrainingPack, cases_of  # noqa: E402
+
 PACK = "parity/training_brightflow"
-RECIPES = {"kitti": "unsupervised", "sintel": "sintel"}
-STEPS = 75_000
+CASES = cases_of("brightflow")
+RECIPES = {"kitti": "unsupervised"}
+"""The stage of each case that neither states its stage nor is named after it."""
 LOSS, GRADIENT = 1e-5, 1e-2
 """Relative tolerances; a gradient's is relative to the gradient's largest value."""
 INPUTS = {"flow": "flow", "stud": "student", "correc_aug": "offsets_augmented"}
@@ -53,25 +54,24 @@ class Given:
 
 @cache
 def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
-    cases = json.loads((folder / "cases.json").read_text())
-    with np.load(folder / "expected.npz") as file:
-        arrays = dict(file)
+    pack = TrainingPack.read(folder)
+    cases, count = pack.header, len(pack.items)
     corners = torch.tensor(cases["corners_xy"], dtype=torch.float32)
     height, width = cases["whole"]
     kinds = []
     for augmented in (False, True):
-        buffers = torch.zeros(2, 2, 3, *cases["buffer"])  # frame, pair
+        buffers = torch.zeros(2, count, 3, *cases["buffer"])  # frame, pair
         for frame in (0, 1):
-            for pair in (0, 1):
-                values = torch.from_numpy(read_image(folder / f"item{pair}_{frame + 1}.png")).permute(2, 0, 1).double()
-                buffers[frame, pair, :, :height, :width] = (0.8 * values + 20).floor() if augmented else values
-        kinds.append(WholeFrames(buffers[0], buffers[1], corners, torch.tensor([[width, height]] * 2).float()))
+            values = pack.frames(frame + 1).double()
+            buffers[frame, ..., :height, :width] = (0.8 * values + 20).floor() if augmented else values
+        kinds.append(WholeFrames(buffers[0], buffers[1], corners, torch.tensor([[width, height]] * count).float()))
     plain, whole = kinds
     first, second = whole.crops(*cases["crop"])
-    nothing = torch.zeros(2, *cases["crop"])
+    nothing = torch.zeros(count, *cases["crop"])
     students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # distinct from other frames
-    batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
-    return cases, arrays, Batch(**{**vars(batch), "changed": students})
+    truth = nothing[:, None].expand(-1, 2, -1, -1)
+    batch = Batch(first, second, truth, nothing, pack.items, None, None, whole, plain)
+    return cases, pack.arrays, Batch(**{**vars(batch), "changed": students})
 
 
 class Answers:
@@ -124,14 +124,18 @@ class Outcome:
     asked: list[tuple[str, int, Tensor]]
 
 
+def recipe_of(case: str) -> Recipe:
+    return load_recipe("brightflow", CASES[case].get("stage", RECIPES.get(case, case)))
+
+
 def step(given: Given, case: str, number: int, gradients: bool = False) -> Outcome:
     torch.set_num_threads(1)
     given.inputs.clear()
-    recipe = load_recipe("brightflow", RECIPES[case])
+    recipe = recipe_of(case)
     answers: Any = Answers(given)
     module = objective.Brightflow(answers, recipe, recipe.objective)
     with torch.set_grad_enabled(gradients):
-        loss, numbers = module(given.batch, TrainingStep(0, number, (0, 1), number / STEPS))
+        loss, numbers = module(given.batch, TrainingStep(0, number, (0, 1), number / recipe.steps))
     if gradients:
         loss.backward()
     terms = {name: numbers[key].item() if key in numbers else 0.0 for key, name in TERMS.items()}

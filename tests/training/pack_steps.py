@@ -5,6 +5,7 @@ weights with the recipe's loss, optimiser and schedule.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -26,9 +27,19 @@ from robustflow.training.recipe import Recipe
 from robustflow.training.schedules import rate_of
 
 from ..parity.weight_rule import digest, weights
+from ..shared_data import shared_root
 
-STEPS = 200
-"""Length of the training run for which every pack's schedule is defined, in updates."""
+NO_PACK = "none"
+"""The case of a pack that is missing; its test is skipped with a reason."""
+
+
+def cases_of(name: str) -> dict[str, dict[str, Any]]:
+    """The cases stated by the pack `training_NAME`, by name."""
+    path = shared_root() / "parity" / f"training_{name}" / "cases.json"
+    if not path.is_file():
+        return {NO_PACK: {}}
+    cases: dict[str, dict[str, Any]] = json.loads(path.read_text())["cases"]
+    return cases
 
 
 @dataclass(frozen=True)
@@ -45,21 +56,28 @@ class TrainingPack:
         with np.load(folder / "expected.npz") as file:
             return cls(folder, json.loads((folder / "cases.json").read_text()), dict(file))
 
+    @property
+    def items(self) -> tuple[str, ...]:
+        """Names of the pairs of a batch."""
+        return tuple(str(item) for item in range(len(list(self.folder.glob("item*_1.png")))))
+
     def frames(self, which: int) -> Tensor:
-        """First (1) or second (2) frames, float32 (2, 3, H, W) in 0..255."""
-        images = [read_image(self.folder / f"item{item}_{which}.png") for item in (0, 1)]
+        """First (1) or second (2) frames, float32 (N, 3, H, W) in 0..255."""
+        images = [read_image(self.folder / f"item{item}_{which}.png") for item in self.items]
         return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float()
 
     def batch(self, step: int = 0, times: list[int] | None = None) -> Batch:
         """The batch of a step, including the noise step and the noise if the case has `times`."""
         with np.load(self.folder / "truth.npz") as file:
             truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
-        batch = Batch(self.frames(1), self.frames(2), truth, valid, ("0", "1"))
+        batch = Batch(self.frames(1), self.frames(2), truth, valid, self.items)
         if times is None:
             return batch
-        height, width = (side // 8 for side in self.header["size"])
-        assert self.header["noise"].startswith("numpy.random.default_rng(0 + step).standard_normal((2, 2, ")
-        noise = np.random.default_rng(step).standard_normal((2, 2, height, width)).astype(np.float32)
+        rule = r"numpy\.random\.default_rng\((\d+) \+ step\)\.standard_normal\(\(([\d, ]+)\)\)\.astype\(float32\)"
+        stated = re.fullmatch(rule, self.header["noise"])
+        assert stated
+        shape = tuple(map(int, stated[2].split(",")))
+        noise = np.random.default_rng(int(stated[1]) + step).standard_normal(shape).astype(np.float32)
         return replace(batch, time=times[step], noise=torch.from_numpy(noise))
 
     def network(self, recipe: Recipe) -> TrainedNetwork:
@@ -97,7 +115,7 @@ def steps(
 
     Args:
         network: network from `TrainingPack.network`.
-        recipe: recipe of a training run with `STEPS` steps.
+        recipe: recipe of a training run with as many steps as the pack's schedule.
         batch_of: function that returns the batch of a step.
         count: number of steps.
         loss_of: function that returns the loss of a batch; by default the recipe's loss.
