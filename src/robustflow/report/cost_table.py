@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..analysis.cost_ranks import counted_size, printed_cost_ranks, printed_costs, run_ranks
+from ..analysis.cost_ranks import counted_size, printed_cost_ranks, printed_costs
 from ..analysis.model_result import ModelResult
 from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER
 from ..errors import UsageError
@@ -19,18 +19,16 @@ _COLUMNS = (
     Column("other", "CREr & rank"),
     Column("OOD", "Avg. rank"),
     Column("ID", "Avg. rank"),
-    Column("other", "Avg. rank"),
 )
-_PLACE = {"OOD": (2, 5), "ID": (3, 6)}
-_OTHER = (4, 7)
+_PLACE = {"OOD": 2, "ID": 3}
+_OTHER = 4
 
 
 def cost_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate CREr and cost, with ranks as in `analysis.ranking`.
+    """Tabulate CREr and cost.
 
-    The published models come first, with their printed CREr in both settings. Models measured on different frames
-    follow, each with the CREr of its setting and ranked only among models measured on the same frames, never with the
-    published models.
+    The published models come first, with their printed CREr in both settings and ranks as in `analysis.ranking`. Other
+    models follow, each with the CREr of its setting but without ranks: a flow that is too short has a low CREr.
 
     Args:
         results: results from any source.
@@ -42,19 +40,18 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
     if printed := _published_lines(results):
         sections.append(Section("Published", printed))
     others = [line for line in results if line.frames != PAPER]
-    if lines := _measured_lines(others):
+    if lines := _other_lines(others):
         sections.append(Section("Measured on different frames", lines))
     if not sections:
         raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
     remarks = [
-        "FLOPs are ranked over all models, and CREr within its setting; equal values share a rank, and lower is "
-        "better. The average rank is the rank of the mean of both ranks."
-    ]
+        "Published FLOPs are ranked over all models, and CREr within its setting; equal values share a rank, and lower "
+        "is better. The average rank is the rank of the mean of both ranks."
+    ] * bool(printed)
     if any(line.cost for line in others):
         remarks.append(
             f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
-            f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted); "
-            "runs are ranked among those on the same frames."
+            f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted)."
         )
     table = Table("cost", "Computing cost, CREr and average rank", _COLUMNS, tuple(sections), tuple(remarks))
     return table.without_empty_columns()
@@ -73,30 +70,25 @@ def _published_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
             for key in ("average_ood", "average_id")
         ]
         size = TableCell(f"{cost.parameters_m:.2f}"), TableCell(f"{cost.flops_g:.1f} ({ranks['flops'][name]})")
-        cells = (*size, *crer, TableCell("-"), *average, TableCell("-"))
+        cells = (*size, *crer, TableCell("-"), *average)
         lines.append(Line(name, cells, best=any(cell.best for cell in average)))
     return tuple(lines)
 
 
-def _measured_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
+def _other_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
     lines = []
-    for result, rank in run_ranks(results).items():
+    for result in results:
+        if result.crer is None:
+            continue
         cost, note = result.cost, full_note(result)
         cells = [TableCell("-")] * len(_COLUMNS)
-        crer_at, average_at = _PLACE.get(result.setting, _OTHER)
-        cells[crer_at] = TableCell(number_text(result.crer, None) + _shown(rank.crer))
+        cells[_PLACE.get(result.setting, _OTHER)] = TableCell(number_text(result.crer, None))
         if cost is not None:
             cells[0] = TableCell(f"{cost.parameters_m:.2f}")
-            cells[1] = TableCell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
-            if rank.average is not None:
-                cells[average_at] = TableCell(str(rank.average))
+            cells[1] = TableCell(f"{cost.flops_g:.1f}")
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
         lines.append(Line(result.name, tuple(cells), note))
     return tuple(lines)
-
-
-def _shown(rank: int | None) -> str:
-    return "" if rank is None else f" ({rank})"
 
 
 def _counted_note(cost: RunCost) -> str:

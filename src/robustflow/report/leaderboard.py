@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..analysis.best import Compared, best_of_columns
-from ..analysis.cost_ranks import printed_cost_ranks, run_ranks
+from ..analysis.cost_ranks import printed_cost_ranks
 from ..analysis.labels import (
     FAMILY_LABELS,
     METRIC_LABELS,
@@ -138,7 +138,6 @@ def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, T
     """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
     print are not marked."""
     ranks = printed_cost_ranks(results)
-    own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     values, compared, derived = {}, [], {}
     for line in results:
         values[line] = {
@@ -154,8 +153,7 @@ def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, T
         if line.printed_cost is not None:
             printed = _published(line, line.printed_cost, ranks)
         elif line.cost is not None:
-            rank = own_ranks[line].average if line in own_ranks else None
-            printed = _cost(line.cost.parameters_m, line.cost.flops_g, rank)
+            printed = _cost(line.cost.parameters_m, line.cost.flops_g, None)
         values[line] |= printed
         derived[line] = {CRER} if line.frames == PAPER and CRER not in printed else set()
         unmarked = {PARAMETERS, FLOPS, COVERAGE, *derived[line]}
