@@ -96,7 +96,7 @@ class Board(Table):
 
 
 _OVERVIEW = (
-    (PLACE, "Rank", "Rank by EPE (RCRE without ground truth) among the models measured on the same frames", ""),
+    (PLACE, "Rank", "Rank by EPE under corruption among the models measured on the same frames", ""),
     (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px"),
     (("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", "px"),
     (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
@@ -191,18 +191,15 @@ def _numbers(numbers: Mapping[ValueKey, float | None], decimals: int | None = No
 
 
 def _places(results: Sequence[ModelResult]) -> dict[ModelResult, int]:
-    """Rank each run among the ranked runs on the same frames, across settings, by the first key of `START` that all of
-    them have. Equal printed values share a rank."""
-    groups: dict[tuple[str, str], list[ModelResult]] = {}
+    """Rank each run by its EPE under corruption among the ranked runs on the same frames, in all settings. Equal
+    printed values share a rank."""
+    key = START[0]
+    groups: dict[tuple[str, str], dict[ModelResult, float]] = {}
     for line in results:
-        if line.run is not None and not line.excluded:
-            groups.setdefault((line.benchmark, line.frames), []).append(line)
-    places: dict[ModelResult, int] = {}
-    for group in groups.values():
-        key = next((key for key in START if all(key in line.values for line in group)), None)
-        if key is not None and len(group) > 1:
-            places |= competition_ranks({line: float(line.values[key].text) for line in group})
-    return places
+        if line.run is not None and not line.excluded and key in line.values:
+            groups.setdefault((line.benchmark, line.frames), {})[line] = float(line.values[key].text)
+    ranks = (competition_ranks(group) for group in groups.values() if len(group) > 1)
+    return {line: rank for group in ranks for line, rank in group.items()}
 
 
 def _board(
