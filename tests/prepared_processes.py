@@ -36,7 +36,7 @@ def prepare() -> None:
     """Start the process from which others are forked; it ends with this one."""
     multiprocessing.set_forkserver_preload(["tests.preloaded"])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]), prepend=os.pathsep)
         forkserver.ensure_running()
 
 

@@ -200,9 +200,9 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    from .child import refuse_unguarded_script
     from .runner.compute_missing import compute_missing
     from .runner.default_folder import default_folder, warn_of_a_fresh_start
-    from .runner.engines.child import refuse_unguarded_script
     from .runner.engines.choose import choose_engine
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up

@@ -96,3 +96,48 @@ def with_weights_beside(path, location):
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     path.write_bytes(model.SerializeToString())
     return path
+
+
+def _two_frames_to(path, nodes, constants):
+    inputs = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, "h", "w"]) for name in ("image1", "image2")
+    ]
+    return save(path, inputs, nodes, [helper.make_tensor_value_info("flow", TensorProto.FLOAT, None)], constants)
+
+
+def endless(path):
+    """Save a network of less than 500 bytes that loops 2^62 times."""
+
+    def value(name, kind, shape):
+        return helper.make_tensor_value_info(name, kind, shape)
+
+    body = helper.make_graph(
+        [helper.make_node("Identity", [f"{name}_in"], [name]) for name in ("more", "flow")],
+        "body",
+        [
+            value("i", TensorProto.INT64, []),
+            value("more_in", TensorProto.BOOL, []),
+            value("flow_in", TensorProto.FLOAT, None),
+        ],
+        [value("more", TensorProto.BOOL, []), value("flow", TensorProto.FLOAT, None)],
+    )
+    constants = [
+        helper.make_tensor("n", TensorProto.INT64, [], [2**62]),
+        helper.make_tensor("go", TensorProto.BOOL, [], [1]),
+    ]
+    nodes = [
+        helper.make_node("Add", ["image1", "image2"], ["sum"]),
+        helper.make_node("Loop", ["n", "go", "sum"], ["flow"], body=body),
+    ]
+    return _two_frames_to(path, nodes, constants)
+
+
+def hungry(path):
+    """Save a network of less than 500 bytes that requests 1.6 GB twice."""
+    constants = [helper.make_tensor("size", TensorProto.INT64, [1], [400_000_000])]
+    nodes = [
+        helper.make_node("Add", ["image1", "image2"], ["sum"]),
+        helper.make_node("ConstantOfShape", ["size"], ["big"]),
+        helper.make_node("Add", ["big", "big"], ["flow"]),
+    ]
+    return _two_frames_to(path, nodes, constants)

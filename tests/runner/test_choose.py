@@ -130,5 +130,5 @@ def test_a_script_without_a_guard_stays_in_one_process_and_says_why(tmp_path, mo
 
 
 def test_a_worker_starts_no_workers(monkeypatch):
-    monkeypatch.setattr(choose.multiprocessing, "current_process", lambda: SimpleNamespace(daemon=True))
+    monkeypatch.setattr(choose.multiprocessing, "parent_process", SimpleNamespace)
     assert _describe(LIGHT, THREE_PAIRS).startswith("serial (this process is itself a worker")

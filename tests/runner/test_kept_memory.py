@@ -7,7 +7,7 @@ import resource
 import numpy as np
 import pytest
 
-from robustflow.runner.engines.child import Child
+from robustflow.child import Child
 
 FRAMES = (375, 1242, 3)
 

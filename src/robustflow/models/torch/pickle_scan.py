@@ -58,7 +58,7 @@ class RefusedError(Exception):
 
 
 @dataclass(slots=True)
-class _Part:
+class _Pickled:
     """An object of the pickle: its kind, its constant value or items, the size and depth of the tree below it, and
     whether an object after it refers to it."""
 
@@ -88,14 +88,14 @@ def scan_pickle(file: BinaryIO) -> None:
             raise RefusedError(f"a pickle of more than {LARGEST >> 20} MiB")
         name = opcode.name
         if name in _CONSTANTS:
-            stack.append(_Part("constant", argument if opcode.arg else name))
+            stack.append(_Pickled("constant", argument if opcode.arg else name))
         elif name in _EMPTY:
-            stack.append(_Part(_EMPTY[name], []))
+            stack.append(_Pickled(_EMPTY[name], []))
         elif name == "MARK":
             marks.append(len(stack))
         elif name in _TUPLES or name == "TUPLE":
             items = _popped(stack, _TUPLES[name] if name in _TUPLES else len(stack) - marks.pop())
-            stack.append(_with(_Part("tuple", items), items))
+            stack.append(_with(_Pickled("tuple", items), items))
         elif name in _ADDED:
             count = _ADDED[name]
             items = _popped(stack, len(stack) - marks.pop() if count is None else count)
@@ -106,14 +106,14 @@ def scan_pickle(file: BinaryIO) -> None:
             memo[argument].shared = True
             stack.append(memo[argument])
         elif name == "GLOBAL":
-            stack.append(_Part("global", _allowed(argument.replace(" ", "."))))
+            stack.append(_Pickled("global", _allowed(argument.replace(" ", "."))))
         elif name in ("REDUCE", "NEWOBJ"):
             called, arguments = _popped(stack, 2)
             stack.append(_called(called, arguments))
         elif name == "BUILD":
             (state,) = _popped(stack, 1)
             if stack[-1].kind != "ignored":
-                _add(stack[-1], [_Part("constant", ""), state], "dict")
+                _add(stack[-1], [_Pickled("constant", ""), state], "dict")
         elif name == "BINPERSID":
             (identifier,) = _popped(stack, 1)
             stack.append(_storage(identifier))
@@ -123,7 +123,7 @@ def scan_pickle(file: BinaryIO) -> None:
         raise RefusedError(f"{stack[-1].parts} parts, most of them the same")
 
 
-def _popped(stack: list[_Part], count: int) -> list[_Part]:
+def _popped(stack: list[_Pickled], count: int) -> list[_Pickled]:
     items = stack[len(stack) - count :]
     if len(items) < count:
         raise ValueError("its stack is empty")
@@ -131,7 +131,7 @@ def _popped(stack: list[_Part], count: int) -> list[_Part]:
     return items
 
 
-def _with(whole: _Part, items: Iterable[_Part]) -> _Part:
+def _with(whole: _Pickled, items: Iterable[_Pickled]) -> _Pickled:
     for item in items:
         whole.parts += item.parts
         whole.depth = max(whole.depth, item.depth + 1)
@@ -140,7 +140,7 @@ def _with(whole: _Part, items: Iterable[_Part]) -> _Part:
     return whole
 
 
-def _add(whole: _Part, items: list[_Part], kind: str) -> None:
+def _add(whole: _Pickled, items: list[_Pickled], kind: str) -> None:
     if whole.kind != kind:
         raise RefusedError(f"{kind} items of something else")
     if whole.shared:
@@ -160,7 +160,7 @@ def _allowed(name: str) -> str:
     return name
 
 
-def _called(called: _Part, arguments: _Part) -> _Part:
+def _called(called: _Pickled, arguments: _Pickled) -> _Pickled:
     name, values = called.value, arguments.value or []
     if called.kind != "global" or arguments.kind != "tuple" or name not in _CALLED:
         raise RefusedError(f"call of {name}")
@@ -178,11 +178,11 @@ def _called(called: _Part, arguments: _Part) -> _Part:
         fits = True
     if not fits:
         raise RefusedError(f"call of {name} with different arguments")
-    return _with(_Part(_CALLED[name], name), values)
+    return _with(_Pickled(_CALLED[name], name), values)
 
 
-def _storage(identifier: _Part) -> _Part:
+def _storage(identifier: _Pickled) -> _Pickled:
     values = [part.value for part in identifier.value or []] if identifier.kind == "tuple" else []
     if len(values) < 2 or values[0] != "storage" or values[1] not in _STORAGES:
         raise RefusedError("reference to something other than values of a tensor")
-    return _Part("storage")
+    return _Pickled("storage")

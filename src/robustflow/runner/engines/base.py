@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...datasets.base import Dataset
+from ...errors import UsageError
 from ...models import ModelSpec
 from ...models.base import AnyModel, model_identity
 from ...runs.plan import RunOptions, Unit
@@ -81,3 +83,26 @@ class Engine:
 
     describe: Callable[[Sequence[Unit]], str]
     compute: Callable[[Job, Sequence[Unit]], FinishedUnits]
+
+
+def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
+    """Return a job as it is sent to other processes.
+
+    Args:
+        job: job to send.
+        dumps: function that pickles an object.
+
+    Raises:
+        UsageError: the model object, the dataset or a user's corruption cannot be sent.
+    """
+    try:
+        return dumps(job)
+    except Exception as error:
+        what, advice = "dataset or corruption", "use engine='serial' without a timeout"
+        try:
+            dumps(job.model)
+        except Exception:
+            what, advice = "model object", f"{advice}, or name the model as 'module:attribute'"
+        raise UsageError(
+            f"this {what} cannot be sent to worker processes ({type(error).__name__}: {error}); {advice}"
+        ) from error

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ...child import may_have_children
 from ...errors import UsageError, unknown_name
 from ...extras import require
 from ...models.devices import devices_of
@@ -17,7 +18,6 @@ from ...text import counted
 from ...threads import available_processors
 from ..named_model import NamedModel
 from .base import Engine
-from .child import may_have_children
 from .processes import processes
 from .ray import on_ray
 from .serial import SERIAL
@@ -155,7 +155,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
     """Return the reason why a run cannot use several processes by default; empty if it can."""
-    if multiprocessing.current_process().daemon:
+    if multiprocessing.parent_process() is not None:
         return " (this process is itself a worker)"
     if not may_have_children():
         return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from multiprocessing.connection import Connection, wait
 
+from ...child import Child
 from ...runs.plan import Unit
 from ..seconds import pop_timings
-from .base import FinishedUnit, FinishedUnits, Job
-from .child import Child, pickled
+from .base import FinishedUnit, FinishedUnits, Job, pickled
 from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
 

@@ -15,11 +15,11 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+from ...child import rebuilt
 from ...errors import RunError
 from ...models.base import describe_cell
 from ...runs.plan import Unit
-from .base import FinishedUnit, FinishedUnits, Job
-from .child import pickled, rebuilt
+from .base import FinishedUnit, FinishedUnits, Job, pickled
 from .prediction_timeout import too_slow
 from .ray_actor import Answer, Files, UnitActor, check_installed, installed
 from .ray_cluster import connected, ray_module

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import DataError, RunError, UsageError
+from ...malloc import keep_freed_memory
 from ...version import VERSION
-from .malloc import keep_freed_memory
 
 if TYPE_CHECKING:
     from ...runs.plan import Unit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+from ...child import ONE_THREAD
 from ...corruptions.stack import needs_depth
 from ...errors import UsageError
 from ...models import ModelSpec
@@ -11,7 +12,6 @@ from ...models.devices import device_of, is_accelerator
 from ...runs.plan import Unit
 from ...runs.sample_files import files_of_sample
 from .base import Job
-from .child import ONE_THREAD
 
 
 def needs_gpu(job: Job) -> bool:

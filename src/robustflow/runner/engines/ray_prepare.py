@@ -12,10 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from ...child import rebuilt
 from ...errors import DataError, RunError
 from ...video.prepare import Preparation, Progress, prepare_clip
 from ...video.source import Source
-from .child import rebuilt
 from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 

@@ -14,12 +14,12 @@ from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any
 
+from ...child import Child
 from ...models import ModelSpec
 from ...models.base import describe_cell
 from ...runs.plan import Cell, Unit
-from .base import FinishedUnit, FinishedUnits, Job
+from .base import FinishedUnit, FinishedUnits, Job, pickled
 from .cell_schedule import CellSchedule
-from .child import Child, pickled
 from .feeder import cells_ahead, feed_forever
 from .prediction_timeout import PredictionTimeout
 from .predictor import Link, predict_forever

@@ -8,25 +8,25 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
+import sys
 import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from multiprocessing.util import Finalize
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import Any
 
-from ... import errors
-from ...errors import RobustFlowError, RunError, UsageError
-from ...figure_style import ignore_local_settings
-from ...safe_path import environment_variables, safe_path
+from . import errors
+from .errors import RobustFlowError, RunError, UsageError
+from .figure_style import ignore_local_settings
 from .malloc import keep_freed_memory
-
-if TYPE_CHECKING:
-    from .base import Job
+from .safe_path import environment_variables, safe_path
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
 ONE_THREAD = dict.fromkeys(_THREADS, "1")
@@ -44,16 +44,27 @@ class Child:
     Args:
         target: module-level function to run in the child, called with the child's end of the pipe and `arguments`.
         arguments: picklable arguments, which may include connections and `SharedSlots`.
+        runs_script: whether the child runs the user's script from the top, which it needs to receive objects that the
+            script defines.
     """
 
-    def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, target: Callable[..., None], *arguments: Any, runs_script: bool = True) -> None:
+        if multiprocessing.current_process().daemon:
+            raise UsageError(
+                "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
+                "concurrent.futures.ProcessPoolExecutor instead"
+            )
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
-        self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=True)
-        with environment_variables(ONE_THREAD), safe_path(), _no_interrupt():
+        # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
+        self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=False)
+        script = nullcontext() if runs_script else _no_script()
+        with environment_variables(ONE_THREAD), safe_path(), _no_interrupt(), script:
             self._process.start()
+        self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
+        """Stop the process immediately."""
         theirs.close()
         watched.close()
 
@@ -89,15 +100,15 @@ class Child:
             raise rebuilt(*value)
         return kind, value
 
-    def end(self) -> None:
-        """Stop the process immediately."""
-        self.pipe.close()
-        self._process.terminate()
-        self._process.join(2)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._lifeline.close()
+
+def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:
+    pipe.close()
+    process.terminate()
+    process.join(2)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    lifeline.close()
 
 
 def refuse_unguarded_script() -> None:
@@ -125,27 +136,15 @@ def may_have_children() -> bool:
         return False
 
 
-def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
-    """Return a job as it is sent to other processes.
-
-    Args:
-        job: job to send.
-        dumps: function that pickles an object.
-
-    Raises:
-        UsageError: the model object, the dataset or a user's corruption cannot be sent.
-    """
+@contextmanager
+def _no_script() -> Iterator[None]:
+    """Start a process that does not run the user's script."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
     try:
-        return dumps(job)
-    except Exception as error:
-        what, advice = "dataset or corruption", "use engine='serial' without a timeout"
-        try:
-            dumps(job.model)
-        except Exception:
-            what, advice = "model object", f"{advice}, or name the model as 'module:attribute'"
-        raise UsageError(
-            f"this {what} cannot be sent to worker processes ({type(error).__name__}: {error}); {advice}"
-        ) from error
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

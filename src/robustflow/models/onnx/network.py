@@ -1,4 +1,4 @@
-"""Run optical-flow networks in ONNX files with onnxruntime. Loading a network requires the onnx extra.
+"""Load an ONNX network in this process and run it with onnxruntime; requires the onnx extra.
 
 An ONNX file contains no code, only a graph of known operators and their weights. External weights are only read from
 the folder of the ONNX file.
@@ -13,16 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..digest import sha256_of_file
-from ..errors import ModelError, UsageError, first_line, unknown_name
-from ..extras import require
-from ..layout import user_path
-from ..sample import Flow, Frame
-from .input_convention import InputConvention, named_convention
-from .model_file import damaged, opened, require_file
-from .option_checks import MOST_THREADS, check_count
-from .pairs import PairNetwork
-from .signature import (
+from ...digest import sha256_of_file
+from ...errors import ModelError, first_line, unknown_name
+from ...sample import Flow, Frame
+from ..input_convention import InputConvention, named_convention
+from ..model_file import damaged, opened
+from ..pairs import PairNetwork
+from ..signature import (
     Dim,
     batch_and_size,
     chosen_inputs,
@@ -36,54 +33,24 @@ _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(d
 _CUDA = "CUDAExecutionProvider"
 
 
-class OnnxModel(PairNetwork):
-    """A network in an ONNX file; satisfies `FlowModel`.
-
-    Args:
-        checkpoint: path of the ONNX file. Its network must accept two frames as two inputs (N, 3, H, W), stacked (N, 2,
-            3, H, W) or concatenated (N, 6, H, W), and return the flow at their resolution, (N, 2, H, W) or (N, H, W,
-            2).
-        order: colour order of the input, "rgb" or "bgr".
-        scaling: value range of the input, "0-1", "-1-1", "0-255" or "imagenet".
-        multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
-            each side. If the network has a fixed input size, frames are padded to that size.
-        layout: layout of the inputs, "pair", "stacked" or "concatenated"; by default inferred from the inputs' shapes.
-        inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
-        output: name of the output that is the flow; by default the last output.
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-        device: name of the device, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
-        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
-            parallelised with processes instead.
-
-    Raises:
-        UsageError: the order, scaling, layout or device is unknown, or the network does not have the given inputs or
-            output.
-        ModelError: onnxruntime or the device is not available, or the file is not an ONNX network for two frames.
-    """
+class OnnxNetwork(PairNetwork):
+    """A network in an ONNX file; the arguments and errors are those of `OnnxModel`."""
 
     def __init__(
         self,
-        checkpoint: str | Path | None = None,
+        path: Path,
         *,
-        order: str = "rgb",
-        scaling: str = "0-1",
-        multiple: int = 8,
-        layout: str | None = None,
-        inputs: str | None = None,
-        output: str | None = None,
-        sha256: str | None = None,
-        device: str = "cpu",
-        threads: int = 1,
+        order: str,
+        scaling: str,
+        multiple: int,
+        layout: str | None,
+        inputs: str | None,
+        output: str | None,
+        sha256: str | None,
+        device: str,
+        threads: int,
     ) -> None:
-        if checkpoint is None:
-            raise ModelError("model 'onnx' needs a file: pass the path of an .onnx file as --checkpoint, or as --model")
-        check_count("threads", threads, most=MOST_THREADS)
-        self.device = _parse_device(device)
-        named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
-        path = user_path(checkpoint)
-        require_file(path, "file; pass the path of the exported network")
-        for library in ("onnxruntime", "onnx"):
-            require(library, "model 'onnx'")
+        self.device = device
         with opened(path, sha256) as (file, digest):
             model = _parse(path, file.read())
         beside = _external_files(path, model)
@@ -148,7 +115,7 @@ class OnnxModel(PairNetwork):
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
                 f"the network failed on {what}: {first_line(error)[:200]}; set the multiple that its height and width "
-                "need (e.g. -O multiple=64), or export it again"
+                "need (e.g. -O multiple=64), allow more memory with -O memory_limit=GIB, or export it again"
             ) from None
         flow = np.asarray(flow)
         if flow.dtype.kind != "f":
@@ -199,13 +166,6 @@ def _session(path: Path, device: str, threads: int) -> Any:
         raise ModelError(f"onnxruntime cannot use device '{device}': its CUDA libraries cannot be loaded; use cpu")
     session.disable_fallback()
     return session
-
-
-def _parse_device(device: str) -> str:
-    kind, _, number = str(device).partition(":")
-    if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
-        raise UsageError(f"unknown device '{device}' for onnxruntime: use cpu, cuda or cuda:0")
-    return str(device)
 
 
 def _chosen_output(nodes: list[Any], name: str | None) -> str:

@@ -1,0 +1,5 @@
+"""Optical-flow networks in ONNX files."""
+
+from .model import OnnxModel
+
+__all__ = ["OnnxModel"]

@@ -1,0 +1,183 @@
+"""Run an untrusted ONNX network in a child process with limits on its memory and time.
+
+An ONNX file contains no code, but a graph of a few bytes may request any amount of memory, or loop for ever inside
+onnxruntime, where Python cannot interrupt it.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from ...child import Child
+from ...errors import ModelError, RunError, UsageError
+from ...extras import require
+from ...layout import user_path
+from ...sample import Flow, Frame
+from ..input_convention import InputConvention, named_convention
+from ..model_file import require_file
+from ..option_checks import MOST_THREADS, check_count
+from ..pairs import PairNetwork
+
+_GIB = 2**30
+
+
+class OnnxModel(PairNetwork):
+    """A network in an ONNX file, in a process that is limited in memory and time; satisfies `FlowModel`.
+
+    Args:
+        checkpoint: path of the ONNX file. Its network must accept two frames as two inputs (N, 3, H, W), stacked (N, 2,
+            3, H, W) or concatenated (N, 6, H, W), and return the flow at their resolution, (N, 2, H, W) or (N, H, W,
+            2). External weights are only read from the folder of the ONNX file.
+        order: colour order of the input, "rgb" or "bgr".
+        scaling: value range of the input, "0-1", "-1-1", "0-255" or "imagenet".
+        multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
+            each side. If the network has a fixed input size, frames are padded to that size.
+        layout: layout of the inputs, "pair", "stacked" or "concatenated"; by default inferred from the inputs' shapes.
+        inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
+        output: name of the output that is the flow; by default the last output.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        device: name of the device, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
+        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
+            parallelised with processes instead.
+        memory_limit: limit on the memory of a prediction on the CPU, GiB; by default 0.5 GiB, 2 KiB per pixel and
+            1/500 byte per pair of pixels, which is 1.8 GiB and twice what RAFT needs at KITTI's size.
+        time_limit: limit on the time of loading, and of each prediction, in seconds.
+
+    Raises:
+        UsageError: the order, scaling, layout, device or a limit is invalid, or the network does not have the given
+            inputs or output.
+        ModelError: onnxruntime or the device is not available, the file is not an ONNX network for two frames, or the
+            network exceeds a limit.
+    """
+
+    def __init__(
+        self,
+        checkpoint: str | Path | None = None,
+        *,
+        order: str = "rgb",
+        scaling: str = "0-1",
+        multiple: int = 8,
+        layout: str | None = None,
+        inputs: str | None = None,
+        output: str | None = None,
+        sha256: str | None = None,
+        device: str = "cpu",
+        threads: int = 1,
+        memory_limit: float | None = None,
+        time_limit: float = 300,
+    ) -> None:
+        if checkpoint is None:
+            raise ModelError("model 'onnx' needs a file: pass the path of an .onnx file as --checkpoint, or as --model")
+        check_count("threads", threads, most=MOST_THREADS)
+        for name, limit in (("memory_limit", memory_limit), ("time_limit", time_limit)):
+            if limit is not None and not (isinstance(limit, int | float) and limit > 0):
+                raise UsageError(f"{name} must be a positive number, not {limit}")
+        self.device = _parse_device(device)
+        named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
+        self._path = user_path(checkpoint)
+        require_file(self._path, "file; pass the path of the exported network")
+        for library in ("onnxruntime", "onnx"):
+            require(library, "model 'onnx'")
+        self._memory, self._time = memory_limit, time_limit
+        self._options = {
+            "order": order,
+            "scaling": scaling,
+            "multiple": multiple,
+            "layout": layout,
+            "inputs": inputs,
+            "output": output,
+            "sha256": sha256,
+            "device": self.device,
+            "threads": threads,
+        }
+        self._start()
+
+    def identity(self) -> dict[str, Any]:
+        """Return everything that affects the results: the files' hashes, the input convention, and
+        the execution settings.
+        """
+        return self._identity
+
+    @property
+    def _together(self) -> bool:
+        return self._in_batches
+
+    def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        """Call the network once for pairs of equal size; the result is the same as from `predict_batch`."""
+        if self._child is None:
+            self._start()
+        assert self._child is not None
+        self._child.send((frames1, frames2))
+        flows: list[Flow] = self._receive("a prediction")
+        return flows
+
+    def _start(self) -> None:
+        self._child: Child | None = Child(serve_network, self._path, self._options, self._memory, runs_script=False)
+        self._identity: dict[str, Any]
+        self.convention: InputConvention
+        self._identity, self.convention, self._in_batches = self._receive("loading")
+
+    def _receive(self, doing: str) -> Any:
+        """Return the answer of the child; after an error or Ctrl-C, it is ended, and the next call starts a new one."""
+        child, self._child = self._child, None
+        assert child is not None
+        try:
+            if not child.pipe.poll(self._time):
+                raise ModelError(
+                    f"{self._path}: {doing} took longer than {self._time:g} s; use a different network, or allow more "
+                    "time with -O time_limit=SECONDS"
+                )
+            value = child.receive(f"{doing} of {self._path}", "allow more with -O memory_limit=GIB")[1]
+        except BaseException as error:
+            child.end()
+            if isinstance(error, RunError):
+                raise ModelError(str(error)) from error
+            raise
+        self._child = child
+        return value
+
+
+def serve_network(pipe: Connection, path: Path, options: dict[str, Any], memory: float | None) -> None:
+    """Load a network and predict pairs; the main function of its process.
+
+    Args:
+        pipe: connection to the parent. It sends ("loaded", (identity, convention, whether batches help)), receives
+            lists of first and second frames, and sends ("flows", flows) for each.
+        path, options: arguments of `OnnxNetwork`.
+        memory: limit on the memory of a prediction, GiB.
+    """
+    from .network import OnnxNetwork
+
+    on_cpu = options["device"] == "cpu"  # CUDA reserves more address space than the machine has memory
+
+    def limit_memory(default: int) -> None:
+        if on_cpu:
+            _allow(default if memory is None else int(memory * _GIB))
+
+    limit_memory(2 * _GIB + 4 * path.stat().st_size)
+    network = OnnxNetwork(path, **options)
+    pipe.send(("loaded", (network.identity(), network.convention, network._together)))
+    while True:
+        frames1, frames2 = pipe.recv()
+        pixels = frames1[0].shape[0] * frames1[0].shape[1]
+        limit_memory(_GIB // 2 + 2048 * pixels + pixels**2 // 500)
+        pipe.send(("flows", network.run(frames1, frames2)))
+
+
+def _allow(size: int) -> None:
+    """Limit the memory of this process to `size` bytes more than it uses now."""
+    used = int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGESIZE")
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit = used + size
+    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard < 0 else min(limit, hard), hard))
+
+
+def _parse_device(device: str) -> str:
+    kind, _, number = str(device).partition(":")
+    if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
+        raise UsageError(f"unknown device '{device}' for onnxruntime: use cpu, cuda or cuda:0")
+    return str(device)
