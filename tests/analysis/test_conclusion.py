@@ -76,7 +76,9 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     )
     clean = dis.rows.filter(corruption="clean")
     length = (clean["pred_magnitude_sum"] / clean["n_all"]).mean()
-    assert f"on clean frames the flow is {length:.2f} px long on average; " in text
+    assert f"on clean frames the flow is {length:.2f} px long on average, " in text
+    still = (clean["photometric_still_sum"] / clean["n_photometric"]).mean()
+    assert f"(zero flow: {still:.2f})" in text
     assert f"clean flow {length:.4g} px long" in str(dis)
     assert text.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.summary.rcre:.2f} px")
     assert f"most under {order[0]} ({max(values.values()):.2f} px)" in text

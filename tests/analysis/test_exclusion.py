@@ -85,10 +85,26 @@ def test_frames_that_no_corruption_changed_are_no_reason_to_exclude():
     assert not reasons_from_rows(same)
 
 
-def test_almost_no_flow_without_ground_truth_is_excluded():
-    (reason,) = reasons_from_rows(_rows(0.0, 0.02, motion=0.03, truth=False))
-    assert reason == "its clean flow is 0.03 px long on average, so it is indistinguishable from zero flow"
-    assert not reasons_from_rows(_rows(0.0, 0.02, motion=0.2, truth=False))
+def _explained(error: float, of_still: float, truth: bool = False) -> list[str]:
+    """The reasons about a flow with a photometric error, where zero flow has the error `of_still`."""
+    columns = {
+        "n_photometric": pl.lit(100),
+        "photometric_sum": 100.0 * error,
+        "photometric_still_sum": 100.0 * of_still,
+    }
+    return reasons_from_rows(_rows(0.0, 5.0, truth=truth).with_columns(**columns))
+
+
+def test_flow_that_explains_the_frames_no_better_than_zero_flow_is_excluded_without_ground_truth():
+    for error in (18.5, 20.0, 31.0):  # much too short, zero, negated
+        (reason,) = _explained(error, 20.0)
+        assert f"its photometric error is {error:.2f} grey levels, that of zero flow 20.00" in reason
+    assert not _explained(17.0, 20.0)
+    assert not _explained(31.0, 20.0, truth=True)  # ground truth decides
+
+
+def test_identical_frames_are_no_reason_to_exclude():
+    assert not _explained(0.0, 0.0)
 
 
 class ScaledDis:

@@ -97,6 +97,7 @@ _FOG = {
         "epe_sum": 0.9 * pl.col("magnitude_sum"),
     },
     "the flow changed more on valid pixels than on all pixels": {"rcre_sum": pl.col("rcre_all_sum") + 1e-3},
+    "its photometric error exceeds the range of grey levels": {"photometric_sum": 255.0 * pl.col("n_photometric") + 1},
     "it has attack values but is not an attack": {"attack_linf": pl.lit(1.0)},
     "its confidence ranks errors better than the oracle": {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},
     "its size or group differs from that of the sample's other rows": {"group": pl.lit("other")},

@@ -192,9 +192,13 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
     few = ("-d", tmp_path / "clip", "-b", "folder", "-c", "contrast", "-s", "1", "--no-examples")
     out = robustflow.prints("run", "-m", "dis", "-m", "farneback", "-o", "both", *few)
     alone, table = out.split("\nMeans\n")
-    assert _cells_of(table, "Model") == ["RCRE (px)", "clean flow (px)"]
-    lengths = [load_run(f"both/{name}").summary.clean_flow_length for name in ("dis", "farneback")]
-    assert [_cells_of(table, name)[1] for name in ("DIS", "Farneback")] == [f"{length:.2f}" for length in lengths]
+    photometric = ["clean photometric error (grey levels)", "of zero flow"]
+    assert _cells_of(table, "Model") == ["RCRE (px)", "clean flow (px)", *photometric]
+    summaries = {name: load_run(f"both/{name.lower()}").summary for name in ("DIS", "Farneback")}
+    lengths = [summary.clean_flow_length for summary in summaries.values()]
+    for name, summary in summaries.items():
+        clean = (summary.clean_flow_length, summary.clean.photometric, summary.photometric_still)
+        assert _cells_of(table, name)[1:] == [f"{value:.2f}" for value in clean]
     assert all(f"on clean frames, the mean length of the flow is {length:.2f} px" in alone for length in lengths)
     assert "sequence is too few to say" in table
     assert "robustflow compare" not in out

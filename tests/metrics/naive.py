@@ -62,6 +62,27 @@ def regions_of(y, x, flow, occluded, found):
     return names
 
 
+def photometric(frame1, frame2, flow):
+    """The photometric error and that of zero flow, in grey levels; every step is exact in float64."""
+    grey1, grey2 = (frame.astype(float).sum(axis=2) for frame in (frame1, frame2))
+    (height, width), n, total, still = grey1.shape, 0, 0.0, 0.0
+    for y, x in pixels(grey1):
+        to_x, to_y = x + float(flow[y, x, 0]), y + float(flow[y, x, 1])
+        if not (0 <= to_x <= width - 1 and 0 <= to_y <= height - 1):
+            continue
+        to_x, to_y = math.floor(256 * to_x + 0.5) / 256, math.floor(256 * to_y + 0.5) / 256
+        value = 0.0
+        for corner_y in (math.floor(to_y), math.ceil(to_y)):
+            for corner_x in (math.floor(to_x), math.ceil(to_x)):
+                weight_y = 1 - abs(corner_y - to_y) if to_y % 1 else 0.5
+                weight_x = 1 - abs(corner_x - to_x) if to_x % 1 else 0.5
+                value += weight_y * weight_x * grey2[corner_y, corner_x]
+        n += 1
+        total += abs(grey1[y, x] - value)
+        still += abs(grey1[y, x] - grey2[y, x])
+    return {"n_photometric": n, "photometric_sum": total / 3, "photometric_still_sum": still / 3}
+
+
 def row(pred, clean, flow, valid, occluded):
     """All sums and counts of a row, accumulated in row-major order; None for regions that do not exist."""
     columns = ("n_valid", "fl_count", "px1_count", "px3_count", "px5_count", "n_all", "n_invalid")

@@ -25,9 +25,9 @@ def masks(shape):
 def cases(draw, finite=True):
     """A prediction, a clean prediction, and a sample with ground truth."""
     shape = draw(shapes)
-    frame = np.zeros((*shape, 3), np.uint8)
+    frames = np.random.default_rng(draw(st.integers(0, 99))).integers(0, 256, (2, *shape, 3), np.uint8)
     occluded = draw(st.none() | masks(shape))
-    sample = Sample("s", (frame, frame), draw(flows(shape)), draw(masks(shape)), occluded)
+    sample = Sample("s", tuple(frames), draw(flows(shape)), draw(masks(shape)), occluded)
     pred, clean = draw(flows(shape, finite)), draw(flows(shape, finite))
     if draw(st.booleans()):  # Errors close to the thresholds, for motion of any magnitude.
         with np.errstate(invalid="ignore"):

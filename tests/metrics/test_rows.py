@@ -16,6 +16,7 @@ from .strategies import cases
 
 LABELS = ("sample", "group", "corruption", "severity", "frames_digest", "height", "width")
 DIGEST = "truth_digest"
+PHOTOMETRIC = ("n_photometric", "photometric_sum", "photometric_still_sum")
 
 
 @given(cases(finite=False))
@@ -25,6 +26,7 @@ def test_every_column_equals_the_naive_loop(case):
     assert list(row) == list(ROW_SCHEMA)
     assert [row[name] for name in LABELS] == ["s", "s", "fog", 2, "ab", *sample.shape]
     expected = naive.row(pred, clean, sample.flow, sample.valid, sample.occluded)
+    expected |= naive.photometric(*sample.frames, pred)
     for name in ROW_SCHEMA:
         if name in (*LABELS, DIGEST):
             continue
@@ -38,12 +40,12 @@ def test_every_column_equals_the_naive_loop(case):
 
 
 @given(cases(finite=False))
-def test_without_ground_truth_only_rcre_over_all_pixels_remains(case):
+def test_row_without_ground_truth_has_only_rcre_over_all_pixels_and_the_photometric_error(case):
     pred, clean, sample = case
     blind = Sample(sample.key, sample.frames)
     row = measure(pred, clean, blind, Regions.of(blind))
     seen = measure(pred, clean, sample, Regions.of(sample))
-    everywhere = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
+    everywhere = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum", *PHOTOMETRIC)
     for name in ROW_SCHEMA:
         assert row[name] == (seen[name] if name in (*LABELS, *everywhere) else None)
 

@@ -14,6 +14,7 @@ GOLDEN = Path(__file__).parent / "golden_rows.csv"
 # it downloads its photographs, so it has a separate test
 CORRUPTIONS = [name for name in IMAGE_PAIR if name != "frost"]
 COLUMNS = ["corruption", "severity", "frames_digest", "n_all", "n_valid", "epe_sum", "rcre_sum", "fl_count", "wauc_sum"]
+COLUMNS += ["n_photometric", "photometric_sum"]
 
 
 def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:

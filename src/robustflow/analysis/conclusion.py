@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 CAVEAT = (
-    "RCRE measures how much the flow changes, not whether it is wrong: a model that largely ignores its frames has "
-    "the lowest RCRE, and only ground truth can distinguish it from a robust model."
+    "RCRE measures how much the flow changes, not whether it is wrong: a model that ignores its frames has the lowest "
+    "RCRE, and only its photometric error, close to that of zero flow, distinguishes it from a robust model."
 )
 _MOST_NAMED = 3
 
@@ -67,7 +67,12 @@ def _of_one(name: str, run: Run) -> str:
             f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
         )
         moves += f", most under {plain(most)} and least under {plain(least)}"
-    return f"{moves}; on clean frames the flow is {_clean_length(run)} long on average; {_surety(run)}."
+    summary = run.summary
+    clean = f"on clean frames the flow is {_clean_length(run)} long on average"
+    if summary.photometric is not None and summary.photometric_still is not None:
+        errors = f"{summary.clean.photometric or 0.0:.2f}, under corruption {summary.photometric:.2f} grey levels"
+        clean += f", and its photometric error is {errors} (zero flow: {summary.photometric_still:.2f})"
+    return f"{moves}; {clean}; {_surety(run)}."
 
 
 def _clean_length(run: Run) -> str:

@@ -9,8 +9,8 @@ from ..corruptions.registry import FAMILIES
 from ..text import plain
 from .results import AVERAGE, CLEAN
 
-METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr"}
-UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": ""}
+METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr", "photometric": "photometric error"}
+UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": "", "photometric": "grey levels"}
 OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 """The overall means of a model, as (metric, condition)."""
 

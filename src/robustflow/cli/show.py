@@ -12,8 +12,8 @@ def show(
         str,
         typer.Option(
             "--metric",
-            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, spread; less dependent on "
-            "accuracy: log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
+            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, photometric, coverage, spread; less "
+            "dependent on accuracy: log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
         ),
     ] = "all",
     as_json: Annotated[bool, typer.Option("--json", help="Print name, benchmark, folder and summary as JSON.")] = False,

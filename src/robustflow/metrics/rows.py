@@ -27,6 +27,9 @@ frames are finite (for a model that works correctly, all pixels).
   the forward-backward check. Null in a run without a confidence, or if its confidence source does not define it.
 - `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`, in
   pixels; null in a run with a single draw.
+- `photometric_sum` = photometric error of the flow, |frame 1 - frame 2 at the pixel's target| (see `photometric`), in
+  grey levels, summed over the `n_photometric` pixels whose target is inside the frame. `photometric_still_sum` = the
+  same for zero flow over the same pixels. All are measured on the *clean* frames, also for the flow on corrupted ones.
 - `n_invalid` = pixels whose prediction is not finite, out of all height x width pixels.
 """
 
@@ -41,10 +44,11 @@ import polars as pl
 from ..errors import DataError
 from ..sample import Flow, Sample
 from .error_maps import flow_array
+from .photometric import photometric
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 7
+ROW_SCHEMA_VERSION = 8
 """Version of the row schema, incremented when a column is added or removed, or changes its meaning; part of a run's
 identity. Rows with a different version are not read.
 """
@@ -83,6 +87,9 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "n_all": pl.Int64,
     "rcre_all_sum": pl.Float64,
     "pred_magnitude_sum": pl.Float64,
+    "n_photometric": pl.Int64,
+    "photometric_sum": pl.Float64,
+    "photometric_still_sum": pl.Float64,
     "n_truth": pl.Int64,
     "n_valid": pl.Int64,
     "epe_sum": pl.Float64,
@@ -113,7 +120,9 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     )
 }
 ROW_SCHEMA |= ON_REQUEST
-"""Columns of the rows and their types, in order. Sums are in pixels (except `wauc_sum`: 1 per pixel without error)."""
+"""Columns of the rows and their types, in order. Sums are in pixels, except `wauc_sum` (1 per pixel without error) and
+the photometric sums (grey levels).
+"""
 
 SIGNED = ("confidence_spearman",)
 """Columns that may be negative."""
@@ -166,6 +175,7 @@ def measure(
     if (regions is None) != (sample.flow is None):
         raise DataError(f"sample '{sample.key}': the regions belong to a different sample; pass Regions.of(sample)")
     sums = row_sums(pred, clean_pred, sample.flow, regions)
+    n_photometric, photometric_sum, still_sum, _ = photometric(*sample.frames[:2], pred)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
     row |= {
         "sample": sample.key,
@@ -175,6 +185,9 @@ def measure(
         "frames_digest": frames_digest,
         "height": sample.shape[0],
         "width": sample.shape[1],
+        "n_photometric": n_photometric,
+        "photometric_sum": photometric_sum,
+        "photometric_still_sum": still_sum,
     }
     if regions is None:
         return row | {name: sums.whole[name] for name in _WITHOUT_TRUTH}

@@ -16,9 +16,23 @@ pixels of all images together. In both cases, the results are then averaged over
 corruptions.
 """
 
-METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage", "spread")
+METRICS = (
+    "epe",
+    "cre",
+    "crer",
+    "rcre",
+    "rcre_all",
+    "fl",
+    "px1",
+    "px3",
+    "px5",
+    "wauc",
+    "photometric",
+    "coverage",
+    "spread",
+)
 
-SUMMARY_VERSION = 4
+SUMMARY_VERSION = 5
 """Version of the summary, incremented when a field is added or changes its meaning. A summary with a different version
 is rewritten or rejected.
 """
@@ -37,6 +51,8 @@ class Scores(FrozenFinite):
         fl: Fl-all, percent.
         px1, px3, px5: percentage of pixels with an end-point error above 1, 3 and 5 px.
         wauc: weighted area under the inlier curve, percent (100 is best).
+        photometric: difference between frame 1 and frame 2 warped by the flow, in grey levels, over the pixels whose
+            target is inside the frame; always measured on the clean frames, also for the flow on corrupted frames.
         coverage: fraction (0 to 1) of the pixels with ground truth (of all pixels, if there is no ground truth) that
             the means include; for the remaining pixels, the prediction on the corrupted or the clean frames is not
             finite.
@@ -54,6 +70,7 @@ class Scores(FrozenFinite):
     px3: float | None = None
     px5: float | None = None
     wauc: float | None = None
+    photometric: float | None = None
     coverage: float | None = None
     spread: float | None = None
 
@@ -109,6 +126,8 @@ class Summary(Scores):
         epe_clean: end-point error on the clean frames, pixels.
         clean_flow_length: mean magnitude of the predicted flow on the clean frames over all pixels, in pixels; the
             reference for an RCRE without ground truth.
+        photometric_still: photometric error of zero flow on the clean frames, in grey levels; a flow with a similar
+            error does not follow the motion.
         clean: metrics on the clean frames, where CRE and CREr are undefined.
         averaged_over: corruptions included in the overall means.
         corruptions: means for each corruption: the paper's corruptions in the paper's order, then the others by name.
@@ -129,6 +148,7 @@ class Summary(Scores):
     n_invalid: int
     epe_clean: float | None
     clean_flow_length: float | None
+    photometric_still: float | None
     clean: Scores
     averaged_over: list[str]
     corruptions: dict[str, CorruptionScores]

@@ -27,7 +27,7 @@ STEPS = ("container", "record", "hashes", "manifest", "rows")
 
 _ALWAYS = (
     *("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all"),
-    *("rcre_all_sum", "pred_magnitude_sum"),
+    *("rcre_all_sum", "pred_magnitude_sum", "n_photometric", "photometric_sum", "photometric_still_sum"),
 )
 _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
 

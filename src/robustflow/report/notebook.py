@@ -41,6 +41,7 @@ def result_table(run: Run) -> Table:
     """Tabulate the means of a run, overall and by corruption class."""
     summary = run.summary
     shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
+    shown = shown[:-1] if summary.epe is not None else shown  # the photometric error stands in for a missing error
     columns = [Column(metric_label(metric)) for metric in shown]
     scores = [("all", summary), *((FAMILY_LABELS[name], of) for name, of in summary.families.items())]
     lines = [Line.of_numbers(label, (getattr(of, metric) for metric in shown)) for label, of in scores]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..analysis.conditions import SeedGroup
 from ..analysis.labels import METRIC_LABELS, family_label, metric_label
 from ..analysis.model_result import ModelResult
-from ..analysis.results import AVERAGE, CLEAN
+from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..metrics.summary import has_gaps
 from .table import Column, Line, Section, Table, full_note, number_text, seed_line
@@ -17,8 +17,9 @@ from .table import Column, Line, Section, Table, full_note, number_text, seed_li
 if TYPE_CHECKING:
     from ..runs.run import Run
 
-MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in METRIC_LABELS}
+MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in RESULT_METRICS}
 """The overall means in tables of runs, with their labels."""
+_WITHOUT_TRUTH = ("clean flow (px)", "clean photometric error (grey levels)", "of zero flow")
 
 
 def corruptions_table(run: Run, title: str) -> Table:
@@ -30,6 +31,7 @@ def corruptions_table(run: Run, title: str) -> Table:
         if any(getattr(scores, metric) is not None for scores in summary.corruptions.values())
     ]
     at_each, levels = "epe" if "epe" in shown else "rcre", summary.severities()
+    shown += ["photometric"] * (at_each == "rcre")
     shown += ["coverage"] * has_gaps(summary) + ["spread"] * (summary.spread is not None)
     columns = [Column(METRIC_LABELS.get(metric, metric)) for metric in shown]
     columns += [Column(f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level)) for level in levels]
@@ -53,18 +55,18 @@ def severities_table(run: Run, metric: str, title: str) -> Table:
 
 
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
-    """Tabulate the overall means of runs; without ground truth, also the mean length of the clean flow. For each
-    group in `seeds`, a row with the mean and standard deviation follows the group's last run."""
+    """Tabulate the overall means of runs; without ground truth, also the mean length and the photometric error of the
+    clean flow. For each group in `seeds`, a row with the mean and standard deviation follows the group's last run."""
     without_truth = all(line.number("epe", CLEAN) is None for line in results)
     lines, values = [], {}
     for line in results:
-        length = line.run.summary.clean_flow_length if line.run and without_truth else None
-        values[line.key] = [*(line.number(*key) for key in MEANS), length]
+        summary = line.run.summary if line.run and without_truth else None
+        clean = (summary.clean_flow_length, summary.clean.photometric, summary.photometric_still) if summary else ()
+        values[line.key] = [*(line.number(*key) for key in MEANS), *(clean or [None] * len(_WITHOUT_TRUTH))]
         lines.append(Line.of_numbers(line.name, values[line.key], full_note(line)))
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
-    table = Table(
-        "runs", "Means", (*map(Column, MEANS.values()), Column("clean flow (px)")), (Section("Runs", tuple(lines)),)
-    )
+    columns = map(Column, (*MEANS.values(), *_WITHOUT_TRUTH))
+    table = Table("runs", "Means", tuple(columns), (Section("Runs", tuple(lines)),))
     return table.without_empty_columns()
 
 

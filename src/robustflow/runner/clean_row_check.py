@@ -13,8 +13,8 @@ from ..metrics.rows import CLEAN
 from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
-_PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
-"""Columns that depend on the model; the first one does not need ground truth."""
+_PREDICTION = ("pred_magnitude_sum", "photometric_sum", "epe_sum", "n_invalid")
+"""Columns that depend on the model; the first two do not need ground truth."""
 _TOLERANCE = 1e-3
 """Relative tolerance: larger than the rounding differences between two runs on a GPU, smaller than the effect of a
 changed model."""

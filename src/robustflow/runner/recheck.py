@@ -92,7 +92,7 @@ def recheck(
             ):
                 problems.append(f"{where}: different ground truth")
             elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
-                problems.append(f"{where}: this model's error differs by {gap:.3g} px")
+                problems.append(f"{where}: this model's error differs by {gap:.3g}")
     if problems:
         raise RunError(
             f"{len(problems)} of {chosen.height} rows do not match these data; first mismatch: {problems[0]}"
@@ -104,10 +104,11 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """Return the largest difference, in pixels, between two rows in their mean error, mean change from the clean flow,
-    or mean spread."""
+    """Return the largest difference between two rows in their mean error, mean change from the clean flow or mean
+    spread, in pixels, or in their mean photometric error, in grey levels."""
     gaps = [0.0]
-    for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all"), ("spread_sum", "n_all")):
+    sums = {"epe_sum": "n_valid", "rcre_all_sum": "n_all", "spread_sum": "n_all", "photometric_sum": "n_photometric"}
+    for total, count in sums.items():
         if made[total] is None or row[total] is None:
             gaps.append(0.0 if made[total] is row[total] else math.inf)
         elif bool(made[count]) != bool(row[count]):

@@ -22,7 +22,7 @@ from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import grouped_by_family
-from .means import WHOLE, RowPlaces, clean_flow_length, mean_scores, scores_by_condition
+from .means import WHOLE, RowPlaces, clean_flow_length, clean_mean, mean_scores, scores_by_condition
 from .plan import Cell
 
 _REGION_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")
@@ -95,6 +95,7 @@ def summarize(
         n_invalid=int(lazy.select(pl.col("n_invalid").sum()).collect().item()),
         epe_clean=clean.epe,
         clean_flow_length=clean_flow_length(rows, averaging),
+        photometric_still=clean_mean(rows, "photometric_still_sum", "n_photometric", averaging),
         clean=clean,
         averaged_over=[*corruptions],
         corruptions=corruptions,

@@ -22,6 +22,7 @@ WHOLE = {
     "px3": ("px3_count", "n_valid", 100.0),
     "px5": ("px5_count", "n_valid", 100.0),
     "wauc": ("wauc_sum", "n_valid", 100.0),
+    "photometric": ("photometric_sum", "n_photometric", 1.0),
     "coverage": ("n_covered", "n_wanted", 1.0),
     "spread": ("spread_sum", "n_spread", 1.0),
 }
@@ -142,11 +143,18 @@ def image_mean(rows: pl.DataFrame | pl.LazyFrame, total: str, count: str) -> flo
     return _mean_over(_array(rows, total), _array(rows, count), 1.0, "image")
 
 
-def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging) -> float | None:
+def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging = "image") -> float | None:
     """Return the mean length of the predicted flow on the clean frames, in pixels, over all predicted pixels; None if
     there are none."""
+    return clean_mean(rows, "pred_magnitude_sum", "n_all", averaging)
+
+
+def clean_mean(
+    rows: pl.DataFrame | pl.LazyFrame, total: str, count: str, averaging: Averaging = "image"
+) -> float | None:
+    """Return the mean of `total` / `count`, two columns, over the clean rows; None if no image has a count."""
     clean = rows.lazy().filter(corruption=CLEAN)
-    return _mean_over(_array(clean, "pred_magnitude_sum"), _array(clean, "n_all"), 1.0, averaging)
+    return _mean_over(_array(clean, total), _array(clean, count), 1.0, averaging)
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

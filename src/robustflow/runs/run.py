@@ -250,6 +250,7 @@ def _lines(run: Run) -> list[str]:
             ("CREr", run.crer, ""),
             ("RCRE", run.rcre, " px"),
             ("clean flow", None if run.epe_clean is not None else run.summary.clean_flow_length, " px long"),
+            ("photometric error", None if run.epe_clean is not None else run.summary.photometric, " grey levels"),
         )
         if value is not None
     ]

@@ -169,7 +169,7 @@ RULES: dict[str, _Expr] = {
         [pl.col(c) < 0 for c in _COUNTS]
         + [pl.col("height") < 1, pl.col("width") < 1, pl.col("n_all") + pl.col("n_invalid") > _pixels]
         + [pl.col("n_valid") > pl.col("n_all"), pl.col("n_valid") > pl.col("n_truth"), pl.col("n_truth") > _pixels]
-        + [_whole & (pl.col("n_valid") != pl.col("n_truth"))]
+        + [_whole & (pl.col("n_valid") != pl.col("n_truth")), pl.col("n_photometric") + pl.col("n_invalid") > _pixels]
     ),
     "some of the values that are always measured together are missing": _any(
         [_missing_together(_TRUTH)]
@@ -203,6 +203,9 @@ RULES: dict[str, _Expr] = {
     "the clean frames have a spread, although they involve no randomness": (pl.col("corruption") == CLEAN)
     & (pl.col("spread_sum") != 0),
     "the flow changed more on valid pixels than on all pixels": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
+    "its photometric error exceeds the range of grey levels": _any(
+        [_exceeds(pl.col(f"photometric_{c}sum"), 255.0 * pl.col("n_photometric")) for c in ("", "still_")]
+    ),
     "the flow on the clean frames differs from the clean flow": (pl.col("corruption") == CLEAN)
     & _any([pl.col("severity") != 0] + [pl.col(c) != 0 for c in _SUMS if c.startswith("rcre")]),
     "its size or group differs from that of the sample's other rows": _any(

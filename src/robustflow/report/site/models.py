@@ -94,7 +94,7 @@ def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPic
 def _tables(lines: Sequence[ModelResult]) -> Iterator[Table]:
     """Yield a table per metric of a run, or a table per benchmark of other results."""
     if (run := lines[0].run) is not None:
-        for metric in (*_METRICS, "spread"):
+        for metric in (*_METRICS, "photometric", "spread"):
             if _has(lines[0], run, metric):
                 yield _severity_table(lines[0], run, metric)
         return
@@ -192,7 +192,10 @@ def _sentences(line: ModelResult) -> tuple[str, ...]:
 
 
 def _has(line: ModelResult, run: Run, metric: str) -> bool:
-    return run.summary.spread is not None if metric == "spread" else bool(line.numbers(metric))
+    """Return whether a run has a table of this metric; the photometric error only has one without ground truth."""
+    if metric in METRIC_LABELS and metric != "photometric":
+        return bool(line.numbers(metric))
+    return getattr(run.summary, metric) is not None and (metric == "spread" or run.epe_clean is None)
 
 
 def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
