@@ -57,7 +57,7 @@ def test_changed_rows(run, change, says):
 def test_rows_without_a_valid_pixel_are_not_those_of_a_model_that_predicts_every_pixel(run):
     size = pl.col("height").cast(pl.Int64) * pl.col("width")
     rows = run.rows.with_columns(n_all=pl.lit(0), n_valid=pl.lit(0), n_invalid=size, epe_sum=0.0, rcre_all_sum=0.0)
-    with pytest.raises(RunError, match=r"1 of 1 rows do not match .*: this model's error differs by inf px"):
+    with pytest.raises(RunError, match=r"1 of 1 rows do not match .*: this model's error differs by inf"):
         recheck(run.manifest.identity, rows, model=ModelSpec("dis"), count=1)
 
 
