@@ -37,12 +37,13 @@ class Photometric(NamedTuple):
     errors: npt.NDArray[np.int32]
 
 
-def photometric(frame1: Frame, frame2: Frame, flow: Flow) -> Photometric:
+def photometric(frame1: Frame, frame2: Frame, flow: Flow, step: int = 1) -> Photometric:
     """Compare frame 1 with frame 2 warped by a flow.
 
     Args:
         frame1, frame2: uint8 (H, W, 3), the frames.
         flow: float32 (H, W, 2), flow from frame 1 to frame 2, in pixels; a pixel without finite flow has no target.
+        step: with 2 or more, `frame1` and `flow` contain only every step-th row.
 
     Raises:
         DataError: the flow is not float32 (H, W, 2), or the sizes differ.
@@ -53,16 +54,19 @@ def photometric(frame1: Frame, frame2: Frame, flow: Flow) -> Photometric:
     >>> photometric(frame, frame, flow)[:3]
     (6, 90.0, 0.0)
     """
-    arrays = dense(frame1, frame2, flow_array(flow))
+    frame1, rows, flow = dense(frame1, frame2[::step], flow_array(flow))
+    frame2 = rows if step == 1 else np.ascontiguousarray(frame2)
     errors, sums = np.empty(flow.shape[:2], np.int32), np.empty(3, np.int64)
-    _compare(*arrays, errors, sums)
+    _compare(frame1, frame2, flow, step, errors, sums)
     n, total, still = sums.tolist()
     return Photometric(n, total / UNIT, still / 3, errors)
 
 
-@njit_late(types.void(_FRAME_TYPE, _FRAME_TYPE, FLOW_TYPE, types.int32[:, ::1], types.int64[::1]), cache=True)
-def _compare(frame1: Any, frame2: Any, flow: Any, errors: Any, sums: Any) -> None:
-    height, width = errors.shape
+@njit_late(
+    types.void(_FRAME_TYPE, _FRAME_TYPE, FLOW_TYPE, types.int64, types.int32[:, ::1], types.int64[::1]), cache=True
+)
+def _compare(frame1: Any, frame2: Any, flow: Any, step: Any, errors: Any, sums: Any) -> None:
+    height, width = frame2.shape[0], frame2.shape[1]
     columns = np.empty((height, width + 1), np.int64)  # a pixel in the low 32 bits, the one below it in the high 32
     for y in range(height):
         for x in range(width):
@@ -72,11 +76,12 @@ def _compare(frame1: Any, frame2: Any, flow: Any, errors: Any, sums: Any) -> Non
         for x in range(width + 1):
             columns[y, x] |= columns[min(y + 1, height - 1), x] << 32
     n, total, still = 0, 0, 0
-    for y in range(height):
+    for row in range(errors.shape[0]):
+        y = row * step
         for x in range(width):
-            to_x, to_y = x + np.float64(flow[y, x, 0]), y + np.float64(flow[y, x, 1])
+            to_x, to_y = x + np.float64(flow[row, x, 0]), y + np.float64(flow[row, x, 1])
             if not (to_x >= 0.0 and to_x <= width - 1.0 and to_y >= 0.0 and to_y <= height - 1.0):  # also NaN
-                errors[y, x] = -1
+                errors[row, x] = -1
                 continue
             steps_x, steps_y = np.uint32(np.int32(to_x * 256.0 + 0.5)), np.uint32(np.int32(to_y * 256.0 + 0.5))
             left, top = steps_x >> np.uint32(8), steps_y >> np.uint32(8)
@@ -84,9 +89,9 @@ def _compare(frame1: Any, frame2: Any, flow: Any, errors: Any, sums: Any) -> Non
             column = columns[top, left]
             both = (column << 8) + right_part * (columns[top, left + np.uint32(1)] - column)
             above, below = both & 0xFFFFFFFF, both >> 32
-            here = np.int64(frame1[y, x, 0]) + frame1[y, x, 1] + frame1[y, x, 2]
+            here = np.int64(frame1[row, x, 0]) + frame1[row, x, 1] + frame1[row, x, 2]
             error = abs((here << 16) - ((above << 8) + lower_part * (below - above)))
-            errors[y, x] = error
+            errors[row, x] = error
             n += 1
             total += error
             still += abs(here - (columns[y, x] & 0xFFFFFFFF))
