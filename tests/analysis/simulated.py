@@ -9,10 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from robustflow.datasets.kitti_drives import drive_groups
+from robustflow.datasets.split import kitti_split
 from robustflow.metrics.rows import CLEAN
 from tests.made_rows import rows_frame
 from tests.runs.mean_rows import row
 
+_KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
+KITTI_DRIVES = np.unique([drive_groups("kitti2015")[key] for key in _KEYS], return_counts=True)[1]
+"""Numbers of evaluated pairs of KITTI-FC in each of the 30 groups."""
 PIXELS = 1000
 SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.analysis.uncertainty.bootstrap import Interval, bootstrap
+from robustflow.analysis.uncertainty.bootstrap import bootstrap
+from robustflow.analysis.uncertainty.log_scale import ErrorMean, error_intervals
 from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
 from robustflow.datasets.kitti_drives import drive_groups, drives
 from robustflow.datasets.split import kitti_split
@@ -37,11 +38,10 @@ def _numbers(names: list[str]) -> np.ndarray:
     return np.array([order[name] for name in names])
 
 
-def _mean(values: np.ndarray, groups: np.ndarray, seed: int, symmetric: bool) -> Interval:
+def _mean(values: np.ndarray, groups: np.ndarray) -> Mean:
     clusters = int(groups.max()) + 1
     totals, counts = (np.bincount(groups, each, clusters)[:, None] for each in (values, np.ones(len(values))))
-    statistic = Statistic([Term(Mean(totals, counts, np.ones(1)))])
-    return bootstrap({0: statistic}, clusters, resamples=599, seed=seed, symmetric=symmetric)[0]
+    return Mean(totals, counts, np.ones(1))
 
 
 def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
@@ -62,7 +62,9 @@ def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[
         errors = difficulty() * rng.gamma(8, 1 / 8, len(KEYS))
         difference = difficulty() - difficulty()
         for name, groups in given.items():
-            interval, test = _mean(errors, groups, repeat, False), _mean(difference, groups, repeat, True)
+            options = {"clusters": int(groups.max()) + 1, "resamples": 599, "seed": repeat}
+            interval = error_intervals({0: ErrorMean(_mean(errors, groups))}, **options)[0]
+            test = bootstrap({0: Statistic([Term(_mean(difference, groups))])}, **options)[0]
             assert interval.low is not None
             assert interval.high is not None
             assert test.p is not None

@@ -70,28 +70,42 @@ def test_plan_has_the_standard_error_of_the_difference_of_the_pairs():
     table = render(power_table(plan, 0.8, 0.95), "csv")
     assert f"{epe['difference']:+.3f},{epe['detectable']:.3f},40,40," in table
     assert "pairs for 0.1 px" in table
+    assert f"({epe['clusters_low']:,} to {epe['clusters_high']:,})" in table
 
 
 @pytest.mark.parametrize(("level", "fewest"), [(0.95, 4), (0.99, 5)])
-def test_a_plan_never_relies_on_fewer_images_than_a_comparison_tests(level, fewest):
-    for count in (fewest - 1, fewest):
+def test_plan_needs_as_many_groups_as_a_comparison_tests(level, fewest):
+    for count in (2, fewest - 1, fewest):
         rng = np.random.default_rng(count)
         clean, corrupted = rng.gamma(4, 1, count), rng.gamma(4, 1, (count, 3))
         runs = {"a": rows_of(clean, corrupted + 50, corrupted), "b": rows_of(clean, corrupted, corrupted)}
         tested = compare_rows(*runs.values(), ("a", "b"), level=level).filter(metric="epe", corruption="average")
-        epe = plan_pairs(
-            {**runs, "b": rows_of(clean, corrupted + rng.normal(size=(count, 3)), corrupted)}, 50, level=level
-        )
-        epe = epe.filter(metric="epe").row(0, named=True)
-        assert (tested["p"][0] is None) == (epe["power"] == 0) == (epe["detectable"] is None) == (count < fewest)
-        assert epe["clusters_needed"] == fewest
-    table = render(power_table(plan_pairs(runs, 50, level=level), 0.8, level), "terminal")
-    assert f"a test needs at least {fewest} groups" in " ".join(table.split())
+        assert (tested["p"][0] is None) == (count < fewest)
+        noisy = {**runs, "b": rows_of(clean, corrupted + rng.normal(size=(count, 3)), corrupted)}
+        if count < fewest:
+            with pytest.raises(RunError, match=f"at least {fewest} groups"):
+                plan_pairs(noisy, 50, level=level)
+        else:
+            epe = plan_pairs(noisy, 50, level=level).filter(metric="epe").row(0, named=True)
+            assert epe["clusters_needed"] == fewest
+
+
+def test_interval_of_the_number_of_groups_covers_the_number_for_the_true_deviation():
+    """Differences are normal with a deviation of 2 px, which needs 128 groups for an effect of 0.5 px."""
+    rng, true = np.random.default_rng(1), clusters_needed(0.5, 2.0)
+    hits = []
+    for _ in range(120):
+        errors = 10 + rng.normal(0, 2, (8, 1)) * np.ones(3)
+        runs = {"a": rows_of(np.ones(8), errors, errors), "b": rows_of(np.ones(8), np.full((8, 3), 10.0), errors)}
+        (plan,) = plan_pairs(runs, 0.5).filter(metric="epe").to_dicts()
+        assert plan["clusters_low"] <= plan["clusters_needed"] <= plan["clusters_high"]
+        hits.append(plan["clusters_low"] <= true <= plan["clusters_high"])
+    assert 0.9 <= np.mean(hits) <= 0.99
 
 
 def test_plan_without_a_variance_says_so():
     one = rows_of(np.ones(1), np.ones((1, 3)), np.ones((1, 3)))
-    with pytest.raises(RunError, match="share 1 pair, all from one sequence"):
+    with pytest.raises(RunError, match="share 1 pair in 1 group"):
         plan_pairs({"a": one, "b": one}, 0.1)
     for wrong in (
         {"effect": 0.0},

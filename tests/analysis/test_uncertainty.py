@@ -9,11 +9,12 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import false_discovery_control
+from scipy.stats import binom, false_discovery_control, t
 
 from robustflow.analysis.uncertainty import compare_all, compare_rows, intervals
-from robustflow.analysis.uncertainty.bootstrap import FEW, _resamples, bootstrap
+from robustflow.analysis.uncertainty.bootstrap import bootstrap, resampled_weights
 from robustflow.analysis.uncertainty.holm import holm
+from robustflow.analysis.uncertainty.log_scale import FEW, ErrorMean, error_intervals
 from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term, weighted_means
 from robustflow.errors import RunError, UsageError
 from robustflow.runs.aggregate import summarize
@@ -133,14 +134,14 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
     clean = count * rng.lognormal(0, 0.5, 13)
     corrupted = clean * rng.lognormal(1, 0.4, 13)
     means = (Mean(sums[:, None], count[:, None], np.ones(1)) for sums in (corrupted - clean, clean))
-    found = bootstrap({"crer": Statistic([Term(*means)])}, 13, resamples=999, relative={"crer"})["crer"]
+    found = error_intervals({"crer": ErrorMean(*means, relative=True)}, 13, resamples=999)["crer"]
 
     def ratio(weights: np.ndarray) -> float:
         return math.log((weights * corrupted).sum() / (weights * clean).sum())
 
     whole = ratio(np.ones(13))
     pivots = []
-    for weights in (drawn for block in _resamples(13, 999, 0) for drawn in block):
+    for weights in (drawn for block in resampled_weights(13, 999, 0) for drawn in block):
         shares = corrupted / (weights * corrupted).sum() - clean / (weights * clean).sum()
         pivots.append((ratio(weights) - whole) / math.sqrt(13 / 12 * (weights * shares**2).sum()))
     without = [ratio(np.arange(13) != left_out) for left_out in range(13)]
@@ -148,6 +149,98 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
     reach = error * np.quantile(np.abs(pivots), 0.95, method="inverted_cdf")
     assert found.low == pytest.approx(math.exp(whole - reach) - 1)
     assert found.high == pytest.approx(math.exp(whole + reach) - 1)
+
+
+@pytest.mark.parametrize("clusters", [13, 40, 5])
+def test_intervals_of_epe_and_cre_agree_with_a_loop(clusters):
+    """Jackknife of the logarithms, raised to the variance of a log-normal upper half, times the pivots of the
+    resamples, which are limited to a quantile of Student's t with 5 clusters."""
+    rng = np.random.default_rng(9)
+    count = np.round(rng.lognormal(1, 1, clusters)) + 1
+    clean = count * rng.lognormal(0, 1.2, clusters)
+    corrupted = clean * rng.lognormal(1, 0.4, clusters)
+    epe, cre, before = (
+        Mean(sums[:, None], count[:, None], np.ones(1)) for sums in (corrupted, corrupted - clean, clean)
+    )
+    means = {"epe": ErrorMean(epe), "cre": ErrorMean(cre, before)}
+    found = error_intervals(means, clusters, resamples=999)
+
+    def logs(weights: np.ndarray) -> dict[str, float]:
+        a, b, n = ((weights * each).sum() for each in (corrupted, clean, count))
+        return {"epe": math.log(a / n), "before": math.log(b / n), "growth": math.log(a / b)}
+
+    def spread(weights: np.ndarray) -> dict[str, float]:
+        a, b, n = ((weights * each).sum() for each in (corrupted, clean, count))
+        shares = {
+            "epe": corrupted / a - count / n,
+            "before": clean / b - count / n,
+            "growth": corrupted / a - clean / b,
+        }
+        factor = clusters / (clusters - 1)
+        return {name: math.sqrt(factor * (weights * each**2).sum()) for name, each in shares.items()}
+
+    def rise(sums: np.ndarray) -> float:
+        by_size = sorted((total / images, images) for total, images in zip(sums, count, strict=True))
+        middle = next(k for k in range(clusters) if 2 * sum(n for _, n in by_size[: k + 1]) >= count.sum())
+        upper = [(math.log(x / by_size[middle][0]) ** 2, n) for x, n in by_size[middle + 1 :]]
+        square = sum(n * each for each, n in upper) / sum(n for _, n in upper)
+        mean = sums.sum() / count.sum()
+        sandwich = clusters / (clusters - 1) * ((sums / sums.sum() - count / count.sum()) ** 2).sum()
+        assert mean > 0
+        share = 30 / clusters if clusters > 30 else 1
+        return max(0, (math.exp(min(square, 4)) - 1) * ((count / count.sum()) ** 2).sum() - sandwich) * share
+
+    whole = logs(np.ones(clusters))
+    without = [logs(np.arange(clusters) != left_out) for left_out in range(clusters)]
+    errors = {name: math.sqrt((clusters - 1) * np.var([one[name] for one in without])) for name in whole}
+    errors["epe"] = math.hypot(errors["epe"], math.sqrt(rise(corrupted)))
+    errors["before"] = math.hypot(errors["before"], math.sqrt(rise(corrupted - clean)))
+    most = t.ppf(0.995, clusters - 1) if clusters < FEW else np.inf
+    draws = {"epe": [], "cre": []}
+    for weights in (drawn for block in resampled_weights(clusters, 999, 0) for drawn in block):
+        one, error = logs(weights), spread(weights)
+        pivot = {
+            name: np.clip((one[name] - whole[name]) / error[name], -most, most) if error[name] > 1e-9
+            else np.sign(one[name] - whole[name]) * most
+            for name in whole
+        }  # fmt: skip
+        for sign in (-1, 1):
+            size, before, growth = (math.exp(whole[name] + sign * pivot[name] * errors[name]) for name in whole)
+            draws["epe"].append(size)
+            draws["cre"].append(before * (growth - 1))
+    for name, values in draws.items():
+        low, high = np.quantile(values, [0.025, 0.975], method="inverted_cdf")
+        assert (found[name].low, found[name].high) == pytest.approx((low, high))
+
+
+def test_interval_of_cre_contains_negative_values_if_its_sign_is_uncertain():
+    rng = np.random.default_rng(10)
+    clean = rng.lognormal(0, 1, 30)
+    corrupted = clean * rng.lognormal(0, 0.4, 30)
+    found = intervals(rows_of(clean, np.outer(corrupted, np.ones(3)), np.ones((30, 3))))
+    cre = found.filter(metric="cre", corruption="average").row(0, named=True)
+    assert cre["low"] < 0 < cre["high"]
+
+
+def test_cre_of_a_model_without_error_on_clean_frames_has_the_interval_of_its_epe():
+    errors = np.random.default_rng(11).lognormal(0, 1, (20, 3))
+    found = intervals(rows_of(np.zeros(20), errors, errors)).filter(corruption="average")
+    ends = {metric: (low, high) for metric, low, high in found.select("metric", "low", "high").iter_rows()}
+    assert ends["cre"] == pytest.approx(ends["epe"])
+    assert found.filter(metric="epe")["low"].item() > 0
+
+
+def test_log_deviation_is_that_of_the_mean_errors_of_groups():
+    errors = np.array([1.0, 2.0, 4.0, 8.0, 1.0, 1.0])
+    rows = rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((6, 3)), ["a", "a", "b", "b", "c", "c"])
+    found = {
+        tuple(key): value for *key, value in intervals(rows).select("metric", "corruption", "log_deviation").rows()
+    }
+    logs = [math.log(1.5), math.log(6), 0.0]
+    expected = math.sqrt(sum((one - sum(logs) / 3) ** 2 for one in logs) / 2)
+    assert found["epe", "clean"] == found["epe", "average"] == pytest.approx(expected)
+    assert found["rcre", "average"] is None
+    assert found["cre", "average"] is None
 
 
 def test_an_interval_leans_to_where_the_tail_is():
@@ -176,7 +269,7 @@ def test_order_of_rows_changes_nothing():
 def test_blocks_of_resamples_change_nothing(monkeypatch):
     rows = _rows(30)
     whole = intervals(rows, resamples=500)
-    monkeypatch.setattr("robustflow.analysis.uncertainty.bootstrap._BLOCK", 30 * 37)
+    monkeypatch.setattr("robustflow.analysis.uncertainty.bootstrap.BLOCK", 30 * 37)
     np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
 
 
@@ -185,8 +278,8 @@ def test_no_interval_of_a_length_goes_below_zero():
     corrupted = np.outer([0.01, 0.1, 0.2, 0.05, 0.3, 4.0], np.ones(3))
     found = intervals(rows_of(clean, corrupted, corrupted)).filter(corruption="average")
     lows = dict(found.select("metric", "low").iter_rows())
-    assert (lows["epe"], lows["rcre"]) == (0.0, 0.0)
-    assert lows["cre"] < 0
+    assert 0 < lows["epe"] < 0.01
+    assert 0 < lows["rcre"] < 0.01
 
 
 @pytest.mark.parametrize("clusters", [1, 2, 3, 4, FEW - 1, FEW])
@@ -268,6 +361,54 @@ def test_p_and_interval_say_the_same():
         for row in found.iter_rows(named=True):
             if abs(row["p"] - 0.05) > 0.01:
                 assert (row["p"] < 0.05) == (row["low"] > 0 or row["high"] < 0), row
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
+    """All differences are (nearly) 0 in the 36 % of the resamples that lack this image; the difference is larger,
+    in standard errors, also in the resamples with this image three times or more."""
+    rng = np.random.default_rng(12)
+    errors = rng.lognormal(0, 0.5, (16, 3))
+    other = errors + noise * rng.normal(size=(16, 3))
+    other[7] = errors[7] + 400
+    found = compare_rows(rows_of(np.ones(16), other, errors), rows_of(np.ones(16), errors, errors), ("A", "B"))
+    line = found.filter(metric="epe", corruption="average").row(0, named=True)
+    assert line["difference"] == pytest.approx(25, rel=1e-5)
+    assert (line["low"], line["high"]) == (None, None)
+    assert line["p"] == pytest.approx(binom.pmf(0, 16, 1 / 16) + binom.sf(2, 16, 1 / 16), abs=0.03)
+    assert line["equal"] == (0 if noise else 15)
+    assert (line["blow_ups_first"], line["blow_ups_second"]) == (1, 0)
+    assert line["sentence"].startswith("No difference in average EPE between A and B can be claimed: +25.00 px (no fin")
+    assert ("because 15 of 16 images are equal" in line["sentence"]) == (noise == 0)
+    assert line["sentence"].endswith("On 1 image, the error of A is more than ten times that of B.")
+
+
+def test_blow_ups_are_counted_per_image_and_condition():
+    errors = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0], [4.0, 4.0, 4.0], [1.0, 1.0, 1.0]])
+    other = errors * np.array([[10.0, 10.0, 10.1], [1, 1, 30], [9, 9, 9], [0.05, 0.05, 0.05], [1, 1, 1]])
+    one, two = rows_of(np.ones(5), other, errors), rows_of(np.ones(5), errors, errors)
+    found = compare_rows(one, two).filter(metric="cre")
+    counts = {name: tuple(ends) for name, *ends in found.select("corruption", pl.col("^blow_ups.*$")).rows()}
+    # average of image 1: (1 + 1) / 4 + 30 / 2 = 15.5 times
+    assert counts == {"average": (2, 1), "fog": (0, 1), "snow": (2, 1)}
+    assert dict(found.select("corruption", "equal").rows()) == {"average": 1, "fog": 2, "snow": 1}
+    without = [
+        rows.with_columns(n_valid=pl.lit(None, pl.Int64), epe_sum=pl.lit(None, pl.Float64)) for rows in (one, two)
+    ]
+    assert compare_rows(*without)["blow_ups_first"].to_list() == [0, 0, 0]
+
+
+def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_errors():
+    rng = np.random.default_rng(13)
+    differences = rng.normal(0.4, 1, 9)
+    mean = Mean(differences[:, None], np.ones((9, 1)), np.ones(1))
+    found = bootstrap({0: Statistic([Term(mean)])}, 9, resamples=399, seed=2)[0]
+    observed, extreme = abs(differences.mean()) / differences.std(ddof=1) * 3, 0
+    for weights in (drawn for block in resampled_weights(9, 399, 2) for drawn in block):
+        drawn = np.repeat(differences, weights.astype(int))
+        extreme += abs(drawn.mean() - differences.mean()) * 3 / drawn.std(ddof=1) >= observed
+    assert 20 < extreme < 300
+    assert found.p == (1 + extreme) / 400
 
 
 def test_other_frames_are_not_compared():

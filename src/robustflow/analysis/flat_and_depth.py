@@ -115,7 +115,7 @@ def _compared(
         sums = ClusterSums.of(part)
         flat, deep = (sums.statistic(metric, twin) for twin in twins)
         statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
-        made = bootstrap(statistics, len(sums.clusters), seed=seed, symmetric=True)
+        made = bootstrap(statistics, len(sums.clusters), seed=seed)
         errors = made["flat"].estimate, made["deep"].estimate
         models.append(TwinErrors(name, *errors, made["difference"], excluded[name]))
     ranked = [model for model in models if not model.excluded]

@@ -14,6 +14,7 @@ from ..analysis.observations import observations
 from ..analysis.run_names import named_runs
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
+from ..analysis.uncertainty.sums import AVERAGE
 from .run_tables import MEANS
 from .table import Column, Line, Section, Table, differences_remark, full_note, interval_text, number_text, seed_line
 
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
 
 
 def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
-    """Tabulate the overall means of runs with confidence intervals, such as "3.21 [2.50, 4.10]". The interval is
-    omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a row with the mean
+    """Tabulate the overall means of runs with confidence intervals, such as "3.21 [2.50, 4.10]", and the standard
+    deviation of ln EPE (of ln RCRE without ground truth), on which the coverage of the intervals depends. The interval
+    is omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a row with the mean
     and standard deviation follows the group's last run."""
     lines, known = [], []
     values: dict[tuple[str, str], list[float | None]] = {}
@@ -32,9 +34,11 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
             continue
         rows = intervals(line.run.rows, seed=seed).to_dicts()
         estimates = {(row["metric"], row["corruption"]): row for row in rows}
-        lines.append(Line.of(line.name, (_estimate(estimates.get(key)) for key in MEANS), full_note(line)))
+        spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
+        cells = (*(_estimate(estimates.get(key)) for key in MEANS), number_text(spread))
+        lines.append(Line.of(line.name, cells, full_note(line)))
         known.append(any(row["low"] is not None for row in rows))
-        values[line.key] = [estimates[key]["estimate"] if key in estimates else None for key in MEANS]
+        values[line.key] = [*(estimates[key]["estimate"] if key in estimates else None for key in MEANS), spread]
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
     needed = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
     remark = f"No intervals, because they require at least {needed}."
@@ -43,8 +47,13 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
             f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
             "to sequences."
         ) + ("" if all(known) else f" Means without an interval are averages over fewer than {needed}.")
+        remark += (
+            " sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over these images or sequences. Up "
+            "to 1.35, intervals cover the true mean in 91 to 98 % of simulations; above, they may be too narrow."
+        )
     title = "Means with intervals" if any(known) else "Means"
-    return Table("means", title, tuple(map(Column, MEANS.values())), (Section("Runs", tuple(lines)),), (remark,))
+    columns = tuple(map(Column, (*MEANS.values(), "sd(ln)")))
+    return Table("means", title, columns, (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:

@@ -26,6 +26,7 @@ from .table import Column, Line, Section, Table, TableCell
 
 _DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
+_COUNTS = ("blow_ups_first", "blow_ups_second")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +54,7 @@ class Comparison:
     def overall(self) -> pl.DataFrame:
         """Differences in clean EPE and in the averages: `metric`, followed by the columns of `per_corruption`."""
         of_all = self.frame.filter(pl.col("corruption").is_in([CLEAN, AVERAGE]))
-        return of_all.select("metric", *_COLUMNS)
+        return of_all.select("metric", *_COLUMNS, *_COUNTS)
 
     def per_corruption(self, metric: str = "") -> pl.DataFrame:
         """Return the differences under each corruption, in the paper's order.
@@ -63,7 +64,8 @@ class Comparison:
 
         Returns:
             A frame with the columns corruption, value_first, value_second, difference, low, high (null if there are too
-            few images), p, and p_holm (p corrected over all corruptions and the average).
+            few images), p, p_holm (p corrected over all corruptions and the average), blow_ups_first and
+            blow_ups_second (numbers of images on which the error is more than ten times that of the other run).
 
         Raises:
             UsageError: unknown metric.
@@ -72,7 +74,7 @@ class Comparison:
         if metric not in INTERVAL_METRICS:
             raise unknown_name("metric", metric, INTERVAL_METRICS)
         lines = self.frame.filter(~pl.col("corruption").is_in([CLEAN, AVERAGE]), metric=metric)
-        return lines.select(_COLUMNS)
+        return lines.select(*_COLUMNS, *_COUNTS)
 
     @property
     def sentence(self) -> str:
@@ -98,17 +100,18 @@ class Comparison:
         metric = metric or self.metric
         level = self.frame["level"][0]
         first, second = (plain(name) for name in self.names)
-        columns = tuple(map(Column, (first, second, *_DIFFERENCE)))
+        blow_ups, about = _blow_ups(self.frame)
+        columns = tuple(map(Column, (first, second, *_DIFFERENCE, *blow_ups)))
         overall = [
-            Line(mean_label(row["metric"], row["corruption"]), _cells(row, level, row["metric"]))
+            Line(mean_label(row["metric"], row["corruption"]), _cells(row, level, row["metric"], bool(blow_ups)))
             for row in self.overall.iter_rows(named=True)
         ]
         parts = self.per_corruption(metric).iter_rows(named=True)
-        each = [Line(long_label(row["corruption"]), _cells(row, level, metric)) for row in parts]
+        each = [Line(long_label(row["corruption"]), _cells(row, level, metric, bool(blow_ups))) for row in parts]
         sections = [Section("Overall", tuple(overall))]
         if each:
             sections.append(Section(f"{metric_label(metric)} per corruption", tuple(each)))
-        remarks = tuple(filter(None, (self._sentence(metric), self.remark)))
+        remarks = tuple(filter(None, (self._sentence(metric), *about, self.remark)))
         return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
 
     def __repr__(self) -> str:
@@ -125,24 +128,35 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
         frame: non-empty output of `robustflow.analysis.uncertainty.compare_all` for one metric.
         note: sentence about omitted data; may be empty.
     """
-    metric = frame["metric"][0]
+    metric, (blow_ups, about) = frame["metric"][0], _blow_ups(frame)
     lines = [
-        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric))
+        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric, bool(blow_ups)))
         for row in frame.iter_rows(named=True)
     ]
     remark = f"p is corrected for {len(lines)} comparisons; a bold EPE is significantly lower."
-    columns = tuple(map(Column, ("first", "second", *_DIFFERENCE)))
+    columns = tuple(map(Column, ("first", "second", *_DIFFERENCE, *blow_ups)))
     return Table(
         "pairs",
         "Every two models",
         columns,
         (Section(f"Average {metric_label(metric)}", tuple(lines)),),
-        tuple(filter(None, (remark, note))),
+        tuple(filter(None, (remark, *about, note))),
         "Models",
     )
 
 
-def _cells(row: dict[str, Any], level: float, metric: str) -> tuple[TableCell, ...]:
+def _blow_ups(frame: pl.DataFrame) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the label of the column of blow-ups and a remark about it; empty if there are none."""
+    if not frame.select(pl.sum_horizontal(*_COUNTS).sum()).item():
+        return (), ()
+    about = (
+        "blow-ups: numbers of images on which the error (EPE, or RCRE without ground truth) of the first and of the "
+        "second is more than ten times that of the other; if they are few, the mean and the test depend on them."
+    )
+    return ("blow-ups",), (about,)
+
+
+def _cells(row: dict[str, Any], level: float, metric: str, blow_ups: bool) -> tuple[TableCell, ...]:
     # a flow that is too short has a lower CRE, CREr and RCRE than the sound flow, so only a lower EPE is marked
     sure = metric == "epe" and row["p_holm"] is not None and row["p_holm"] < 1 - level
     return (
@@ -151,6 +165,7 @@ def _cells(row: dict[str, Any], level: float, metric: str) -> tuple[TableCell, .
         TableCell(f"{row['difference']:+.2f}"),
         TableCell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
         *(TableCell("-" if row[p] is None else p_text(row[p]).removeprefix("= ")) for p in ("p", "p_holm")),
+        *((TableCell(f"{row['blow_ups_first']}, {row['blow_ups_second']}"),) if blow_ups else ()),
     )
 
 

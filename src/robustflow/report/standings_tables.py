@@ -6,9 +6,8 @@ from __future__ import annotations
 import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, metric_label
-from ..analysis.uncertainty.bootstrap import fewest_clusters
 from ..text import plain
-from .table import DASH, Column, Line, Section, Table, number_text
+from .table import Column, Line, Section, Table, number_text
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
@@ -80,7 +79,7 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
     comparison."""
     effect = plan["effect"][0]
     now, then = ("detectable now (px)", "pairs now", "groups now"), f"for {effect:g} px"
-    columns = tuple(map(Column, ("difference (px)", *now, f"power {then}", f"pairs {then}", "groups")))
+    columns = tuple(map(Column, ("difference (px)", *now, f"power {then}", f"pairs {then}", "groups (interval)")))
     sections = []
     for metric in plan["metric"].unique(maintain_order=True):
         lines = tuple(
@@ -88,12 +87,12 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
                 f"{plain(row['first'])} - {plain(row['second'])}",
                 (
                     f"{row['difference']:+.3f}",
-                    DASH if row["detectable"] is None else f"{row['detectable']:.3f}",
+                    f"{row['detectable']:.3f}",
                     f"{row['images']:,}",
                     f"{row['clusters']:,}",
                     f"{100 * row['power']:.0f} %",
                     _count(row["images_needed"]),
-                    _count(row["clusters_needed"]),
+                    "{} ({} to {})".format(*(_count(row[f"clusters_{name}"]) for name in ("needed", "low", "high"))),
                 ),
             )
             for row in plan.filter(metric=metric).iter_rows(named=True)
@@ -101,9 +100,10 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
-        f"{100 * power:g} %; a test needs at least {fewest_clusters(level)} groups. A group is a drive or sequence, or "
-        "a single pair that belongs to none. The numbers of pairs assume as many pairs per group as in these runs. "
-        "They are estimated from the variance of these runs and can be far off with few groups."
+        f"{100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
+        "pairs assume as many pairs per group as in these runs. All are estimated from the variance of these runs; the "
+        f"{100 * level:g} % interval of the number of groups shows how uncertain that is, and is too short if a few "
+        "groups dominate the difference."
     )
     return Table("power", "Pairs required for a comparison", columns, tuple(sections), (about,), "Comparison")
 

@@ -1,24 +1,21 @@
 """The studentised bootstrap (bootstrap-t) over clusters, seeded and vectorised over resamples.
 
 Each resample draws G of the G clusters with replacement. With theta the statistic and se its standard error,
-t* = (theta* - theta) / se* approximates the unknown distribution of (theta - truth) / se, so that
+t* = (theta* - theta) / se* approximates the unknown distribution of (theta - truth) / se (Efron and Tibshirani 1993,
+ch. 12), so that
 
-    truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
+    truth in [theta - q se, theta + q se]
 
-where q are the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value is a quantile of |t*|: it is below a if
-and only if the symmetric interval of level 1 - a excludes 0, up to the resolution of the resamples.
-
-Errors are skewed, so the two tails of a mean are estimated separately. In three cases they are estimated together
-(quantiles of |t*|, a symmetric interval): for a difference between models, which is nearly symmetric and whose test
-would otherwise reject too often; for CREr, a ratio of two means, where ln(1 + CREr) is studentised with a jackknife
-standard error; and for fewer than `FEW` clusters, where a single tail would contain too few distinct resamples. There
-is no interval if there are so few clusters that resamples without any spread are more frequent than the tail.
+where q is a quantile of |t*|. Both tails are estimated together, because a difference between models is nearly
+symmetric. The p-value is a quantile of |t*| too: it is below a if and only if the interval of level 1 - a excludes 0,
+up to the resolution of the resamples. Nothing is claimed if a statistic has images in so few clusters that resamples
+without any spread are more frequent than the tail. `log_scale` computes the intervals of mean errors, which are skewed.
 `docs/design/uncertainty.md` reports the coverage.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -28,10 +25,12 @@ from ...errors import UsageError
 from ...random.rng import Rng
 from .statistic import Array, Statistic, StatisticValues
 
-FEW = 12
 RESAMPLES = 4999
 LEVEL = 0.95
-_BLOCK = 2**22
+_WIDEST = 100
+"""Half the width, in standard errors, above which an interval is given up: in most resamples, nearly all clusters are
+equal."""
+BLOCK = 2**22
 """Number of weights in one block. Resamples are drawn in blocks to limit memory use."""
 
 _WIDTH = 512
@@ -47,8 +46,10 @@ class Interval:
     Attributes:
         estimate: value of the statistic on the data.
         standard_error: standard error of the estimate; None for a single cluster.
-        low, high: ends of the interval; None if there are too few clusters.
-        p: two-sided p-value for the hypothesis that the statistic is 0; None if there are too few clusters.
+        low, high: ends of the interval; None if there are too few clusters, or so many of them are equal that the
+            interval has no finite ends.
+        p: two-sided p-value for the hypothesis that the statistic is 0; None if there are too few clusters, and for
+            the mean errors of one model.
     """
 
     estimate: float
@@ -65,10 +66,8 @@ def bootstrap(
     level: float = LEVEL,
     resamples: int = RESAMPLES,
     seed: int = 0,
-    symmetric: bool = False,
-    relative: Container[Key] = (),
 ) -> dict[Key, Interval]:
-    """Compute intervals and p-values for several statistics from the same data and the same resamples.
+    """Compute symmetric intervals and p-values for several statistics from the same data and the same resamples.
 
     Args:
         statistics: name -> statistic; all statistics must be over the same clusters.
@@ -76,9 +75,6 @@ def bootstrap(
         level: confidence level of the intervals, at least 0.5 and below 1.
         resamples: number of resamples; the p-value cannot be below 1 / (resamples + 1).
         seed: random seed; the same seed gives the same resamples.
-        symmetric: whether to estimate both tails together, as for differences.
-        relative: names of the statistics that are increases relative to a mean, such as CREr. For these, ln(1 +
-            statistic) is studentised and both tails are estimated together.
 
     Raises:
         UsageError: if the level or the number of resamples is out of range.
@@ -90,63 +86,29 @@ def bootstrap(
     >>> one.low < 2 < one.high and one.p < 0.01
     True
     """
+    check_options(level, resamples)
+    whole = np.ones((1, clusters))
+    found = {key: statistic(whole) for key, statistic in statistics.items()}
+    tested = {key: one for key, one in statistics.items() if enough_clusters(one.clusters, level)}
+    pivots: dict[Key, list[Array]] = {key: [] for key in tested}
+    for weights in resampled_weights(clusters, resamples, seed) if tested else ():
+        for key, values in values_of(tested, weights):
+            pivots[key].append(pivots_of(values, found[key].theta[0]))
+    return {
+        key: _interval(values, np.concatenate(pivots[key]), level) if key in tested else without_interval(values)
+        for key, values in found.items()
+    }
+
+
+def check_options(level: float, resamples: int) -> None:
+    """Raise `UsageError` if the level or the number of resamples is out of range."""
     if not 0.5 <= level < 1:
         raise UsageError(f"a level of {level:g} is not a confidence level: it must be at least 0.5 and below 1")
     if not 99 <= resamples <= 1_000_000:
         raise UsageError(f"{resamples} resamples is out of range: give a number from 99 to 1000000")
-    whole = np.ones((1, clusters))
-    estimates_of = {key: statistic(whole) for key, statistic in statistics.items()}
-    if not enough_clusters(clusters, level):
-        return {key: _without_interval(estimates) for key, estimates in estimates_of.items()}
-    logarithms = {key: _logarithm(values) for key, values in estimates_of.items() if key in relative}
-    errors = _jackknife({key: statistics[key] for key in logarithms}, clusters)
-    pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
-    for weights in _resamples(clusters, resamples, seed):
-        for key, values in _values(statistics, weights):
-            if key in logarithms:
-                pivots[key].append(_pivots(_logarithm(values), logarithms[key].theta[0]))
-            else:
-                pivots[key].append(_pivots(values, estimates_of[key].theta[0]))
-    together = symmetric or clusters < FEW
-    intervals = {}
-    for key, values in estimates_of.items():
-        made = np.concatenate(pivots[key])
-        if key in logarithms:
-            logarithm = logarithms[key]._replace(standard_error=errors[key])
-            intervals[key] = _exponential(_interval(logarithm, made, True, level), values)
-        else:
-            intervals[key] = _interval(values, made, together, level)
-    return intervals
 
 
-def _logarithm(values: StatisticValues) -> StatisticValues:
-    """Compute ln(1 + statistic) and its standard error to first order; NaN for statistics of at most -1."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return StatisticValues(np.log1p(values.theta), values.standard_error / (1 + values.theta))
-
-
-def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Array]:
-    """Compute the jackknife standard error of each `_logarithm`, leaving out one cluster at a time. The sandwich
-    formula underestimates the standard error if a few large clusters dominate a mean."""
-    without: dict[Key, list[Array]] = {key: [] for key in statistics}
-    block = max(1, _BLOCK // clusters)
-    for start in range(0, clusters if statistics else 0, block):
-        left_out = np.arange(start, min(start + block, clusters))
-        weights = (left_out[:, None] != np.arange(clusters)).astype(np.float64)
-        for key, values in _values(statistics, weights):
-            without[key].append(_logarithm(values).theta)
-    return {key: np.sqrt([(clusters - 1) * np.concatenate(parts).var()]) for key, parts in without.items()}
-
-
-def _exponential(interval: Interval, values: StatisticValues) -> Interval:
-    """Convert the interval of a `_logarithm` to the interval of the statistic."""
-    if interval.low is None or interval.high is None:
-        return _without_interval(values)
-    ends = float(np.expm1(interval.low)), float(np.expm1(interval.high))
-    return Interval(float(values.theta[0]), float(values.standard_error[0]), *ends, interval.p)
-
-
-def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
+def values_of(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
     """Yield the values of each statistic; the products with the weights are computed for many statistics together."""
     keys = list(statistics)
     while keys:
@@ -181,9 +143,10 @@ def fewest_clusters(level: float = LEVEL) -> int:
     return next(count for count in range(2, 10_000) if enough_clusters(count, level))
 
 
-def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
+def resampled_weights(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
+    """Yield blocks of the number of times that each cluster is drawn, float64 (B, G)."""
     stream = Rng.of(seed, "bootstrap", clusters)
-    block = max(1, _BLOCK // clusters)
+    block = max(1, BLOCK // clusters)
     for start in range(0, resamples, block):
         count = min(block, resamples - start)
         drawn = (stream.uniforms(count * clusters) * clusters).astype(np.int64)
@@ -191,33 +154,32 @@ def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
         yield np.bincount(place, minlength=count * clusters).reshape(count, clusters).astype(np.float64)
 
 
-def _pivots(estimates: StatisticValues, center: float) -> Array:
-    """Compute t* of each resample: 0 where the resample equals the data, infinite where it has no spread."""
-    shift, spread = estimates.theta - center, estimates.standard_error
-    tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
+def pivots_of(estimates: StatisticValues, center: float) -> Array:
+    """Compute t* of each resample: 0 where the resample equals the data, infinite where it has no spread, NaN without
+    images."""
     with np.errstate(divide="ignore", invalid="ignore"):
+        shift, spread = estimates.theta - center, estimates.standard_error
+        tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
         pivots = np.where(spread > tiny, shift / spread, np.sign(shift) * np.inf)
-    return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
+    return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots))
 
 
-def _interval(values: StatisticValues, pivots: Array, symmetric: bool, level: float) -> Interval:
+def _interval(values: StatisticValues, pivots: Array, level: float) -> Interval:
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
-        return _without_interval(values)
-    observed = estimate / error if error > 0 else float(np.sign(estimate)) * np.inf
-    if symmetric:
-        reach = np.quantile(np.abs(pivots), level, method="inverted_cdf")
-        below, above = -reach, reach
-    else:
-        below, above = np.quantile(pivots, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
-    p = float(1 + np.count_nonzero(np.abs(pivots) >= abs(observed))) / (len(pivots) + 1)
+        return without_interval(values)
+    sizes = np.abs(pivots[~np.isnan(pivots)])
+    observed = abs(estimate) / error if error > 0 else np.inf
+    p = float(1 + np.count_nonzero(sizes >= observed)) / (len(sizes) + 1)
     if error == 0:
         return Interval(estimate, 0.0, estimate, estimate, 1.0 if estimate == 0 else p)
-    if not np.isfinite([below, above]).all():
-        return _without_interval(values)
-    return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), p)
+    reach = float(np.quantile(sizes, level, method="inverted_cdf")) * error
+    if not reach < _WIDEST * error:
+        return Interval(estimate, error, None, None, p)
+    return Interval(estimate, error, estimate - reach, estimate + reach, p)
 
 
-def _without_interval(values: StatisticValues) -> Interval:
+def without_interval(values: StatisticValues) -> Interval:
+    """Return an estimate and its standard error without ends and p-value."""
     error = float(values.standard_error[0])
     return Interval(float(values.theta[0]), error if np.isfinite(error) else None, None, None, None)

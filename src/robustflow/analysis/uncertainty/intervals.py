@@ -9,7 +9,8 @@ from typing import Any
 import polars as pl
 
 from ...corruptions.names import MEMBERS
-from .bootstrap import LEVEL, RESAMPLES, bootstrap
+from .bootstrap import LEVEL, RESAMPLES
+from .log_scale import error_intervals, log_deviation
 from .sums import AVERAGE, CLEAN, INTERVAL_METRICS, ClusterSums
 
 _SCHEMA: dict[str, Any] = {
@@ -20,6 +21,7 @@ _SCHEMA: dict[str, Any] = {
     "standard_error": pl.Float64,
     "low": pl.Float64,
     "high": pl.Float64,
+    "log_deviation": pl.Float64,
     "images": pl.Int64,
     "clusters": pl.Int64,
     "level": pl.Float64,
@@ -57,24 +59,20 @@ def intervals(
 
     Returns:
         Columns metric, corruption (a name, a family, "average" or "clean"), severity (null for the mean over them),
-        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups;
-        for EPE and RCRE, low is at least 0), images, clusters, level. Metrics that need ground truth are left out if
-        there is none.
+        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups),
+        log_deviation (standard deviation of ln EPE or ln RCRE over images or groups; null for CRE and CREr, and if an
+        error is 0), images, clusters, level. Metrics that need ground truth are left out if there is none.
 
     Raises:
         UsageError: if the level or the number of resamples is out of range.
     """
     sums = ClusterSums.of(rows)
     keys = [key for key in statistics_of(sums, severities, corruptions, families) if key[0] in metrics]
-    statistics = {key: sums.statistic(*key) for key in keys}
-    ratios = {key for key in keys if key[0] == "crer"}
-    clusters = len(sums.clusters)
-    intervals = (
-        bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed, relative=ratios) if keys else {}
-    )
+    means = {key: sums.error_mean(*key) for key in keys}
+    intervals = error_intervals(means, len(sums.clusters), level=level, resamples=resamples, seed=seed)
     shared = (sums.images, len(sums.clusters), level)
     records = [
-        (*key, one.estimate, one.standard_error, _possible(key[0], one.low), one.high, *shared)
+        (*key, one.estimate, one.standard_error, one.low, one.high, log_deviation(means[key]), *shared)
         for key, one in intervals.items()
         if math.isfinite(one.estimate)
     ]
@@ -93,8 +91,3 @@ def statistics_of(
         if severities:
             keys += [(metric, name, level) for name, level in sums.conditions]
     return [key for key in keys if sums.measured(*key)]
-
-
-def _possible(metric: str, low: float | None) -> float | None:
-    """Clip an end of an interval at 0 if the metric is a length."""
-    return max(low, 0.0) if low is not None and metric in ("epe", "rcre") else low

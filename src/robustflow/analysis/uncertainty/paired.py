@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -20,6 +20,7 @@ from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .holm import holm
 from .intervals import MetricKey, statistics_of
 from .sentences import difference_sentence
+from .statistic import Array
 from .sums import AVERAGE, CLEAN, ClusterSums
 
 MOST_COMPARED = 8
@@ -40,11 +41,18 @@ COMPARISON_SCHEMA: dict[str, Any] = {
     "comparisons": pl.Int64,
     "images": pl.Int64,
     "clusters": pl.Int64,
+    "equal": pl.Int64,
+    "blow_ups_first": pl.Int64,
+    "blow_ups_second": pl.Int64,
     "level": pl.Float64,
     "sentence": pl.String,
 }
 """`difference` is first minus second, and thus negative if the first is lower. `p_holm` is corrected for `comparisons`
-tests."""
+tests. `equal` is the number of images on which both have the same value (for CREr, the same CRE), and `blow_ups_first`
+the number of images on which the error of the first (EPE, or RCRE without ground truth) is more than `BLOW_UP` times
+that of the second. `low` and `high` are null if there are too few clusters or the interval has no finite ends."""
+
+BLOW_UP = 10.0
 
 
 def compare_rows(
@@ -73,8 +81,8 @@ def compare_rows(
         RunError: if the runs have nothing in common on the same frames and ground truth, or no mean of either was
             measured.
     """
-    one, other = (ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
-    differences = _differences(names, (one, other), statistics_of(one), level, resamples, seed)
+    one, other = (_Sums.of(rows) for rows in common_rows((first, second), names)[0])
+    differences = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
     if not differences:
         raise RunError(
             f"{names[0]} and {names[1]} have no measured mean in common; robustflow show lists those of each"
@@ -100,7 +108,7 @@ def compare_all(
     """
     key: MetricKey = (metric, AVERAGE, None)
     common, _ = common_rows(list(runs.values()), list(runs))
-    of_run = {name: ClusterSums.of(rows) for name, rows in zip(runs, common, strict=True)}
+    of_run = {name: _Sums.of(rows) for name, rows in zip(runs, common, strict=True)}
     pairs: list[_Difference] = []
     for first, second in combinations(of_run, 2):
         pairs += _differences((first, second), (of_run[first], of_run[second]), [key], level, resamples, seed)
@@ -125,6 +133,23 @@ def compare_leaders(runs: Mapping[str, pl.DataFrame], metric: str) -> dict[str, 
     return next(compare_all(runs, metric).filter(first=first, second=second).iter_rows(named=True), None)
 
 
+class _Sums(NamedTuple):
+    """The errors of one run, added up per cluster and per image."""
+
+    clusters: ClusterSums
+    images: ClusterSums
+
+    @classmethod
+    def of(cls, rows: pl.DataFrame) -> _Sums:
+        return cls(ClusterSums.of(rows), ClusterSums.of(rows.with_columns(group="sample")))
+
+    def of_images(self, key: MetricKey) -> Array:
+        """Return the error of each image, or its increase; NaN where it was not measured."""
+        mean = self.images.error_mean(*key).mean
+        with np.errstate(invalid="ignore"):
+            return (mean.total @ mean.share) / (mean.count @ mean.share)
+
+
 @dataclass(frozen=True)
 class _Difference:
     """The difference between two models in one mean; `gaps` are the differences in clean EPE and average RCRE."""
@@ -135,18 +160,20 @@ class _Difference:
     values: tuple[float, float]
     images: int
     clusters: int
+    equal: int
+    blow_ups: tuple[int, int]
     gaps: tuple[float | None, float | None]
 
 
 def _differences(
     names: tuple[str, str],
-    sums: tuple[ClusterSums, ClusterSums],
+    sums: tuple[_Sums, _Sums],
     keys: Sequence[MetricKey],
     level: float,
     resamples: int,
     seed: int,
 ) -> list[_Difference]:
-    first, second = sums
+    first, second = (one.clusters for one in sums)
     if first.clusters != second.clusters:
         raise RunError("the two runs group their samples differently; compare runs on the same data")
     clusters = len(first.clusters)
@@ -154,18 +181,28 @@ def _differences(
     if not keys:
         return []
     statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
-    intervals = bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed, symmetric=True)
-    gaps = _gap(sums, ("epe", CLEAN, None)), _gap(sums, ("rcre", AVERAGE, None))
-    return [
-        _Difference(names, key, interval, (first.mean(*key), second.mean(*key)), first.images, clusters, gaps)
-        for key, interval in intervals.items()
-        if np.isfinite(interval.estimate)
-    ]
+    intervals = bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed)
+    gaps = _gap(first, second, ("epe", CLEAN, None)), _gap(first, second, ("rcre", AVERAGE, None))
+    differences = []
+    for key, interval in intervals.items():
+        if np.isfinite(interval.estimate):
+            equal = int(np.count_nonzero(np.equal(*(one.of_images(key) for one in sums))))
+            values = first.mean(*key), second.mean(*key)
+            counts = first.images, clusters, equal, _blow_ups(sums, key)
+            differences.append(_Difference(names, key, interval, values, *counts, gaps))
+    return differences
 
 
-def _gap(sums: tuple[ClusterSums, ClusterSums], key: MetricKey) -> float | None:
+def _blow_ups(sums: tuple[_Sums, _Sums], key: MetricKey) -> tuple[int, int]:
+    """Count the images on which the error of one model is more than `BLOW_UP` times that of the other."""
+    _, corruption, severity = key
+    metric = "epe" if sums[0].clusters.measured("epe", corruption, severity) else "rcre"
+    one, other = (each.of_images((metric, corruption, severity)) for each in sums)
+    return int(np.count_nonzero(one > BLOW_UP * other)), int(np.count_nonzero(other > BLOW_UP * one))
+
+
+def _gap(first: ClusterSums, second: ClusterSums, key: MetricKey) -> float | None:
     """Return the difference of two means (first minus second), in pixels; None if not measured."""
-    first, second = sums
     return first.mean(*key) - second.mean(*key) if first.measured(*key) and second.measured(*key) else None
 
 
@@ -179,10 +216,21 @@ def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFram
             metric, corruption, _ = one.key
             interval = one.interval
             p_holm = None if interval.p is None else next(adjusted)
-            counts = (one.images, one.clusters, level)
+            counts = (one.images, one.clusters)
             sentence = difference_sentence(
-                one.names, metric, corruption, interval, p_holm, len(tested), *counts, *one.gaps
+                one.names,
+                metric,
+                corruption,
+                interval,
+                p_holm,
+                len(tested),
+                *counts,
+                level,
+                *one.gaps,
+                equal=one.equal,
+                blow_ups=one.blow_ups,
             )
             numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, len(tested))
-            records.append((*one.names, metric, corruption, *one.values, *numbers, *counts, sentence))
+            about = (*counts, one.equal, *one.blow_ups, level, sentence)
+            records.append((*one.names, metric, corruption, *one.values, *numbers, *about))
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")

@@ -20,7 +20,7 @@ import polars as pl
 from ...errors import RunError, UsageError
 from ...runs.comparable import common_rows
 from ...text import counted
-from .bootstrap import LEVEL, enough_clusters
+from .bootstrap import LEVEL, enough_clusters, fewest_clusters
 from .sums import AVERAGE, ClusterSums
 
 POWER = 0.8
@@ -40,10 +40,13 @@ POWER_SCHEMA: dict[str, Any] = {
     "power": pl.Float64,
     "images_needed": pl.Int64,
     "clusters_needed": pl.Int64,
+    "clusters_low": pl.Int64,
+    "clusters_high": pl.Int64,
 }
-"""`detectable` is the difference in pixels that these clusters detect with the requested power (null if they are too
-few for a test), `power` the power to detect `effect` with these clusters, and `images_needed` and `clusters_needed` the
-numbers of images and clusters needed to detect `effect` with the requested power."""
+"""`detectable` is the difference in pixels that these clusters detect with the requested power, `power` the power to
+detect `effect` with these clusters, and `images_needed` and `clusters_needed` the numbers of images and clusters needed
+to detect `effect` with the requested power. `clusters_low` and `clusters_high` are the ends of an interval for the
+latter, which follows from the chi-squared distribution of a variance (null: over a billion)."""
 
 
 def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
@@ -128,8 +131,7 @@ def plan_pairs(
     Raises:
         UsageError: if the effect is not positive, the power or level is not a probability, or there are fewer than two
             runs.
-        RunError: if there are fewer than two clusters, so that no variance can be estimated, or the runs have nothing
-            in common.
+        RunError: if there are too few clusters for a test, or the runs have nothing in common.
     """
     if not (math.isfinite(effect) and effect > 0):
         raise UsageError(f"an effect of {effect:g} px cannot be detected: give a positive difference in pixels")
@@ -143,14 +145,17 @@ def plan_pairs(
         )
     if len(runs) < 2:
         raise UsageError("power analysis needs at least two models: give one run of each")
+    from scipy.stats import chi2
+
     records = []
     for names in combinations(runs, 2):
         first, second = (ClusterSums.of(rows) for rows in common_rows([runs[name] for name in names], list(names))[0])
         count = len(first.clusters)
-        if count < 2:
+        if not enough_clusters(count, level):
             raise RunError(
-                f"{names[0]} and {names[1]} share {counted(first.images, 'pair')}, all from one sequence, so the "
-                "variance between sequences cannot be estimated: run both on pairs from at least two sequences"
+                f"{names[0]} and {names[1]} share {counted(first.images, 'pair')} in {counted(count, 'group')} (drive, "
+                "sequence or single pair), too few to estimate how much groups differ: run both on at least "
+                f"{fewest_clusters(level)} groups"
             )
         for metric in PLANNED_METRICS:
             if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):
@@ -160,8 +165,10 @@ def plan_pairs(
             deviation = error * math.sqrt(count)
             wanted = clusters_needed(effect, deviation, power, level)
             pairs = None if wanted is None else math.ceil(wanted * first.images / count)
+            ratios = chi2.ppf([(1 + level) / 2, (1 - level) / 2], count - 1) / (count - 1)  # of the variance of s
+            ends = [clusters_needed(effect, deviation / ratio**0.5, power, level) for ratio in ratios.tolist()]
             known = (difference, error, first.images, count, detectable(deviation, count, power, level))
-            planned = (effect, power_of(effect, deviation, count, level), pairs, wanted)
+            planned = (effect, power_of(effect, deviation, count, level), pairs, wanted, *ends)
             records.append((*names, metric, *known, *planned))
     if not records:
         raise RunError("these runs have no average in common: run them on the same pairs under the same corruptions")

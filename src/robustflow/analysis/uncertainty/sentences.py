@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...text import counted
 from ..labels import METRIC_LABELS, UNITS, long_label
 from .bootstrap import Interval
 
@@ -18,6 +19,9 @@ def difference_sentence(
     level: float,
     clean_gap: float | None = None,
     flow_gap: float | None = None,
+    *,
+    equal: int = 0,
+    blow_ups: tuple[int, int] = (0, 0),
 ) -> str:
     """Describe whether two models differ, by how much, with what certainty, and based on how many independent
     observations.
@@ -32,6 +36,7 @@ def difference_sentence(
         interval, p_holm, comparisons, images, clusters, level: values of the columns described in
             `robustflow.analysis.uncertainty.paired`.
         clean_gap, flow_gap: differences (first minus second) in clean EPE and average RCRE, pixels; None if unknown.
+        equal, blow_ups: numbers of images, as described there.
 
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
     >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
@@ -46,7 +51,7 @@ def difference_sentence(
     unit = f" {UNITS[metric]}" if UNITS[metric] else ""
     observed = f"{images} images" if clusters == images else f"{images} images in {clusters} sequences"
     size = abs(interval.estimate)
-    if interval.low is None or interval.high is None or p_holm is None:
+    if p_holm is None:
         units = ("image" if clusters == images else "sequence") + (" is" if clusters == 1 else "s are")
         outcome = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
         chance = "to tell whether this is chance" if size else "to say more"
@@ -54,10 +59,20 @@ def difference_sentence(
     percent = f"{100 * level:g} %"
     corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
     evidence = f"p {p_text(p_holm)}{corrected}; {observed}"
-    if p_holm >= 1 - level:
+    blown = "".join(
+        f" On {counted(count, 'image')}, the error of {model} is more than ten times that of {other}."
+        for count, model, other in zip(blow_ups, names, reversed(names), strict=True)
+        if count
+    )
+    ends = "no finite interval"
+    if interval.low is not None and interval.high is not None:
+        ends = f"{percent} interval {interval.low:+.2f} to {interval.high:+.2f}"
+    elif equal:
+        ends += f", because {equal} of {counted(images, 'image')} are equal"
+    if p_holm >= 1 - level or interval.low is None or interval.high is None:
         return (
             f"No difference in {what} between {names[0]} and {names[1]} can be claimed: {interval.estimate:+.2f}{unit} "
-            f"({percent} interval {interval.low:+.2f} to {interval.high:+.2f}; {evidence})."
+            f"({ends}; {evidence}).{blown}"
         )
     lower = interval.estimate < 0
     low, high = sorted((abs(interval.low), abs(interval.high)))
@@ -65,7 +80,7 @@ def difference_sentence(
     verdict = _verdict(metric, names[0] if lower else names[1], *gaps)
     return (
         f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
-        f"({percent} interval {low:.2f} to {high:.2f}; {evidence}): {verdict}."
+        f"({percent} interval {low:.2f} to {high:.2f}; {evidence}): {verdict}.{blown}"
     )
 
 

@@ -153,6 +153,7 @@ class Statistic:
     """A sum of terms. Calling the statistic with weights, float64 (B, G), returns its values in every resample.
 
     Attributes:
+        clusters: number of clusters that have images in every mean of the statistic.
         columns: float64 (G, P), columns from whose products with the weights `values` computes the statistic. The
             columns of several statistics can be multiplied together.
 
@@ -166,6 +167,7 @@ class Statistic:
     def __init__(self, terms: Sequence[Term]) -> None:
         self.terms = tuple(terms)
         means = [mean for term in self.terms for mean in (term.mean, term.over) if mean is not None]
+        self.clusters = int(np.all([mean.count.any(axis=1) for mean in means], axis=0).sum())
         parts = [mean.columns() for mean in means]
         edges = np.cumsum([0, *(x.shape[1] for x, _ in parts)])
         self._slices = [slice(start, end) for start, end in pairwise(edges)]

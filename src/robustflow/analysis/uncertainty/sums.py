@@ -11,7 +11,8 @@ from ...corruptions.names import MEMBERS, ordered
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN
 from ..results import AVERAGE
-from .statistic import Array, Mean, Statistic, Term
+from .log_scale import ErrorMean
+from .statistic import Array, Mean, Statistic
 
 INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
 Column = tuple[str, int]
@@ -26,7 +27,8 @@ class ClusterSums:
         clusters: names of the groups (`Sample.group`), in order.
         images: number of samples.
         conditions: (corruption, severity) of each column.
-        sums: metric ("epe", "cre", "rcre") -> sum over images, float64 (G, K), pixels.
+        sums: "epe", "cre", "rcre", or "before" (the clean EPE that CRE is measured against) -> sum over images,
+            float64 (G, K), pixels.
         counts: metric -> number of images, float64 (G, K).
         clean_sum, clean_count: sum of the clean EPE (pixels) and number of images, float64 (G, 1).
     """
@@ -43,27 +45,28 @@ class ClusterSums:
     def of(cls, rows: pl.DataFrame) -> ClusterSums:
         """Sum the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without valid pixels are left out,
         as in the run's summary."""
-        values = image_errors(rows)
-        clusters = tuple(values["group"].unique().sort())
-        dirty = values.filter(pl.col("corruption") != CLEAN)
+        images = image_errors(rows)
+        clusters = tuple(images["group"].unique().sort())
+        dirty = images.filter(pl.col("corruption") != CLEAN)
         conditions = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
         shape = (len(clusters), len(conditions))
         columns = pl.DataFrame(conditions, schema={"corruption": pl.String, "severity": pl.Int64}, orient="row")
         at = _places(dirty, clusters, columns.with_row_index("_column"))
         sums, counts = {}, {}
-        for metric in ("epe", "cre", "rcre"):
-            sums[metric], counts[metric] = _added(dirty[metric], at, shape)
-        clean = values.filter(corruption=CLEAN)
+        before = (dirty["epe"] - dirty["cre"]).alias("before")
+        for values in (dirty["epe"], dirty["cre"], dirty["rcre"], before):
+            sums[values.name], counts[values.name] = _added(values, at, shape)
+        clean = images.filter(corruption=CLEAN)
         only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
         clean_sum, clean_count = _added(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
-        return cls(clusters, values["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
+        return cls(clusters, images["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
         """Return the corruptions in the rows, starting with the paper's corruptions in the paper's order."""
         return ordered({name for name, _ in self.conditions})
 
-    def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
-        """Return a mean of the run as a function of the cluster weights.
+    def error_mean(self, metric: str, corruption: str, severity: int | None = None) -> ErrorMean:
+        """Return a mean of the run.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
@@ -80,12 +83,21 @@ class ClusterSums:
         if corruption == CLEAN:
             if metric != "epe":
                 raise UsageError(f"{metric} of the clean frames is not defined: choose epe")
-            return Statistic([Term(clean)])
+            return ErrorMean(clean)
         stored = "cre" if metric == "crer" else metric
         share = self._share(stored, corruption, severity)
         columns = np.flatnonzero(share)
-        mean = Mean(self.sums[stored][:, columns], self.counts[stored][:, columns], share[columns])
-        return Statistic([Term(mean, clean if metric == "crer" else None)])
+        mean, before = (
+            Mean(self.sums[name][:, columns], self.counts[name][:, columns], share[columns])
+            for name in (stored, "before")
+        )
+        if metric == "crer":
+            return ErrorMean(mean, clean, relative=True)
+        return ErrorMean(mean, before if metric == "cre" and before.total.any() else None)
+
+    def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
+        """Return an `error_mean` as a function of the cluster weights."""
+        return self.error_mean(metric, corruption, severity).statistic()
 
     def mean(self, metric: str, corruption: str, severity: int | None = None) -> float:
         """Return the value of a `statistic`."""

@@ -1,0 +1,198 @@
+"""Intervals of mean errors, from the studentised bootstrap on the logarithmic scale.
+
+Errors are positive and skewed: the true mean may be far above the mean of a few images, but hardly below it. Let A be a
+mean error and t* the pivots of ln A (`bootstrap`). With the jackknife's standard error s of ln A, both tails taken
+together, the interval consists of the quantiles of A exp(+-t* s). The three forms of an `ErrorMean` are
+
+    EPE, RCRE    A                        CREr    C/B - 1, from ln(C/B)        CRE    B (C/B - 1), from ln B and ln(C/B)
+
+where C and B are the errors with and without corruption; CRE may therefore be negative.
+
+**Heavy tails.** With few images the largest errors are missing from the data and from every resample. So s^2 is
+raised to the variance that the mean would have if the upper half of its clusters were log-normal, which is
+
+    sum_g w_g^2 (exp(v) - 1)        v = mean square of ln(x_g / median) over clusters with x_g above the median
+
+where x_g is the mean of cluster g and w_g its share of the images. With more than `_TAIL` clusters, the data show the
+tail, and only the share `_TAIL` / G of the rise is added. With fewer than `FEW` clusters, the resamples contain few
+distinct values, and t* is limited to the 99 % quantile (for 95 % intervals) of Student's t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from .bootstrap import (
+    BLOCK,
+    LEVEL,
+    RESAMPLES,
+    Interval,
+    Key,
+    check_options,
+    enough_clusters,
+    pivots_of,
+    resampled_weights,
+    values_of,
+    without_interval,
+)
+from .statistic import Array, Mean, Statistic, StatisticValues, Term
+
+FEW = 12
+_TAIL = 30
+_LARGEST = 4.0
+"""Largest v, above those of real errors; otherwise the intervals of a few images could be unbounded."""
+
+
+class ErrorMean(NamedTuple):
+    """A mean error, or the mean increase of an error.
+
+    Attributes:
+        mean: mean error or increase.
+        over: mean error before the increase; None for an error.
+        relative: whether the statistic is the increase divided by `over`, such as CREr.
+    """
+
+    mean: Mean
+    over: Mean | None = None
+    relative: bool = False
+
+    def statistic(self) -> Statistic:
+        """Return the statistic as a function of the cluster weights."""
+        return Statistic([Term(self.mean, self.over if self.relative else None)])
+
+    def logarithms(self) -> dict[str, Statistic]:
+        """Return the statistics whose logarithms determine this one: "size", and "growth", of which 1 is added."""
+        growth = {} if self.over is None else {"growth": Statistic([Term(self.mean, self.over)])}
+        size = self.mean if self.over is None else self.over
+        return growth if self.relative else {"size": Statistic([Term(size)]), **growth}
+
+
+def error_intervals(
+    means: Mapping[Key, ErrorMean],
+    clusters: int,
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> dict[Key, Interval]:
+    """Compute intervals, without p-values, for several mean errors of one model from the same resamples.
+
+    Args:
+        means: name -> mean error; all over the same clusters.
+        clusters, level, resamples, seed: as for `bootstrap`.
+
+    Raises:
+        UsageError: if the level or the number of resamples is out of range.
+
+    >>> import numpy as np
+    >>> errors = Mean(np.linspace(1, 3, 30)[:, None], np.ones((30, 1)), np.ones(1))
+    >>> one = error_intervals({"mean": ErrorMean(errors)}, 30)["mean"]
+    >>> one.low < 2 < one.high
+    True
+    """
+    check_options(level, resamples)
+    whole = np.ones((1, clusters))
+    statistics = {key: mean.statistic() for key, mean in means.items()}
+    found = {key: statistic(whole) for key, statistic in statistics.items()}
+    parts = {
+        (key, part): statistic
+        for key, mean in means.items()
+        if enough_clusters(statistics[key].clusters, level)
+        for part, statistic in mean.logarithms().items()
+    }
+    centers = {at: float(_logarithm(at[1], statistic(whole)).theta[0]) for at, statistic in parts.items()}
+    errors = _jackknife(parts, clusters)
+    pivots: dict[tuple[Key, str], list[Array]] = {at: [] for at in parts}
+    for weights in resampled_weights(clusters, resamples, seed) if parts else ():
+        for at, values in values_of(parts, weights):
+            pivots[at].append(pivots_of(_logarithm(at[1], values), centers[at]))
+    shifts: dict[Key, dict[str, tuple[float, Array]]] = {key: {} for key in means}
+    for key, part in parts:
+        rise = _rise(means[key].mean, found[key]) if part == "size" else 0.0
+        error = np.sqrt(errors[key, part] ** 2 + rise)
+        shift = error * _limited(np.concatenate(pivots[key, part]), clusters, level)
+        shifts[key][part] = centers[key, part], shift
+    return {key: _interval(values, shifts[key], level) for key, values in found.items()}
+
+
+def _interval(values: StatisticValues, shifts: Mapping[str, tuple[float, Array]], level: float) -> Interval:
+    """Compute the interval from the logarithm of each part and its possible errors."""
+    estimate, error = float(values.theta[0]), float(values.standard_error[0])
+    if error == 0 and shifts:
+        return Interval(estimate, error, estimate, estimate, None)
+    draws = np.ones(1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for part, (center, shift) in shifts.items():
+            logarithm = center + np.concatenate([shift, -shift])
+            draws = draws * (np.expm1(logarithm) if part == "growth" else np.exp(logarithm))
+    draws = draws[~np.isnan(draws)]
+    if not shifts or not draws.size:
+        return without_interval(values)
+    low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
+    if not np.isfinite([low, high, error]).all():
+        return without_interval(values)
+    return Interval(estimate, error, float(low), float(high), None)
+
+
+def _logarithm(part: str, values: StatisticValues) -> StatisticValues:
+    """Compute the logarithm of a size, or of 1 + growth, and its standard error to first order."""
+    size = values.theta + (part == "growth")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return StatisticValues(np.log(size), values.standard_error / size)
+
+
+def _jackknife(statistics: Mapping[tuple[Key, str], Statistic], clusters: int) -> dict[tuple[Key, str], float]:
+    """Compute the jackknife standard error of each `_logarithm`, leaving out one cluster at a time. The sandwich
+    formula underestimates the standard error if a few large clusters dominate a mean."""
+    without: dict[tuple[Key, str], list[Array]] = {at: [] for at in statistics}
+    block = max(1, BLOCK // max(1, clusters))
+    for start in range(0, clusters if statistics else 0, block):
+        left_out = np.arange(start, min(start + block, clusters))
+        weights = (left_out[:, None] != np.arange(clusters)).astype(np.float64)
+        for at, values in values_of(statistics, weights):
+            without[at].append(_logarithm(at[1], values).theta)
+    with np.errstate(invalid="ignore"):
+        return {at: float(np.sqrt((clusters - 1) * np.concatenate(logs).var())) for at, logs in without.items()}
+
+
+def cluster_errors(mean: Mean) -> tuple[Array, Array]:
+    """Return the mean error and the share of the images of each cluster with images, float64 (G,) each."""
+    count, total = mean.count @ mean.share, mean.total @ mean.share
+    some = count > 0
+    return total[some] / count[some], count[some] / count.sum()
+
+
+def log_deviation(mean: ErrorMean) -> float | None:
+    """Return the standard deviation of the logarithms of the clusters' mean errors; None for an increase, and if an
+    error is 0 or there is only one cluster."""
+    errors, _ = cluster_errors(mean.mean)
+    if mean.over is not None or len(errors) < 2 or errors.min() <= 0:
+        return None
+    return float(np.log(errors).std(ddof=1))
+
+
+def _rise(mean: Mean, values: StatisticValues) -> float:
+    """Compute by how much the variance of ln(mean) would be higher with a log-normal upper half of the clusters."""
+    errors, weights = cluster_errors(mean)
+    order = np.argsort(errors)
+    median = errors[order][np.searchsorted(np.cumsum(weights[order]), 0.5 - 1e-9)]
+    upper = errors > median
+    if median <= 0 or not upper.any() or values.theta[0] <= 0:
+        return 0.0
+    square = np.average(np.square(np.log(errors[upper] / median)), weights=weights[upper])
+    rise = (
+        np.expm1(min(square, _LARGEST)) * np.square(weights).sum() - (values.standard_error[0] / values.theta[0]) ** 2
+    )
+    return float(max(0.0, rise) * min(1.0, _TAIL / len(errors)))
+
+
+def _limited(pivots: Array, clusters: int, level: float) -> Array:
+    if clusters >= FEW:
+        return pivots
+    from scipy.special import stdtrit  # imported where it is used, because every page would wait 0.2 s for SciPy
+
+    most = stdtrit(clusters - 1, 1 - (1 - level) / 10)
+    return np.asarray(np.clip(pivots, -most, most))
