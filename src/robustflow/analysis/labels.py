@@ -27,7 +27,7 @@ SETTING_EXPLANATIONS = {
     "OOD": "was not trained on data from the benchmark's domain",
     "ID": "was trained on the domain, but not on the evaluated frames",
     "LEAKED": "was trained on the evaluated frames",
-    "own": "the run does not state what its model was trained on",
+    "own": "the run does not state what its model was trained on, or its backbone was not checked",
     "untrained": "has random weights and is never ranked",
 }
 NEVER_RANKED = {"untrained": "its weights are random"}

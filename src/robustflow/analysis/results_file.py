@@ -157,21 +157,22 @@ _MARKED = {None: "", True: "yes", False: "no"}
 
 
 def results_csv(results: Iterable[ModelResult]) -> str:
-    """Write results as text that `read_results` can read, each value with its known number of decimals.
+    """Write results as text that `read_results` can read, each value with its known number of decimals. The column
+    `origin` (`ModelResult.source`) is ignored by `read_results`, which reads every value as claimed.
 
     >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
     >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])
-    kitti-fc,OOD,Mine,epe,clean,,mine,,,4.20,
+    kitti-fc,OOD,Mine,epe,clean,,mine,,,4.20,,claimed
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_WRITTEN)
+    writer.writerow([*_WRITTEN, "origin"])
     for line in results:
         share = "" if line.coverage is None else repr(line.coverage)
         for key, value in line.values.items():
             texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note, share)
             number = _unrounded(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
-            writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked]])
+            writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked], line.source])
     return out.getvalue()
 
 

@@ -1,7 +1,7 @@
 "use strict";
 // Export the numbers in the page as files. Text that a spreadsheet would run as a formula is prefixed with an apostrophe.
 const { data } = window.robustflow;
-const COLUMNS = ["benchmark", "setting", "model", "metric", "corruption", "value", "sample_set", "note"];
+const COLUMNS = ["benchmark", "setting", "model", "metric", "corruption", "value", "sample_set", "note", "origin"];
 
 // Means over corruption classes are omitted because they can be computed from the other values.
 function records() {
@@ -11,7 +11,7 @@ function records() {
       numbers.forEach(([metric, corruption], index) => {
         const value = entry.values?.[index];
         if (!value) return;
-        all.push([benchmark, entry.setting, entry.name, metric, corruption, value, entry.frames ?? "", entry.note ?? ""]);
+        all.push([benchmark, entry.setting, entry.name, metric, corruption, value, entry.frames ?? "", entry.note ?? "", entry.source]);
       });
     }
   }
