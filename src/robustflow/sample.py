@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ Mask = npt.NDArray[np.bool_]
 
 DepthMap = npt.NDArray[np.float32]
 """Depth along the optical axis in metres, float32, shape (H, W); positive and finite everywhere."""
+
+TRUTHS = ("unchanged", "none")
+"""What a corruption leaves of the ground truth: all of it or, if it moves the content of the frames, none."""
 
 _LARGEST, _FARTHEST = 1e9, 1e6
 """Largest intrinsics in pixels, and largest translation along an axis in metres."""
@@ -203,6 +206,10 @@ class Sample:
                 )
         if not self.group:
             object.__setattr__(self, "group", self.key)
+
+    def without_truth(self) -> Sample:
+        """Return the sample without ground truth, as under a corruption that moves content."""
+        return replace(self, flow=None, valid=None, occluded=None)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -154,6 +154,7 @@ def test_an_object_that_differs_from_its_name_cannot_be_in_a_run(made):
         (type("Clean", (Veil,), {}), "invalid corruption name 'clean'"),
         (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
         (type("Ten", (Veil,), {"severities": 10}), "has `severities` 10: give a tuple of five"),
+        (type("Moves", (Veil,), {"truth": "moved"}), "has `truth` 'moved': set unchanged or none"),
         (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],
 )
@@ -182,8 +183,47 @@ def test_check_corruption_finds(body, message):
         check_corruption(space["Bad"])
 
 
+class Swirl:
+    """Moves content by up to 10 px along x, in a wave down the frame."""
+
+    def draw(self, rng, severity, shape):
+        return np.rint(2 * severity * np.sin(np.arange(shape[0]) / 10)).astype(int)
+
+    def apply(self, frame, state, index):
+        return np.stack([np.roll(row, shift, axis=0) for row, shift in zip(frame, state, strict=True)])
+
+
+class Shake(Swirl):
+    """Shifts each frame by a different vector."""
+
+    def draw(self, rng, severity, shape):
+        return severity
+
+    def apply(self, frame, state, index):
+        return np.roll(frame, 3 * state * index, axis=1)
+
+
+class Shift(Shake):
+    """Shifts both frames by the same vector."""
+
+    def apply(self, frame, state, index):
+        return np.roll(frame, state, axis=1)
+
+
+@pytest.mark.parametrize("made", [Swirl, Shake])
+def test_check_corruption_refuses_one_that_moves_content_unless_it_leaves_no_truth(made):
+    with pytest.raises(UsageError, match=rf"'{corruption_name(made)}' at severity \d moves content by .* px"):
+        check_corruption(made)
+    check_corruption(type(made.__name__, (made,), {"truth": "none"}))
+
+
+def test_check_corruption_accepts_a_shift_of_both_frames():
+    check_corruption(Shift)
+
+
 def test_check_corruption_passes_every_shipped_one_tried():
-    assert [check_corruption(name) for name in ("contrast", "snow", "glass_blur")] == ["contrast", "snow", "glass_blur"]
+    names = ["contrast", "snow", "glass_blur", "camera_motion_blur", "psf_blur", "elastic_transform"]
+    assert [check_corruption(name) for name in names] == names
 
 
 def test_the_source_names_files_and_attributes(rain_package):
@@ -253,7 +293,7 @@ def test_check_corruption_tries_depth_with_a_camera_of_known_and_of_unknown_moti
     given = []
     assert check_corruption(Parallax) == "parallax"
     assert check_corruption(NearGrey) == "near_grey"
-    assert {shape for shape, _ in given} == {(48, 64), (33, 61)}
+    assert {shape for shape, _ in given} == {(48, 64), (33, 61), (128, 128)}
     assert {unknown for _, unknown in given} == {False, True}
 
 

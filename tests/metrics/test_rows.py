@@ -14,7 +14,7 @@ from robustflow.sample import Sample
 from . import naive
 from .strategies import cases
 
-LABELS = ("sample", "group", "corruption", "severity", "frames_digest", "height", "width")
+LABELS = ("sample", "group", "corruption", "severity", "truth", "frames_digest", "height", "width")
 DIGEST = "truth_digest"
 PHOTOMETRIC = ("n_photometric", "photometric_sum", "photometric_still_sum")
 
@@ -24,7 +24,7 @@ def test_every_column_equals_the_naive_loop(case):
     pred, clean, sample = case
     row = measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=2, frames_digest="ab")
     assert list(row) == list(ROW_SCHEMA)
-    assert [row[name] for name in LABELS] == ["s", "s", "fog", 2, "ab", *sample.shape]
+    assert [row[name] for name in LABELS] == ["s", "s", "fog", 2, "unchanged", "ab", *sample.shape]
     expected = naive.row(pred, clean, sample.flow, sample.valid, sample.occluded)
     expected |= naive.photometric(*sample.frames, pred)
     for name in ROW_SCHEMA:

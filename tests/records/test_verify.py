@@ -120,6 +120,8 @@ def test_better_rows(packed):
         ("cells", at(_FOG, sample=pl.lit("other")), ""),
         ("cells", lambda rows: rows.filter(corruption="fog"), "clean frames"),
         ("cells", at(_FOG, n_invalid=pl.lit(1, pl.Int64), n_all=pl.col("n_all") - 1), "did not allow"),
+        ("rows", at(_FOG, truth=pl.lit("moved")), "truth 'moved'"),
+        ("measurements", at(_FOG, truth=pl.lit("none")), ""),
         ("measurements", at(_FOG, rcre_sum=pl.lit(0.0)), ""),
         ("measurements", at(_FOG, height=pl.col("height") + 1), ""),
         ("measurements", at(_FOG, magnitude_sum=pl.col("magnitude_sum") + 1), ""),

@@ -18,7 +18,7 @@ from robustflow.analysis.published.tables import published_results
 from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIES, load_corruption
 from robustflow.corruptions.registry import CLIP, SHIPPED
 from robustflow.corruptions.scale import calibrated_severities
-from robustflow.corruptions.stack import needs_depth
+from robustflow.corruptions.stack import needs_depth, truth_under
 from robustflow.images.flow_colours import flow_colours, flow_radius
 
 from . import families
@@ -154,6 +154,8 @@ def _measured(name: str, cells: list[Seen]) -> str:
         intro += " Errors occur once per given number of bytes, so a clip this short has few errors or none."
     rows = [(c.severity, f"{c.ssim:.2f}", f"{c.epe:.2f}", f"{c.epe - clean:.2f}", f"{c.rcre:.2f}") for c in cells]
     heading = ("severity", "SSIM", "EPE (px)", "CRE (px)", "RCRE (px)")
+    if truth_under(name) == "none":
+        rows, heading = [(*row[:2], row[-1]) for row in rows], (*heading[:2], heading[-1])
     return "\n\n".join([intro, table(heading, rows), "[Metrics](../design/metrics.md) defines the columns."])
 
 

@@ -27,6 +27,7 @@ _COLUMNS = {
     "truth_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors.",
     "height": "Height of the frames, pixels.",
     "width": "Width of the frames, pixels.",
+    "truth": "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content.",
     "n_invalid": "Pixels at which this row's prediction is not finite.",
     "n_all": "Usable pixels.",
     "rcre_all_sum": "Distance from the clean flow, summed over `n_all`, pixels.",

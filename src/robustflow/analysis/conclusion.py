@@ -166,7 +166,8 @@ def _counts(run: Run) -> tuple[int, int]:
 
 
 def _by_corruption(run: Run) -> dict[str, float]:
-    return {name: scores.rcre for name, scores in run.summary.corruptions.items() if scores.rcre is not None}
+    of_each = ((name, run.summary.corruptions[name].rcre) for name in run.summary.averaged_over)
+    return {name: rcre for name, rcre in of_each if rcre is not None}
 
 
 def _listed(names: Sequence[str], total: int) -> str:

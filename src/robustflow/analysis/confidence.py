@@ -11,6 +11,7 @@ import polars as pl
 from ..corruptions.names import family_of
 from ..metrics.rows import CLEAN, COVERAGES
 from ..runs.family_means import grouped_by_family
+from ..runs.means import averaged_rows
 from ..runs.run import Run
 from .results import AVERAGE
 
@@ -54,7 +55,7 @@ def confidence_scores(run: Run) -> list[ConfidenceScore]:
 def _conditions(rows: pl.DataFrame) -> Iterator[tuple[str, int | None, pl.DataFrame]]:
     yield CLEAN, None, rows.filter(corruption=CLEAN)
     corrupted = rows.filter(pl.col("corruption") != CLEAN)
-    yield AVERAGE, None, corrupted
+    yield AVERAGE, None, averaged_rows(corrupted)
     for names in grouped_by_family({name: name for name in corrupted["corruption"].unique()}).values():
         part = corrupted.filter(pl.col("corruption").is_in(names))
         family = family_of(names[0]) or ""

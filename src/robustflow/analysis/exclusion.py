@@ -11,7 +11,7 @@ import polars as pl
 from ..benchmarks.facts import is_still
 from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
-from ..runs.means import clean_flow_length, clean_mean, image_mean
+from ..runs.means import averaged_rows, clean_flow_length, clean_mean, image_mean
 from ..runs.run import Run
 from .labels import NEVER_RANKED
 
@@ -117,5 +117,5 @@ def zero_flow_epe(rows: pl.DataFrame) -> float | None:
 def _moved(rows: pl.DataFrame) -> float | None:
     """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
     clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
-    corrupted = rows.filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
+    corrupted = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
     return image_mean(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")

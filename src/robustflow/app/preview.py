@@ -106,6 +106,8 @@ class Previewer:
         stage("corrupting")
         name, severity = wanted.corruption
         corruption = load_corruption(name, classes=source.classes)
+        if corruption.truth == "none":
+            sample = sample.without_truth()
         corrupted = corrupt(*sample.frames[:2], corruption, severity, wanted.seed, sample.key, depth=sample.depth)
         clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")

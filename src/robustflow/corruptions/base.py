@@ -43,6 +43,10 @@ class Corruption(ABC):
     paper_severities: tuple[Any, ...]
     level: ClassVar[type[NamedTuple] | None] = None
     """Names of the parameters, if a severity has several."""
+    truth: str = "unchanged"
+    """What the corruption leaves of the ground truth: "unchanged", or "none" if content moves to other pixels. Then
+    only RCRE is measured, and no mean includes it together with other corruptions.
+    """
     needs_depth: bool = False
     """Whether the corruption requires the depth of the sample; see `DepthCorruption`."""
     source_key: ClassVar[str] = ""

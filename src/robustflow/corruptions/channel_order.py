@@ -29,6 +29,7 @@ class ChannelsReversed(Corruption):
         self.name = inner.name
         self.family = inner.family
         self.temporal = inner.temporal
+        self.truth = inner.truth
         self.paper_severities = inner.paper_severities
         super().__init__(inner.variant, inner.severities)
         self.variant = BGR

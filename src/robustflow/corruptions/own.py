@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..random.rng import Rng
-from ..sample import Frame, SceneDepth, described_array
+from ..sample import TRUTHS, Frame, SceneDepth, described_array
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
 from ..target import called, checked_name, described, own_name
@@ -51,6 +51,9 @@ class OwnCorruption(Corruption):
         self.family = str(getattr(made, "family", "own"))
         self.temporal = bool(getattr(made, "temporal", False))
         self.needs_depth = bool(getattr(made, "needs_depth", False))
+        self.truth = getattr(made, "truth", "unchanged")
+        if self.truth not in TRUTHS:
+            raise UsageError(f"corruption '{self.name}' has `truth` {self.truth!r:.60}: set {' or '.join(TRUTHS)}")
         given = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
         try:
             self.paper_severities = tuple(given)

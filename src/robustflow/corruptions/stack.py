@@ -116,6 +116,19 @@ def needs_depth(name: str) -> bool:
     return any(_part_needs_depth(part) for part, _ in split_stack(name))
 
 
+def truth_under(name: str) -> str:
+    """Return what a corruption, or all parts of a stack together, leave of the ground truth (see `Corruption.truth`);
+    "unchanged" for unknown names.
+
+    >>> truth_under("fog"), truth_under("fog+elastic_transform:2")
+    ('unchanged', 'none')
+    """
+    loaded = [
+        own_corruption(part, "default") or CORRUPTIONS.get(part) for part, _ in split_stack(name) if is_known(part)
+    ]
+    return "none" if any(part.truth == "none" for part in loaded) else "unchanged"
+
+
 def _part_needs_depth(name: str) -> bool:
     own = own_corruption(name, "default") if is_known(name) else None
     return name in FURTHER["depth"] if own is None else own.needs_depth
@@ -151,6 +164,7 @@ class Stack(Corruption):
                 part.parameter(level)
         self._parts = parts
         self.needs_depth = any(part.needs_depth for part, _ in parts)
+        self.truth = "none" if any(part.truth == "none" for part, _ in parts) else "unchanged"
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
         self.name = _PLUS.join(names)
 

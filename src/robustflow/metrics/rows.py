@@ -7,6 +7,8 @@ a second run. CRE is not stored: it is the difference between two errors over th
 Definition of the columns. *Usable* pixels are those where both the prediction and the model's prediction on the clean
 frames are finite (for a model that works correctly, all pixels).
 
+- `truth` = what the corruption leaves of the ground truth (`Corruption.truth`); with "none", everything that needs
+  ground truth is null.
 - `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `clean_epe_sum`, `rcre_sum`,
   `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. All of these are null if the sample has no ground truth.
 - `n_truth` = pixels with valid ground truth, usable or not; `n_valid / n_truth` is the coverage. Null without ground
@@ -79,6 +81,7 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "group": pl.String,
     "corruption": pl.String,
     "severity": pl.Int64,
+    "truth": pl.String,
     "frames_digest": pl.String,
     "truth_digest": pl.String,
     "height": pl.Int64,
@@ -139,6 +142,7 @@ def measure(
     *,
     corruption: str = CLEAN,
     severity: int = 0,
+    truth: str = "unchanged",
     frames_digest: str = "",
 ) -> dict[str, Any]:
     """Compute one row: the errors of `pred`, and its distance from `clean_pred`.
@@ -148,9 +152,9 @@ def measure(
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
         sample: the sample, with its ground truth if available.
         regions: regions of the sample, `Regions.of(sample)`, computed once and shared by all rows of the sample.
-        corruption, severity, frames_digest: values copied into the row; the digest is the hexadecimal BLAKE3 hash of
-            the two input frames (for a multi-frame model, of the evaluated pair in the clip). The hash of the ground
-            truth is taken from the regions.
+        corruption, severity, truth, frames_digest: values copied into the row; the digest is the hexadecimal BLAKE3
+            hash of the two input frames (for a multi-frame model, of the evaluated pair in the clip). The hash of the
+            ground truth is taken from the regions.
 
     Returns:
         A dict with exactly the columns of `ROW_SCHEMA`; a value is None if it needs ground truth or a region that the
@@ -182,6 +186,7 @@ def measure(
         "group": sample.group,
         "corruption": corruption,
         "severity": severity,
+        "truth": truth,
         "frames_digest": frames_digest,
         "height": sample.shape[0],
         "width": sample.shape[1],

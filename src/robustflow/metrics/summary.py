@@ -112,7 +112,7 @@ class MissingCells(FrozenFinite):
 
 
 class Summary(Scores):
-    """The means of a run; the overall scores are averages over `averaged_over`, i.e. all corruptions that were run.
+    """The means of a run; the overall scores are averages over `averaged_over`.
 
     Attributes:
         version: version of the summary.
@@ -129,7 +129,8 @@ class Summary(Scores):
         photometric_still: photometric error of zero flow on the clean frames, in grey levels; a flow with a similar
             error does not follow the motion.
         clean: metrics on the clean frames, where CRE and CREr are undefined.
-        averaged_over: corruptions included in the overall means.
+        averaged_over: corruptions included in the overall means: all that were run, except those that leave no ground
+            truth (`Corruption.truth`) if there are others.
         corruptions: means for each corruption: the paper's corruptions in the paper's order, then the others by name.
         families: means over the corruptions of each family.
         regions: overall means over each region that occurs.

@@ -15,6 +15,7 @@ from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import IDENTITY_VERSION
 from ..runs.manifest import MANIFEST_SCHEMA, Manifest
 from ..runs.shards import PACK, write_shard
+from ..sample import TRUTHS
 from ..sealed import sealed
 from ..text import plain
 from .container import LIMITS, read_container
@@ -26,7 +27,7 @@ STEPS = ("container", "record", "hashes", "manifest", "rows")
 """The methods of `Reader`, in the order in which they must be called."""
 
 _ALWAYS = (
-    *("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all"),
+    *("sample", "group", "corruption", "severity", "truth", "frames_digest", "height", "width", "n_invalid", "n_all"),
     *("rcre_all_sum", "pred_magnitude_sum", "n_photometric", "photometric_sum", "photometric_still_sum"),
 )
 _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
@@ -156,6 +157,10 @@ class Reader:
         for column in ("frames_digest", "truth_digest"):
             if not frame[column].drop_nulls().str.contains("^[0-9a-f]{32}$").all():
                 raise DataError(f"rows.csv: a {column} does not consist of 32 hexadecimal digits")
+        if unknown := set(frame["truth"].unique()) - set(TRUTHS):
+            raise DataError(
+                f"rows.csv: a row has the truth '{plain(min(unknown), 20)}'; expected {' or '.join(TRUTHS)}"
+            )
         if not frame["truth_digest"].is_null().equals(frame["n_valid"].is_null()):
             raise DataError("rows.csv: a row has a truth_digest but no pixels with ground truth, or vice versa")
         for column, kind in ROW_SCHEMA.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 from ..corruptions.api import corrupt_clip, load_corruption
@@ -38,6 +38,10 @@ class Loaded:
     sample: Sample
     regions: Regions | None
     clean_flow_key: str
+
+    def under(self, truth: str) -> Loaded:
+        """Return the sample with what a corruption leaves of its ground truth (`Corruption.truth`)."""
+        return self if truth == "unchanged" else replace(self, sample=self.sample.without_truth(), regions=None)
 
 
 class FrameStage:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..corruptions.stack import truth_under
 from ..errors import ModelError
 from ..metrics.error_maps import error_sum
 from ..metrics.rows import CLEAN, measure
@@ -42,6 +43,7 @@ class MeasureStage:
         kept: Mapping[str, dict[str, Any]],
         seconds: Seconds,
     ) -> None:
+        self._truths = dict.fromkeys((CLEAN, *options.attacks), "unchanged")
         self._allow_invalid = options.allow_invalid
         self._draws = options.draws
         self._clean_path = clean_path
@@ -85,6 +87,8 @@ class MeasureStage:
             ModelError: the flow has pixels that are not finite, but the run does not allow them.
         """
         _, corruption, severity = cell
+        truth = self.truth(corruption)
+        loaded = loaded.under(truth)
         with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
             flow, clean_flow = flow_of(answer), flow_of(clean)
             row = measure(
@@ -94,6 +98,7 @@ class MeasureStage:
                 loaded.regions,
                 corruption=corruption,
                 severity=severity,
+                truth=truth,
                 frames_digest=digest,
             )
             if self._draws > 1:
@@ -106,6 +111,12 @@ class MeasureStage:
                 "the model, or use --allow-invalid to exclude and count such pixels"
             )
         return row
+
+    def truth(self, name: str) -> str:
+        """Return what a corruption or an attack leaves of the ground truth (`Corruption.truth`)."""
+        if name not in self._truths:
+            self._truths[name] = truth_under(name)
+        return self._truths[name]
 
     def digest(self, frames: tuple[Any, ...]) -> str:
         """Return the digest of a cell's pair."""

@@ -87,7 +87,7 @@ def recheck(
                 problems.append(f"{where}: different frames")
             elif made["group"] != row["group"]:
                 problems.append(f"{where}: different group")
-            elif made["truth_digest"] != row["truth_digest"] or (
+            elif any(made[column] != row[column] for column in ("truth", "truth_digest")) or (
                 row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH)
             ):
                 problems.append(f"{where}: different ground truth")

@@ -31,7 +31,7 @@ class View:
     """One computed cell: the frames, the predicted flow and the measured row.
 
     Attributes:
-        sample: sample with its clean frames.
+        sample: sample with its clean frames and what the corruption leaves of its ground truth.
         frames: corrupted RGB frames, each uint8 (H, W, 3); the first two are the pair.
         flow, clean_flow: flow on the corrupted and on the clean frames, float32 (H, W, 2), in pixels.
         row: measured row, see `robustflow.metrics.rows`.
@@ -112,7 +112,7 @@ class Worker:
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.request(loaded.sample, cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
-        return View(loaded.sample, frames, flow_of(flow), flow_of(clean), row)
+        return View(loaded.under(row["truth"]).sample, frames, flow_of(flow), flow_of(clean), row)
 
     def sample(self, key: str) -> Sample:
         """Return a sample with its clean frames."""

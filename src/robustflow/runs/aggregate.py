@@ -22,7 +22,15 @@ from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import grouped_by_family
-from .means import WHOLE, RowPlaces, clean_flow_length, clean_mean, mean_scores, scores_by_condition
+from .means import (
+    WHOLE,
+    RowPlaces,
+    averaged_corruptions,
+    clean_flow_length,
+    clean_mean,
+    mean_scores,
+    scores_by_condition,
+)
 from .plan import Cell
 
 _REGION_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")
@@ -55,8 +63,9 @@ def summarize(
 
     Returns:
         A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
-        and pixels where both flows are predicted. Overall means are over every corruption in the rows, including
-        elastic_transform, user-defined corruptions and stacks ("a+b"); `Summary.paper` is the paper's mean.
+        and pixels where both flows are predicted. Overall means are over every corruption in the rows,
+        including user-defined corruptions and stacks ("a+b"), except those that leave no ground truth
+        (`Corruption.truth`) if there are others; `Summary.paper` is the paper's mean.
 
     Raises:
         RunError: columns or sums are missing, or a (sample, corruption, severity) occurs twice.
@@ -82,7 +91,8 @@ def summarize(
     )
     clean, by_condition = scores_by_condition(whole, where, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
     corruptions = _corruptions(by_condition, clean)
-    overall = mean_scores([*corruptions.values()], clean)
+    averaged = averaged_corruptions(lazy)
+    overall = mean_scores([scores for name, scores in corruptions.items() if name in averaged], clean)
     in_paper = [name for name in corruptions if name in paper]
     families = {family: mean_scores(parts, clean) for family, parts in grouped_by_family(corruptions).items()}
     return Summary(
@@ -97,7 +107,7 @@ def summarize(
         clean_flow_length=clean_flow_length(rows, averaging),
         photometric_still=clean_mean(rows, "photometric_still_sum", "n_photometric", averaging),
         clean=clean,
-        averaged_over=[*corruptions],
+        averaged_over=[name for name in corruptions if name in averaged],
         corruptions=corruptions,
         families=families,
         regions=_regions(rows, where, averaging),

@@ -15,6 +15,7 @@ import polars as pl
 
 from ..metrics.robustness import cre as cre_of
 from ..metrics.rows import CLEAN, ROW_KEY
+from .means import averaged_rows
 
 Kind = Literal["worst", "median"]
 
@@ -50,7 +51,13 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     For an even number of samples, the lower median is used. Ties are resolved by the order of keys, corruptions and
     severities. The result is empty if nothing was measured.
     """
-    cells = rows.filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY).iter_rows(named=True)
+    cells = (
+        averaged_rows(rows)
+        .filter(pl.col("corruption") != CLEAN)
+        .select(*ROW_KEY, *_SUMS)
+        .sort(ROW_KEY)
+        .iter_rows(named=True)
+    )
     scored = {(row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells}
     metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
     values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}

@@ -72,6 +72,19 @@ class RowPlaces:
         return {sample: number for number, sample in enumerate(self.samples)}, numbers, count
 
 
+def averaged_corruptions(rows: pl.DataFrame | pl.LazyFrame) -> set[str]:
+    """Return the corruptions that means over corruptions include: those that leave the ground truth unchanged or, if
+    there are none, all."""
+    names = rows.lazy().filter(pl.col("corruption") != CLEAN).select("corruption", "truth").unique().collect()
+    unchanged = names.filter(pl.col("truth").ne_missing("none"))
+    return set((names if unchanged.is_empty() else unchanged)["corruption"])
+
+
+def averaged_rows(rows: pl.DataFrame) -> pl.DataFrame:
+    """Return the clean rows and those of `averaged_corruptions`."""
+    return rows.filter(pl.col("corruption").is_in([CLEAN, *averaged_corruptions(rows)]))
+
+
 def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
     """Return the distinct names in a column, sorted, and for each row the index of its name."""
     known = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()

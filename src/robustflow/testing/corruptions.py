@@ -7,12 +7,17 @@ from typing import Any
 import numpy as np
 
 from ..corruptions.api import load_corruption, stream_for
+from ..corruptions.base import Corruption
 from ..sample import Camera, Frame, SceneDepth
 from ..severity import SEVERITIES
 from .contract import frames_of, require
+from .displacement import displacement, distortion
 
 _SHAPES = ((48, 64), (33, 61))
 """An even and an odd frame size, which reveal bugs in code that halves an image."""
+_WAVES, _MOST_MOVED = (128, 128), 2.0
+"""Size of the frames on which displacement is measured, and largest mean displacement of a corruption that leaves the
+ground truth unchanged, in pixels; for `psf_blur` it is 1.4 px, for `elastic_transform` at least 3.2 px."""
 
 
 def check_corruption(corruption: Any, seed: int = 0) -> str:
@@ -22,7 +27,8 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
     must return the same bytes, even in a different order and from a second instance of the class. Frame 0 must not
     depend on whether frame 1 is requested. Black, white and textured frames of even and odd sizes must work. A
     corruption that needs depth is tested on a floor in front of a wall, with known and unknown camera motion, and only
-    on frames 0 and 1.
+    on frames 0 and 1. Unless its `truth` is "none", a corruption must not move content by more than 2 px, apart from a
+    shift of both frames by the same vector; this is measured with waves whose phase codes the position.
 
     Args:
         corruption: the corruption, as a class, an instance or a name; see docs/add-your-corruption.md.
@@ -70,7 +76,22 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
                     "order: draw all random numbers from `rng`, and numbers that differ between frames from "
                     "rng.spawn('frame', index)",
                 )
+    if first.truth == "unchanged":
+        _check_content_stays(first, seed)
     return first.name
+
+
+def _check_content_stays(corruption: Corruption, seed: int) -> None:
+    scene = _scene(_WAVES, True) if corruption.needs_depth else None
+    for severity in SEVERITIES:
+        if corruption.severities[severity - 1] is None:
+            continue
+        moved = distortion(*(displacement(corruption, severity, _WAVES, index, seed, scene) for index in (0, 1)))
+        require(
+            moved <= _MOST_MOVED,
+            f"corruption '{corruption.name}' at severity {severity} moves content by {moved:.1f} px on average, so the "
+            'ground truth does not describe the corrupted frames: set truth = "none"',
+        )
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:

@@ -176,6 +176,9 @@ RULES: dict[str, _Expr] = {
         + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
         + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]
     ),
+    "its errors do not match what its corruption leaves of the ground truth": pl.when(pl.col("truth") == "none")
+    .then(pl.col("n_valid").is_not_null())
+    .otherwise(pl.col("n_valid").is_null() & pl.col("n_valid_clean").is_not_null()),
     "the values of its regions do not add up to those of all pixels": _any([_misfit(parts) for parts in _SPLITS]),
     "its counts of 1, 3 and 5 px outliers are inconsistent": _any(
         [
@@ -214,7 +217,7 @@ RULES: dict[str, _Expr] = {
     "its ground truth differs from that of the sample's other rows": _any(
         [_differs_within_sample("n_truth", pl.col("n_truth").is_not_null())]
         + [
-            _differs_within_sample(name, _whole)
+            _differs_within_sample(name, _whole & pl.col("n_valid").is_not_null())
             for name in ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
         ]
     ),

@@ -10,6 +10,7 @@ import polars as pl
 from ...corruptions.names import MEMBERS, ordered
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN
+from ...runs.means import averaged_corruptions
 from ..results import AVERAGE
 from .log_scale import ErrorMean
 from .statistic import Array, Mean, Statistic
@@ -27,6 +28,7 @@ class ClusterSums:
         clusters: names of the groups (`Sample.group`), in order.
         images: number of samples.
         conditions: (corruption, severity) of each column.
+        averaged: corruptions that means over corruptions include.
         sums: "epe", "cre", "rcre", or "before" (the clean EPE that CRE is measured against) -> sum over images,
             float64 (G, K), pixels.
         counts: metric -> number of images, float64 (G, K).
@@ -36,6 +38,7 @@ class ClusterSums:
     clusters: tuple[str, ...]
     images: int
     conditions: tuple[Column, ...]
+    averaged: frozenset[str]
     sums: dict[str, Array]
     counts: dict[str, Array]
     clean_sum: Array
@@ -59,7 +62,9 @@ class ClusterSums:
         clean = images.filter(corruption=CLEAN)
         only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
         clean_sum, clean_count = _added(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
-        return cls(clusters, images["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
+        averaged = frozenset(averaged_corruptions(rows))
+        samples = images["sample"].n_unique()
+        return cls(clusters, samples, conditions, averaged, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
         """Return the corruptions in the rows, starting with the paper's corruptions in the paper's order."""
@@ -70,7 +75,7 @@ class ClusterSums:
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: name of a corruption or corruption family, "average" for all corruptions that were run, or
+            corruption: name of a corruption or corruption family, "average" for all corruptions in `averaged`, or
                 "clean" (EPE only).
             severity: severity of the corruption, or None for the mean over severities.
 
@@ -117,7 +122,8 @@ class ClusterSums:
         has_images = self.counts[metric].sum(axis=0) > 0
         measured = self.corruptions()
         of_family = () if corruption in measured else MEMBERS.get(corruption, ())
-        names = measured if corruption == AVERAGE else of_family or (corruption,)
+        averaged = [name for name in measured if name in self.averaged]
+        names = averaged if corruption == AVERAGE else of_family or (corruption,)
         of_name = {
             name: [
                 k

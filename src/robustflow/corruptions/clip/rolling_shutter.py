@@ -16,6 +16,7 @@ class RollingShutter(ClipCorruption):
 
     name = "rolling_shutter"
     family = "sensor"
+    truth = "none"
     paper_severities = (6, 12, 18, 24, 30)
     instead = (
         "; for pairs with exact ground truth, use --benchmark shapes --data-option readout=0.6 instead of the "

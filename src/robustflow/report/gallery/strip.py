@@ -38,11 +38,13 @@ class StripColumn:
         title: "clean", or the name of the corruption.
         frame: shown frame, RGB uint8 (H, W, 3).
         flow: flow predicted under the condition, float32 (H, W, 2), in pixels.
+        has_truth: whether the sample's ground truth applies to the condition.
     """
 
     title: str
     frame: Frame
     flow: Flow
+    has_truth: bool = True
 
 
 def strip_columns(
@@ -68,7 +70,7 @@ def strip_columns(
     for corruption in corruptions:
         first, second = corrupt_clip(pair, corruption, severity, seed, sample.key, depth=sample.depth)
         shown = second if np.array_equal(first, pair[0]) else first
-        columns.append(StripColumn(corruption.name, shown, predict(first, second)))
+        columns.append(StripColumn(corruption.name, shown, predict(first, second), corruption.truth != "none"))
     return columns
 
 
@@ -97,6 +99,8 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
         if valid is not None:
             errors = np.where(valid, errors, np.nan)
         mean = f"{float(np.nanmean(errors)):.{decimals}f} px"
+        if sample.flow is not None and not column.has_truth:
+            errors, mean = np.full_like(errors, np.nan), "no ground truth"
         first = place == 0
         cells |= {
             (0, place): (column.title, column.frame),

@@ -1,0 +1,143 @@
+"""Prove what each shipped corruption leaves of the ground truth by measuring how far it moves content."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from robustflow.corruptions import IMAGE_PAIR, load_corruption
+from robustflow.corruptions.api import stream_for
+from robustflow.corruptions.registry import FURTHER, SHIPPED
+from robustflow.corruptions.stack import truth_under
+from robustflow.errors import AssetError
+from robustflow.testing.displacement import displacement, distortion
+from robustflow.video.clip import write_clip
+from robustflow.video.codec import lossless
+from robustflow.video.colour import i420_to_rgb, rgb_to_i420
+from robustflow.video.object_motion import mean_of_windows
+from robustflow.video.rolling_shutter import rolling_frames
+from robustflow.video.variants import corrupted_stream
+
+from .pictures import seen
+
+SHAPE, BORDER = (192, 256), 2
+"""Size of the frames, and blocks at their borders where blurs repeat edge pixels."""
+SHIFTS = {"glass_blur": 3.2, "camera_motion_blur": 11.5}
+"""Largest shift that both frames share, in pixels (docs/design/discrepancies.md)."""
+DISTORTIONS = {"psf_blur": 1.4, "glass_blur": 0.6, "far_focus": 0.4, "snow": 0.3}
+"""Largest mean deviation from the common shift, in pixels."""
+STILL = 0.15
+LOSSLESS = lossless("ultrafast")
+PAIRS = (*IMAGE_PAIR, *FURTHER["depth"], "raw_noise")
+
+
+def floor():
+    """A floor that extends to a wall, seen by a moving camera."""
+    rows = np.arange(SHAPE[0], 0, -1, dtype=np.float32)[:, None].repeat(SHAPE[1], axis=1)
+    metres = np.minimum(np.float32(2) * SHAPE[0] / (SHAPE[0] + 1 - rows), np.float32(60))
+    return seen(metres, rotation=np.eye(3), translation=np.array([0.1, 0.0, -0.3]), focal=float(SHAPE[1]))
+
+
+def moved(name, severity):
+    """Displacement of both frames' content away from the borders."""
+    corruption = load_corruption(name)
+    depth = floor() if corruption.needs_depth else None
+    inside = slice(BORDER, -BORDER)
+    try:
+        return [displacement(corruption, severity, SHAPE, index, depth=depth)[inside, inside] for index in (0, 1)]
+    except AssetError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("name", PAIRS)
+def test_a_corruption_that_leaves_the_truth_unchanged_keeps_content_in_place(name, severity):
+    assert truth_under(name) == "unchanged"
+    first, second = moved(name, severity)
+    assert np.isfinite(first).all()
+    assert np.isfinite(second).all()
+    assert distortion(first, second) < DISTORTIONS.get(name, STILL)
+    for frame in (first, second):
+        assert np.hypot(*frame.mean(axis=(0, 1))) < SHIFTS.get(name, 0.4)
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+def test_elastic_transform_moves_content_and_leaves_no_truth(severity):
+    first, second = moved("elastic_transform", severity)
+    assert truth_under("elastic_transform") == "none"
+    assert distortion(first, second) > 4
+    np.testing.assert_allclose(first, second, atol=0.2, equal_nan=True)  # one field for the pair
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+def test_the_field_of_elastic_transform_folds(severity):
+    """Where the Jacobian determinant is negative, several places show one point, so no true flow can be transformed."""
+    corruption = load_corruption("elastic_transform")
+    y, x = (place.astype(np.uint8)[..., None].repeat(3, axis=2) for place in np.indices((128, 250)))
+    state = corruption.draw(stream_for(corruption, severity, 0, "fold"), severity, (128, 250))
+    down, across = (corruption.apply(code, state, 0)[..., 0].astype(float) for code in (y, x))
+    (yy, yx), (xy, xx) = np.gradient(down), np.gradient(across)
+    inside = (slice(40, -40),) * 2
+    assert ((yy * xx - yx * xy)[inside] < 0).mean() > 0.05
+
+
+def moving_wave(axis, turn, speed):
+    """Return a function that gives the master frame at an index, in which a wave moves along an axis."""
+    places = np.indices(SHAPE)[axis]
+
+    def frame_at(index):
+        wave = 127.5 + 100 * np.cos(2 * np.pi * (places - speed * index) / 64 + turn)
+        return np.rint(wave).astype(np.uint8)[..., None].repeat(3, axis=2)
+
+    return frame_at
+
+
+def moved_along_x(corrupted, speed=0.5):
+    """Displacement of the rows of a corrupted key frame 0 along x, float64 (H,)."""
+    read = 0
+    for turn in np.pi / 2 * np.arange(4):
+        angles = 2 * np.pi * np.arange(SHAPE[1]) / 64 + turn
+        read = read + corrupted(moving_wave(1, turn, speed)).mean(axis=2) @ np.exp(-1j * angles)
+    return np.angle(read) * 64 / (2 * np.pi)
+
+
+@pytest.mark.parametrize("reach", load_corruption("object_motion_blur").severities)
+def test_object_motion_blur_is_centred_on_its_frame(reach):
+    assert truth_under("object_motion_blur") == "unchanged"
+    assert np.abs(moved_along_x(lambda at: mean_of_windows(at, 0, [reach])[reach])).max() < 0.02
+
+
+@pytest.mark.parametrize("readout", load_corruption("rolling_shutter").severities)
+def test_rolling_shutter_moves_rows_and_leaves_no_truth(readout):
+    assert truth_under("rolling_shutter") == "none"
+    rows = moved_along_x(lambda at: rolling_frames(at, 0, [readout])[readout])
+    expected = -0.5 * readout * ((np.arange(SHAPE[0]) + 0.5) / SHAPE[0] - 0.5)
+    assert np.abs(rows - expected).max() < 0.26  # rows come from the nearest master frame
+
+
+def test_a_stack_leaves_no_truth_if_one_part_leaves_none():
+    assert load_corruption("fog+elastic_transform:2").truth == truth_under("fog+elastic_transform:2") == "none"
+    assert load_corruption("fog:1+snow").truth == truth_under("fog:1+snow") == "unchanged"
+
+
+def test_every_shipped_corruption_except_two_leaves_the_truth_unchanged():
+    assert {name for name in SHIPPED if load_corruption(name).truth != "unchanged"} == {
+        "elastic_transform",
+        "rolling_shutter",
+    }
+
+
+@pytest.mark.parametrize(("name", "most"), [("h264_abr", 0.02), ("h264_crf", 1.0)])
+def test_compression_keeps_the_content_of_a_moving_clip_in_place(tmp_path, name, most):
+    """Bit errors are not tested: they replace content, and lost frames repeat earlier ones. No dataset with clips has
+    ground truth, so their declaration only says that the paper's means include them."""
+    assert truth_under(name) == truth_under("bit_error") == "unchanged"
+    parameter = load_corruption(name).severities[4] // (16 if name == "h264_abr" else 1)  # for a clip this small
+    last = 7
+
+    def corrupted(at):
+        pictures = [rgb_to_i420(at(index - last)) for index in range(last + 1)]
+        clip = write_clip(tmp_path / f"{len(list(tmp_path.iterdir()))}.mp4", pictures, SHAPE, Fraction(30), LOSSLESS)
+        return i420_to_rgb(dict(corrupted_stream(clip, name, parameter).pictures)[last], *SHAPE)
+
+    assert np.abs(moved_along_x(corrupted, speed=3.0)).mean() < most

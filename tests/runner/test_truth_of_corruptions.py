@@ -1,0 +1,102 @@
+"""Rows and means of corruptions that leave no ground truth."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+import robustflow as rf
+from robustflow.analysis.audit.row_rules import broken_rules
+from robustflow.analysis.uncertainty import intervals
+from robustflow.errors import RunError
+from robustflow.metrics.regions import REGIONS
+from robustflow.records.audit import audit
+from robustflow.report.run_tables import corruptions_table
+from robustflow.runner.recheck import recheck
+from robustflow.runs.example_cells import example_cells
+
+NAMES = ["contrast", "elastic_transform", "fog:2+elastic_transform:1"]
+WITHOUT = {"elastic_transform", "fog:2+elastic_transform:1", "rolls"}
+
+
+class Rolls:
+    """An own corruption that declares that it leaves no ground truth."""
+
+    truth = "none"
+
+    def draw(self, rng, severity, shape):
+        return severity
+
+    def apply(self, frame, state, index):
+        return np.roll(frame, state, axis=1)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    output = tmp_path_factory.mktemp("truth") / "run"
+    return rf.evaluate("dis", corruptions=[*NAMES, Rolls], severities=[1, 3], output=output)
+
+
+def test_rows_of_corruptions_without_truth_have_rcre_but_no_errors(run):
+    moved = run.rows.filter(pl.col("truth") == "none")
+    assert set(moved["corruption"]) == WITHOUT
+    of_truth = ["truth_digest", "n_truth", "n_valid", "epe_sum", "clean_epe_sum", "rcre_sum", "fl_count", "wauc_sum"]
+    of_truth += [f"{name}_{region}" for name in ("n", "epe_sum", "rcre_sum") for region in REGIONS]
+    assert all(moved[name].null_count() == moved.height for name in of_truth)
+    assert (moved["n_all"] == moved["height"] * moved["width"]).all()
+    assert (moved["rcre_all_sum"] > 0).all()
+
+
+def test_no_mean_includes_corruptions_without_truth_beside_others(run):
+    summary, contrast = run.summary, run.summary.corruptions["contrast"]
+    assert summary.averaged_over == ["contrast"]
+    assert (summary.epe, summary.cre, summary.rcre, summary.rcre_all, summary.coverage) == (
+        (contrast.epe, contrast.cre, contrast.rcre, contrast.rcre_all, contrast.coverage)
+    )
+    for name in WITHOUT:
+        scores = summary.corruptions[name]
+        assert (scores.epe, scores.cre, scores.crer, scores.fl) == (None,) * 4
+        assert scores.rcre == scores.rcre_all > 0
+
+
+def test_intervals_and_examples_leave_out_corruptions_without_truth(run):
+    table = intervals(run.rows)
+    averages = {row["metric"]: row["estimate"] for row in table.filter(corruption="average").iter_rows(named=True)}
+    assert averages["rcre"] == pytest.approx(run.summary.rcre)
+    measured = set(table.filter(corruption="elastic_transform")["metric"])
+    assert measured == {"rcre"}
+    assert {cell.corruption for cell in example_cells(run.rows)} == {"contrast"}
+
+
+def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):
+    table = corruptions_table(run, "title")
+    lines = {line.label: [cell.text for cell in line.cells] for section in table.sections for line in section.lines}
+    shown = [column.label for column in table.columns]
+    assert shown[:4] == ["EPE", "CRE", "CREr", "RCRE"]
+    assert lines["elastic_transform"][:3] == lines["rolls"][:3]
+    assert not any(text.strip("-–— ") for text in lines["elastic_transform"][:3])
+    assert float(lines["elastic_transform"][3]) > 1
+
+
+def test_a_run_of_corruptions_without_truth_alone_has_a_mean_of_its_rcre(tmp_path):
+    alone = rf.evaluate("dis", corruptions=["elastic_transform"], severities=[1], output=tmp_path / "run")
+    assert alone.epe is None
+    assert alone.rcre == alone.summary.corruptions["elastic_transform"].rcre > 0
+    assert alone.epe_clean > 0
+
+
+def test_the_audit_accepts_the_rows_of_the_run(run):
+    assert not audit(run.path).findings
+
+
+@pytest.mark.parametrize(("corruption", "truth"), [("elastic_transform", "unchanged"), ("contrast", "none")])
+def test_the_audit_finds_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
+    where = pl.col("corruption") == corruption
+    rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
+    broken = {reason: set(found["corruption"]) for reason, found in broken_rules(rows) if found.height}
+    assert broken == {"its errors do not match what its corruption leaves of the ground truth": {corruption}}
+
+
+def test_a_recheck_finds_a_changed_truth(run):
+    recheck(run.manifest.identity, run.rows)
+    with pytest.raises(RunError, match="elastic_transform severity 1: different ground truth"):
+        recheck(run.manifest.identity, run.rows.with_columns(truth=pl.lit("unchanged")).sort("corruption"), seed=0)
