@@ -76,6 +76,7 @@ _FOG = {
         "clean_epe_sum": pl.col("clean_epe_sum") * (1 + 1e-12)
     },
     "the error changed by more than the flow itself over the same pixels": {"clean_epe_sum": _GREATER},
+    "its errors do not match what its corruption leaves of the ground truth": {"truth": pl.lit("none")},
     "its sums are negative or not finite": {"rcre_all_sum": pl.lit(float("nan"))},
     "it has more outliers than pixels": {"fl_count_occ": pl.col("n_occ") + 1},
     "the error changed by more than the flow itself": {"epe_sum": _GREATER},
