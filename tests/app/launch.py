@@ -76,14 +76,10 @@ class App:
     def token(self) -> str:
         return self.address.partition("token=")[2]
 
-    @property
-    def cookie(self) -> str:
-        return f"robustflow-{self.host.rpartition(':')[2]}={self.token}"
-
     def ask(self, method: str, path: str, body: bytes | str | None = None, **headers: str) -> tuple[int, bytes, Any]:
         """Return status, body and headers. A header passed as, for example, `content_type=` replaces the usual one; ""
         omits it."""
-        own = {"Cookie": self.cookie, "Host": self.host, "Origin": f"http://{self.host}"}
+        own = {"X-Token": self.token, "Host": self.host, "Origin": f"http://{self.host}"}
         own |= {name.replace("_", "-").title(): value for name, value in headers.items()}
         connection = http.client.HTTPConnection(self.host, timeout=60)
         try:
@@ -118,7 +114,7 @@ class App:
     def waiting_preview(self, model: str) -> Iterator[http.client.HTTPConnection]:
         """Send a preview request without waiting for the response."""
         connection = http.client.HTTPConnection(self.host, timeout=60)
-        headers = {"Cookie": self.cookie, "Origin": f"http://{self.host}"}
+        headers = {"X-Token": self.token, "Origin": f"http://{self.host}"}
         connection.request("POST", "/preview", _request(model=model), headers)
         try:
             yield connection

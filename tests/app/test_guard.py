@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from http.client import HTTPConnection
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
+from starlette.responses import PlainTextResponse
 
 from robustflow.app.guard import Guard
 from robustflow.app.upload_folder import UploadFolder
@@ -23,24 +26,40 @@ from ..video import clips
 from .launch import SCRIPTED, after, running_app
 
 
-def test_the_address_gives_a_cookie_and_loses_its_token(app):
-    status, _, headers = app.ask("GET", f"/?token={app.token}", cookie="")
-    assert (status, headers["location"]) == (303, "/")
-    cookie = headers["set-cookie"]
-    assert cookie.startswith(f"{app.cookie};")
-    assert "HttpOnly" in cookie
-    assert "samesite=strict" in cookie.lower()
-    status, page, _ = app.ask("GET", "/")
-    assert status == 200
-    assert b"<title>RobustFlow" in page
-    assert app.token.encode() not in page
+def test_the_page_needs_no_token_and_contains_none(app):
+    for path in ("/", f"/?token={app.token}"):
+        status, page, headers = app.ask("GET", path, x_token="")
+        assert status == 200
+        assert b"<title>RobustFlow" in page
+        assert app.token.encode() not in page
+        assert "set-cookie" not in headers, "a cookie would be sent to servers on other ports"
 
 
-@pytest.mark.parametrize("path", ["/", "/app.js", "/app.css", "/choices", "/?token=", "/?token=guessed", "/no-such"])
-@pytest.mark.parametrize("cookie", ["", "robustflow-1=x", "{cookie}x", "=", "robustflow=\xff"])
-def test_nothing_without_the_token(app, path, cookie):
-    status, body, _ = app.ask("GET", path, cookie=cookie.format(cookie=app.cookie))
-    assert (status, body.count(b"\n")) == (403, 1)
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/choices"), ("GET", "/no-such"), ("POST", "/preview"), ("POST", "/upload")]
+)
+@pytest.mark.parametrize("token", ["", "guessed", "{token}x", "\xff"])
+def test_nothing_but_the_page_is_served_without_the_token(app, method, path, token):
+    query, cookie = f"?token={app.token}", f"token={app.token}"
+    status, body, _ = app.ask(method, path + query, x_token=token.format(token=app.token), cookie=cookie)
+    assert (status, list(json.loads(body))) == (403, ["error"])
+
+
+def test_the_token_is_not_an_argument_of_the_browser(tmp_path, monkeypatch):
+    """All users can read the arguments of a process, but only this user the file that is passed instead."""
+    opened = tmp_path / "opened"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {opened}.part; mv {opened}.part {opened}\n')
+    browser.chmod(0o700)
+    monkeypatch.setenv("BROWSER", str(browser))
+    with running_app(tmp_path, "--browser") as running:
+        while not opened.exists():
+            time.sleep(0.02)
+        assert running.token not in opened.read_text()
+        page = Path(urlsplit(opened.read_text().strip()).path)
+        assert running.address in page.read_text()
+        assert (page.stat().st_mode & 0o777, page.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+    assert not page.exists()
 
 
 @pytest.mark.parametrize(
@@ -58,9 +77,7 @@ def test_another_host_is_not_answered(app, host):
     port = app.host.rpartition(":")[2]
     name = host.format(port=port)
     for path in ("/", f"/?token={app.token}", "/choices"):
-        status, _, headers = app.ask("GET", path, host=name, origin=f"http://{name}")
-        assert status == 421
-        assert "set-cookie" not in headers
+        assert app.ask("GET", path, host=name, origin=f"http://{name}")[0] == 421
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "127.0.0.1:80"])
@@ -72,16 +89,16 @@ def test_guard_on_port_80_answers_hosts_that_omit_it(host):
         sent.append(message)
 
     headers = [(b"host", host.encode()), (b"origin", f"http://{host}".encode())]
-    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"token=secret", "headers": headers}
-    asyncio.run(Guard(None, "secret", 80)(scope, None, send))
-    assert sent[0]["status"] == 303
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+    asyncio.run(Guard(PlainTextResponse("page"), "secret", 80, ["/"])(scope, None, send))
+    assert sent[0]["status"] == 200
 
 
 @pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "https://{host}", "http://{host}.evil.example"])
 @pytest.mark.parametrize("path", ["/preview", "/upload"])
 def test_a_post_from_elsewhere_is_refused(app, path, origin):
     status, body, _ = app.ask("POST", path, "{}", origin=origin.format(host=app.host))
-    assert (status, body) == (403, b"requests from other pages are rejected\n")
+    assert (status, list(json.loads(body))) == (403, ["error"])
 
 
 @pytest.mark.parametrize("path", ["/", "/app.js", "/results.js", "/app.css", "/choices", "/missing"])
@@ -116,7 +133,7 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predictin
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
         assert any(scratch.rglob("clip.mp4")), "a clip is decoded on demand"
         for path in ("/preview", "/upload"):  # a page that is closed while it sends
-            half = {"Cookie": running.cookie, "Origin": f"http://{running.host}", "Content-Length": "100"}
+            half = {"X-Token": running.token, "Origin": f"http://{running.host}", "Content-Length": "100"}
             with closing(HTTPConnection(running.host)) as page:
                 page.request("POST", path, b"-", half | {"Content-Type": "multipart/form-data; boundary=x"})
         malformed = running.ask("POST", "/upload", b"x", content_type="multipart/form-data; boundary=b")
@@ -150,19 +167,21 @@ def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_half_sent_requests_do_not_shut_others_out(tmp_path):
-    """When more clients connect than allowed, the extra connections are closed, and the page remains available."""
-    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 1.0"
+def test_half_sent_requests_are_closed_and_do_not_delay_others(tmp_path):
+    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 1"
     with running_app(tmp_path, start=after(limit)) as app, ExitStack() as stack:
         host, port = app.host.split(":")
         sockets = []
-        for _ in range(70):
+        for _ in range(200):
             sockets.append(stack.enter_context(socket.create_connection((host, int(port)), timeout=60)))
             sockets[-1].sendall(b"GET / HTTP/1.1\r\nHost: ")
-        sockets[-1].sendall(b"x")  # sending a byte now and then does not extend the time limit
-        closed = [one.recv(4096) for one in sockets]
-        assert all(data == b"" or b" 503 " in data for data in closed)
+        begin = time.monotonic()
         assert app.ask("GET", "/choices")[0] == 200
+        assert time.monotonic() - begin < 1
+        sockets[-1].sendall(b"x")  # sending a byte now and then does not extend the time limit
+        for one in sockets:
+            with suppress(ConnectionResetError):
+                assert one.recv(4096) == b""
 
 
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):

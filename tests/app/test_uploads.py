@@ -138,7 +138,7 @@ def test_a_body_that_announces_too_much_is_refused_unread(app):
 def test_a_body_that_announces_nothing_is_cut_off(app):
     connection = http.client.HTTPConnection(app.host, timeout=60)
     connection.putrequest("POST", "/upload", skip_host=True)
-    headers = {"Host": app.host, "Cookie": app.cookie, "Origin": f"http://{app.host}", "Transfer-Encoding": "chunked"}
+    headers = {"Host": app.host, "X-Token": app.token, "Origin": f"http://{app.host}", "Transfer-Encoding": "chunked"}
     for name, value in headers.items():
         connection.putheader(name, value)
     connection.putheader("Content-Type", "multipart/form-data; boundary=b")

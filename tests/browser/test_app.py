@@ -13,6 +13,7 @@ import skimage
 from PIL import Image
 
 import robustflow as rf
+from robustflow.app.serve import _redirect
 
 from ..app.launch import SCRIPTED, App, running_app, with_demo
 from ..app.library import direct_numbers
@@ -98,6 +99,26 @@ def test_the_demo_pair_under_fog_has_the_librarys_numbers(opened, app, small_dem
     assert worst > numbers["epe"]
     expect(page.locator("#pictures img:visible")).to_have_count(8)
     _clean(seen, app)
+
+
+def test_the_file_that_the_browser_opens_leads_to_the_page_and_no_other_port_gets_its_token(visit, app, tmp_path):
+    seen = visit()
+    page = seen.page
+    page.goto(_redirect(tmp_path, app.address).as_uri())
+    expect(page.locator("#status")).to_contain_text("dis, fog 3")
+    assert page.url == f"http://{app.host}/"
+    page.reload()
+    expect(page.locator("#status")).to_contain_text("dis, fog 3")
+    assert page.context.cookies() == []
+    _clean(seen, app)
+
+
+def test_the_page_without_a_token_says_where_it_is(visit, app):
+    page = visit().page
+    page.goto(f"http://{app.host}/")
+    page.evaluate("sessionStorage.clear()")
+    page.reload()
+    expect(page.locator("#error")).to_contain_text("token")
 
 
 def test_only_the_last_of_many_changes_counts(opened, app):

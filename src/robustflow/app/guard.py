@@ -2,7 +2,9 @@
 
 Every page in the same browser can reach a web server on loopback. Three checks reject other pages: the Host header must
 name this server (a foreign domain may resolve to 127.0.0.1), a POST must come from a page of this server (Origin), and
-every request needs the session's token, which is part of the address printed in the terminal.
+every request for more than the page's own files needs the session's token. The token is part of the address printed in
+the terminal; the page keeps it in its tab and sends it as a header. A cookie would also be sent to servers on other
+ports.
 """
 
 from __future__ import annotations
@@ -10,10 +12,10 @@ from __future__ import annotations
 import hmac
 import ipaddress
 import socket
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Container
 
-from starlette.datastructures import Headers, MutableHeaders, QueryParams
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 POLICY = (
@@ -39,15 +41,16 @@ class Guard:
         app: the app to guard.
         token: secret token of this session.
         port: port on which the server listens.
+        public: paths that need no token.
         host: name or address on which the server listens if other machines may connect to it.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, host: str = "") -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, public: Container[str], host: str = "") -> None:
         self._app = app
         self._token = token
         self._port = port
         self._hosts = {host.lower(), socket.gethostname().lower()} if host else set()
-        self._cookie = f"robustflow-{port}"
+        self._public = public
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """See ASGI."""
@@ -68,16 +71,12 @@ class Guard:
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._is_this_server(host):
-            return _text("this server only answers to its own address: use the one printed in the terminal", 421)
+            return _refused("this server only answers to its own address: use the one printed in the terminal", 421)
         if scope["method"] not in _SAFE and headers.get("origin") != f"http://{host}":
-            return _text("requests from other pages are rejected", 403)
-        given = QueryParams(scope["query_string"]).get("token", "")
-        if scope["method"] == "GET" and scope["path"] == "/" and _same(given, self._token):
-            into = RedirectResponse("/", 303)  # removes the token from the address bar and the history
-            into.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
-            return into
-        if not _same(_cookie(headers, self._cookie), self._token):
-            return _text("open the address that robustflow app printed in the terminal; it contains a token", 403)
+            return _refused("requests from other pages are rejected", 403)
+        given = headers.get("x-token", "").encode()
+        if scope["path"] not in self._public and not hmac.compare_digest(given, self._token.encode()):
+            return _refused("open the address that robustflow app printed in the terminal; it contains a token", 403)
         return None
 
     def _is_this_server(self, host: str) -> bool:
@@ -101,17 +100,5 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _cookie(headers: Headers, name: str) -> str:
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(name)
-    except CookieError:
-        return ""
-    return cookie.value if cookie else ""
-
-
-def _same(given: str, token: str) -> bool:
-    return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), token.encode())
-
-
-def _text(line: str, status: int) -> Response:
-    return PlainTextResponse(line + "\n", status)
+def _refused(line: str, status: int) -> Response:
+    return JSONResponse({"error": line}, status)

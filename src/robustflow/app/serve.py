@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import secrets
@@ -13,11 +12,11 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
 import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..errors import UsageError
 from ..models import ModelSpec
@@ -25,13 +24,13 @@ from .choices import Models
 from .guard import Guard
 from .pairs import SourceStore
 from .prediction_queue import PredictionQueue
-from .server import build
+from .server import FILES, build
 from .upload_folder import UploadFolder
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8642
-_HEADER_SECONDS = 10.0
-"""Time limit for a client to send its headers, in seconds from its first byte or from opening the connection."""
+_HEADER_SECONDS = 5
+"""Connections without a complete request are closed after one to two times this many seconds."""
 _ENDING_SECONDS = 8.0
 """Seconds after Ctrl-C until the app is killed if it has not stopped."""
 
@@ -67,22 +66,22 @@ def serve(
     # a malformed upload is answered on the page; without a handler, its parser would also print to the terminal
     logging.getLogger("python_multipart").addHandler(logging.NullHandler())
     sources, queue, uploads = SourceStore(), PredictionQueue(), UploadFolder()
-    guarded = Guard(build(Models(given), sources, queue, uploads), token, number, (host or "") if others else "")
+    guarded = Guard(build(Models(given), sources, queue, uploads), token, number, FILES, (host or "") if others else "")
     config = uvicorn.Config(
         guarded,
-        http=_TimedProtocol,
+        http="h11",
         log_level="error",
         access_log=False,
         server_header=False,
         lifespan="off",
         ws="none",
         proxy_headers=False,
-        limit_concurrency=64,
         timeout_graceful_shutdown=1,
+        timeout_notify=_HEADER_SECONDS,
     )
     say(f"robustflow app: {address} (press Ctrl-C to stop)")
     if browser:
-        threading.Timer(0.5, webbrowser.open, (address,)).start()
+        threading.Timer(0.5, webbrowser.open, (_redirect(uploads.path, address).as_uri(),)).start()
     try:
         _end_after_signal()
         _Server(config, queue).run(sockets=[listening])
@@ -95,16 +94,37 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """A server that does not wait for a prediction when it is stopped."""
+    """A server that does not wait for a prediction when it is stopped, nor for requests that are never completed."""
 
     def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)
         self._queue = queue
+        self._incomplete: dict[Any, Any] = {}
+        config.callback_notify = self._close_incomplete
+
+    async def _close_incomplete(self) -> None:
+        """Close connections that have not completed a request since the last call."""
+        before, self._incomplete = self._incomplete, {}
+        for connection in cast(Any, self.server_state.connections):
+            request = connection.cycle
+            if request is None or request.response_complete:
+                if connection in before and before[connection] is request:
+                    connection.transport.abort()
+                self._incomplete[connection] = request
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """See uvicorn."""
         self._queue.close()
         super().handle_exit(sig, frame)
+
+
+def _redirect(folder: Path, address: str) -> Path:
+    """Write a page that only this user can read and that opens an address, which would be visible to all users as an
+    argument of the browser."""
+    path = folder / "open.html"
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(f'<!DOCTYPE html><title>RobustFlow</title><meta http-equiv="refresh" content="0;url={address}">')
+    return path
 
 
 def _listen(host: str, port: int | None) -> socket.socket:
@@ -128,50 +148,6 @@ def _listen(host: str, port: int | None) -> socket.socket:
 
 def _is_loopback(address: str) -> bool:
     return address == "::1" or address.startswith("127.")
-
-
-class _TimedProtocol(H11Protocol):
-    """uvicorn's protocol with a time limit for the request headers.
-
-    uvicorn waits for the headers as long as the connection stays open. A few half-sent requests would use up all
-    connections that the server allows, and the page would stop responding.
-    """
-
-    _late: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """See uvicorn."""
-        super().connection_made(transport)
-        self._watch()
-
-    def data_received(self, data: bytes) -> None:
-        """See uvicorn."""
-        super().data_received(data)
-        self._watch()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """See uvicorn."""
-        self._forget()
-        super().connection_lost(exc)
-
-    def _watch(self) -> None:
-        """Start the timer when waiting for headers, and stop it when they have arrived."""
-        cycle = cast(Any, self.cycle)
-        if cycle is not None and not cycle.response_complete:
-            self._forget()
-        elif self._late is None:
-            self._late = self.loop.call_later(_HEADER_SECONDS, self._close)
-
-    def _forget(self) -> None:
-        if self._late is not None:
-            self._late.cancel()
-            self._late = None
-
-    def _close(self) -> None:
-        self._late = None
-        cycle = cast(Any, self.cycle)
-        if cycle is None or cycle.response_complete:
-            self.transport.abort()
 
 
 _WATCH = f"""

@@ -32,12 +32,13 @@ from .upload_folder import UploadFolder
 from .uploads import MAX_BYTES, limited, source_of
 
 _MAX_REQUEST = 2**14
-_FILES = {
+FILES = {
     "/": ("app.html", "text/html"),
     "/app.css": ("app.css", "text/css"),
     "/app.js": ("app.js", "text/javascript"),
     "/results.js": ("results.js", "text/javascript"),
 }
+"""The page's files by path."""
 _END = ("result", "error", "outdated")
 
 
@@ -68,7 +69,7 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
         queue.submit(job)
         return StreamingResponse(_lines(job, messages), media_type="application/x-ndjson")
 
-    pages = [Route(path, partial(_file, *file)) for path, file in _FILES.items()]
+    pages = [Route(path, partial(_file, *file)) for path, file in FILES.items()]
     routes = [
         Route("/choices", choices),
         Route("/upload", upload, methods=["POST"]),

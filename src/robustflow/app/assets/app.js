@@ -99,6 +99,18 @@ function use(found) {
 
 // ---- the server
 
+// Kept in this tab only: a cookie would be sent to servers on other ports too.
+const given = new URLSearchParams(location.search).get("token");
+if (given) {
+  sessionStorage.setItem("token", given);
+  history.replaceState(null, "", "/");
+}
+
+function ask(path, options = {}) {
+  const headers = { ...options.headers, "X-Token": sessionStorage.getItem("token") || "" };
+  return fetch(path, { ...options, headers });
+}
+
 async function answer(response) {
   let found = {};
   try { found = await response.json(); } catch { /* not ours: the status says it */ }
@@ -107,7 +119,7 @@ async function answer(response) {
 }
 
 async function preview(wanted, signal, onStage) {
-  const response = await fetch("/preview", {
+  const response = await ask("/preview", {
     method: "POST", body: JSON.stringify(wanted), headers: { "Content-Type": "application/json" }, signal,
   });
   if (!response.ok) return answer(response);
@@ -216,7 +228,7 @@ async function upload(files) {
     say("Reading the files…");
     let found;
     try {
-      found = await answer(await fetch("/upload", { method: "POST", body: form, signal }));
+      found = await answer(await ask("/upload", { method: "POST", body: form, signal }));
     } catch (error) {
       if (error.name !== "AbortError") forget();
       throw error;
@@ -279,7 +291,7 @@ function listen() {
 (async () => {
   say("Loading…");
   try {
-    choices = await answer(await fetch("/choices"));
+    choices = await answer(await ask("/choices"));
     for (const id of ["model", "second"]) {
       for (const { name } of choices.models) $(id).append(element("option", name, { value: name }));
     }
