@@ -145,8 +145,8 @@ def evaluate(
             call with different values adds its rows to the same folder. A corruption is a name,
             `"module.path:Attribute"`, or a user-defined class or object, whose source is part of the run's identity
             (docs/add-your-corruption.md).
-        subset: "quick" for the smallest set of conditions that ranks models almost like the full set, for benchmarks
-            that define one (kitti-fc); means over the subset are marked as estimates. Cannot be combined with
+        subset: "quick" for a small set of conditions whose ranking of models resembles that of the full set, for
+            benchmarks that define one (kitti-fc); means over the subset are marked as estimates. Cannot be combined with
             `corruptions`, `severities`, `attacks` or `still`.
         attacks: one or more adversarial attacks (docs/attacks.md) to run at these severities: names with optional
             settings (`"pgd:steps=40"`), or user-defined attacks as `"module.path:Attribute"`, a class or an object.

@@ -138,7 +138,7 @@ def pages(tmp_path_factory, real_pictures, small_demo) -> dict[str, Path]:
         for line in parse_results(_CELLS, "made.csv", "file")
     ]
     paths = {"report": run.path / "report.html"}
-    made = {"leaderboard": whole_content([run]), "hostile": whole_content([], [(HOSTILE, hostile)])}
+    made = {"leaderboard": whole_content([run]), "hostile": whole_content([], [(HOSTILE, hostile)], published=False)}
     for name, content in made.items():
         paths[name] = folder / f"{name}.html"
         paths[name].write_text(render_site(content), encoding="utf-8")

@@ -179,9 +179,10 @@ def _lead(order: Sequence[ModelResult], content: Content) -> tuple[bool, list[st
 
 def _is_more_accurate(line: ModelResult, best: ModelResult) -> bool:
     """Return whether the clean EPE of a model is significantly lower than that of the best one under corruption."""
-    if line.run is None or best.run is None or line.values[_CLEAN].number >= best.values[_CLEAN].number:
+    least = best.number(*_CLEAN)
+    if line.run is None or best.run is None or least is None or line.values[_CLEAN].number >= least:
         return False
-    clean = (one.run.rows.filter(corruption=CLEAN) for one in (line, best))
+    clean = (run.rows.filter(corruption=CLEAN) for run in (line.run, best.run))
     try:
         (p,) = compare_rows(*clean)["p_holm"]
     except RunError:
