@@ -146,7 +146,7 @@ def evaluate(
             `"module.path:Attribute"`, or a user-defined class or object, whose source is part of the run's identity
             (docs/add-your-corruption.md).
         subset: "quick" for a small set of conditions whose ranking of models resembles that of the full set, for
-            benchmarks that define one (kitti-fc); means over the subset are marked as estimates. Cannot be combined with
+            benchmarks that define one (kitti-fc); its means are marked as estimates. Cannot be combined with
             `corruptions`, `severities`, `attacks` or `still`.
         attacks: one or more adversarial attacks (docs/attacks.md) to run at these severities: names with optional
             settings (`"pgd:steps=40"`), or user-defined attacks as `"module.path:Attribute"`, a class or an object.

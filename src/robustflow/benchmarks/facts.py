@@ -15,8 +15,8 @@ from ..validated import Frozen
 
 
 class QuickSubset(Frozen):
-    """A subset of a benchmark's corruptions and severities whose ranking of models resembles that of the full set; means
-    over the subset are estimates. It was chosen using two rankings: one of published models, whose tables do not list
+    """A subset of a benchmark's corruptions and severities whose ranking of models resembles that of the full set; its
+    means are estimates. It was chosen using two rankings: one of published models, whose tables do not list
     severities, and one of models evaluated on different pairs.
 
     Attributes:

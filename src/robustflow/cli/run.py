@@ -104,8 +104,8 @@ def run(
         str | None,
         typer.Option(
             "--subset",
-            help="quick: a small set of conditions whose ranking of models resembles that of the full set (kitti-fc); its "
-            "means are estimates.",
+            help="quick: a small set of conditions whose ranking of models resembles that of the full set (kitti-fc); "
+            "its means are estimates.",
             rich_help_panel=WHAT,
         ),
     ] = None,
