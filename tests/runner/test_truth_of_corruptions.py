@@ -7,6 +7,8 @@ import pytest
 import robustflow as rf
 from robustflow.analysis.audit.row_rules import broken_rules
 from robustflow.analysis.uncertainty import intervals
+from robustflow.analysis.uncertainty.variance import variance_split
+from robustflow.cli.tables import print_result
 from robustflow.errors import RunError
 from robustflow.metrics.regions import REGIONS
 from robustflow.records.audit import audit
@@ -75,6 +77,21 @@ def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):
     assert lines["elastic_transform"][:3] == lines["rolls"][:3]
     assert not any(text.strip("-–— ") for text in lines["elastic_transform"][:3])
     assert float(lines["elastic_transform"][3]) > 1
+
+
+def test_the_command_line_names_corruptions_without_truth(run, capsys):
+    print_result(run)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "no ground truth" in line]
+    assert all(name in line for name in WITHOUT)
+    assert "contrast" not in line
+
+
+def test_the_variance_over_seeds_leaves_out_corruptions_without_truth(run):
+    second = run.rows.with_columns(pl.col("rcre_sum", "rcre_all_sum") * 1.5, sample=pl.lit("b"), group=pl.lit("b"))
+    rows = pl.concat([run.rows, second])
+    contrast = rows.filter(pl.col("corruption").is_in(["clean", "contrast"]))
+    splits = [variance_split(dict.fromkeys((0, 1), each), "rcre") for each in (rows, contrast)]
+    assert splits[0].equals(splits[1])
 
 
 def test_a_run_of_corruptions_without_truth_alone_has_a_mean_of_its_rcre(tmp_path):

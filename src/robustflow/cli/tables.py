@@ -35,7 +35,7 @@ from ..report.run_tables import corruptions_table, runs_table, severities_table
 from ..report.table import Table, number_text
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
-from ..text import counted, plain
+from ..text import counted, joined, plain
 
 
 def as_json_text(results: Sequence[Run]) -> str:
@@ -73,6 +73,9 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         console.print(f"This is {estimate}; it is ranked only against runs of the same subset.")
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom, None)}\n{PHANTOM}")
+    if moved := [plain(name) for name in summary.without_truth()]:
+        leave = "leaves" if len(moved) == 1 else "leave"
+        console.print(f"{joined(moved)} {leave} no ground truth: RCRE only, and no mean includes it beside others.")
     if attacked is not None:
         print(for_stdout(attacked))
     if confidence is not None:

@@ -162,6 +162,15 @@ class Summary(Scores):
         """Return all severities in the summary, in ascending order."""
         return sorted({level for scores in self.corruptions.values() for level in scores.severities})
 
+    def without_truth(self) -> list[str]:
+        """Return the corruptions that leave no ground truth (`Corruption.truth`), as far as the means show it."""
+        known = self.epe_clean is not None
+        return [
+            name
+            for name, scores in self.corruptions.items()
+            if name not in self.averaged_over or (known and scores.epe is None and scores.rcre is not None)
+        ]
+
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """Return one metric as a table with one row per corruption, in the paper's order.
 

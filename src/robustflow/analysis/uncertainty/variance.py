@@ -21,6 +21,7 @@ import polars as pl
 
 from ...errors import RunError, unknown_name
 from ...metrics.rows import CLEAN
+from ...runs.means import averaged_rows
 from .sums import image_errors
 
 VARIANCE_SCHEMA: dict[str, Any] = {
@@ -99,7 +100,10 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
 def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
     """Average over the corruptions that all runs have at all severities, as float64 (images, seeds, severities)."""
     parts = [
-        image_errors(rows).filter(pl.col("corruption") != CLEAN).drop_nulls(metric).with_columns(_seed=pl.lit(index))
+        image_errors(averaged_rows(rows))
+        .filter(pl.col("corruption") != CLEAN)
+        .drop_nulls(metric)
+        .with_columns(_seed=pl.lit(index))
         for index, rows in enumerate(runs.values())
     ]
     values = pl.concat(parts).select("sample", "corruption", "severity", "_seed", metric)
