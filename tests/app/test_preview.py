@@ -58,6 +58,14 @@ def test_numbers_equal_those_of_the_library(app, demo_is_small, layers, corrupti
     np.testing.assert_array_equal(called, corrupted)
 
 
+def test_a_corruption_without_truth_has_rcre_only_and_the_pair_keeps_its_truth(app, demo_is_small):
+    _, messages = app.preview(layers=[{"name": "elastic_transform", "severity": 1}], frames=True)
+    result = messages[-1]["result"]
+    assert result["truth"] is False
+    assert {name for name, value in result["numbers"].items() if value is not None} == {"rcre"}
+    assert "truth_flow" in result["pictures"]
+
+
 def _picture(address: str) -> np.ndarray:
     kind, _, data = address.partition(",")
     assert kind == "data:image/png;base64"

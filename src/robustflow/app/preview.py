@@ -106,8 +106,7 @@ class Previewer:
         stage("corrupting")
         name, severity = wanted.corruption
         corruption = load_corruption(name, classes=source.classes)
-        if corruption.truth == "none":
-            sample = sample.without_truth()
+        measured = sample if corruption.truth == "unchanged" else sample.without_truth()
         corrupted = corrupt(*sample.frames[:2], corruption, severity, wanted.seed, sample.key, depth=sample.depth)
         clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")
@@ -119,12 +118,12 @@ class Previewer:
         return {
             "source": source.name,
             "size": [sample.shape[1], sample.shape[0]],
-            "truth": sample.flow is not None,
+            "truth": measured.flow is not None,
             "seconds": round(seconds, 3),
             "call": f"corrupt(frame1, frame2, {_described(wanted, source.classes)}, severity={severity}, "
             f"seed={wanted.seed}, key={sample.key!r}{', depth=depth' if corruption.needs_depth else ''})",
-            **_numbers(sample, flow, clean, name, severity),
-            **_pictures(sample, corrupted, flow, clean, wanted.frames),
+            **_numbers(measured, flow, clean, name, severity),
+            **_pictures(sample, measured, corrupted, flow, clean, wanted.frames),
         }
 
     def _clean_flow(self, wanted: PreviewRequest, sample: Sample, model: FlowModel, stage: Stage) -> Flow:
@@ -166,12 +165,12 @@ def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) 
 
 
 def _pictures(
-    sample: Sample, corrupted: tuple[Frame, ...], flow: Flow, clean: Flow, with_frames: bool
+    sample: Sample, measured: Sample, corrupted: tuple[Frame, ...], flow: Flow, clean: Flow, with_frames: bool
 ) -> dict[str, Any]:
     radius = flow_radius(clean) if sample.flow is None else flow_radius(sample.flow, sample.valid)
-    errors = epe_map(flow, clean if sample.flow is None else sample.flow)
-    if sample.valid is not None:
-        errors[~sample.valid] = np.nan
+    errors = epe_map(flow, clean if measured.flow is None else measured.flow)
+    if measured.valid is not None:
+        errors[~measured.valid] = np.nan
     pictures = {
         "corrupted1": corrupted[0],
         "corrupted2": corrupted[1],
