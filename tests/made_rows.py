@@ -14,8 +14,8 @@ from robustflow.digest import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
+from robustflow.runs.cells import Cells
 from robustflow.runs.identity import FrameIdentity, Identity
-from robustflow.runs.manifest import Selection
 from robustflow.runs.run import Run
 
 _CLEAN_SUMS = {
@@ -51,15 +51,7 @@ def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model
     """
     run = Run(base.path)
     change_identity(run, {"name": model} if isinstance(model, str) else model, **identity)
-    dirty = rows.filter(pl.col("corruption") != CLEAN)
-    change_manifest(
-        run,
-        samples=dict.fromkeys(rows["sample"].unique(maintain_order=True), ()),
-        selection=Selection(
-            corruptions=tuple(sorted(dirty["corruption"].unique())),
-            severities=tuple(sorted(dirty["severity"].unique())),
-        ),
-    )
+    change_plan(run, rows)
     run.rows = rows
     run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # other files of the folder do not describe these rows
     return run
@@ -69,6 +61,15 @@ def change_manifest(run: Run, **fields: Any) -> None:
     """Replace fields of the manifest that a run keeps in memory."""
     run.manifest = run.manifest.model_copy(update=fields)
     run.__dict__.pop("provenance", None)
+
+
+def change_plan(run: Run, rows: pl.DataFrame) -> None:
+    """Replace the plan in memory with every sample in the rows under every corruption and severity in them."""
+    dirty = rows.filter(pl.col("corruption") != CLEAN)
+    samples = tuple(rows["sample"].unique(maintain_order=True))
+    levels = tuple(sorted(dirty["severity"].unique()))
+    planned = Cells(samples=samples, corruptions=dict.fromkeys(sorted(dirty["corruption"].unique()), levels))
+    change_manifest(run, samples=dict.fromkeys(samples, ()), planned=(planned,))
 
 
 def change_identity(run: Run, model: dict[str, Any] | None = None, **fields: Any) -> None:

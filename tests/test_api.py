@@ -11,7 +11,7 @@ import skimage
 import robustflow as rf
 from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.runs.manifest import Selection
+from robustflow.runs.cells import Cells
 from tests.made_rows import change_identity
 
 
@@ -98,6 +98,6 @@ def test_compare_takes_runs_folders_and_nothing_else(result):
 
 def test_one_corruption_and_one_severity_need_no_list(tmp_path):
     run = rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities=3)
-    assert run.manifest.selection == Selection(corruptions=("contrast",), severities=(3,))
+    assert run.manifest.planned == (Cells(samples=("motorcycle",), corruptions={"contrast": (3,)}),)
     with pytest.raises(UsageError, match="severity '3' does not exist"):
         rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities="3")

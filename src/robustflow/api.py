@@ -36,6 +36,7 @@ class Result(Run):
 
     Args:
         folder: path of the run's folder.
+        asked: manifest of the part of the run that one call asked for; by default, everything in the folder.
 
     Raises:
         RunError: the folder contains no run, or one that this version cannot read.
@@ -85,7 +86,7 @@ class Result(Run):
 
     def write_report(self) -> None:
         """Write `report.html`, including any existing example pictures."""
-        write_report(self)
+        write_report(Run(self.path))
 
 
 def load_run(path: str | Path) -> Result:
@@ -142,9 +143,9 @@ def evaluate(
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
         corruptions, severities, limit: corruptions, severities (one or more each) and number of samples to run; a later
-            call with different values adds its rows to the same folder. A corruption is a name,
-            `"module.path:Attribute"`, or a user-defined class or object, whose source is part of the run's identity
-            (docs/add-your-corruption.md).
+            call with different values adds its rows to the same folder, and its result covers only what it asked for
+            (`load_run` reads the whole folder). A corruption is a name, `"module.path:Attribute"`, or a user-defined
+            class or object, whose source is part of the run's identity (docs/add-your-corruption.md).
         subset: "quick" for a small set of conditions whose ranking of models resembles that of the full set, for
             benchmarks that define one (kitti-fc); its means are marked as estimates. Cannot be combined with
             `corruptions`, `severities`, `attacks` or `still`.
@@ -189,7 +190,7 @@ def evaluate(
             finished)` and `advance(done)`.
 
     Returns:
-        The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
+        The `Result`, of what this call asked for: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
 
     Raises:
         UsageError, DataError, ModelError, RunError: see each class; finished rows are always kept.
@@ -207,6 +208,7 @@ def evaluate(
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runner.slider_pictures import capture_slider_pictures
+    from .runs.plan import asked_of
     from .runs.source import RunSource
     from .runs.store import RunFolder
 
@@ -248,10 +250,11 @@ def evaluate(
                 where = Path(data) if data is not None else None
                 options = with_absolute_paths(benchmark, data_options or {})
                 RunSource(setup.model.spec, where, options).write(folder.path)
-            _draw(Result(folder.path), keeping, examples)
+            whole = Result(folder.path)
+            _draw(whole, keeping, examples)
+            return Result(folder.path, asked_of(whole.manifest, setup.plan))
     finally:
         folder.unlock()
-    return Result(folder.path)
 
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
@@ -262,7 +265,7 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     from .runs.example_list import are_current, drop_examples
 
     result.write_means()
-    wanted = wanted and bool(result.manifest.selection.corruptions)  # example pictures do not show attacks
+    wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks
     try:
         keep_cost(result, setup.model.model)
         if wanted:

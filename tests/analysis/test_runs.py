@@ -19,8 +19,8 @@ from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.figures import page_figures
 from robustflow.report.site.headline import headline
+from robustflow.runs.cells import Cells
 from robustflow.runs.comparable import sample_set
-from robustflow.runs.manifest import Selection
 from robustflow.runs.run import Run
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, change_manifest, made_run
@@ -251,7 +251,7 @@ def test_runs_of_one_name_are_named_by_what_differs(runs):
 
 def test_runs_of_one_model_are_named_by_what_was_measured_or_by_digest_and_number(runs):
     dis, few, more, files, same = runs[0], *(_changed(runs[0]) for _ in range(4))
-    change_manifest(few, selection=Selection(corruptions=("contrast",), severities=(1, 3)))
+    change_manifest(few, planned=(Cells(samples=tuple(dis.manifest.samples), corruptions={"contrast": (1, 3)}),))
     assert run_names([dis, few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
     change_manifest(more, samples={**more.manifest.samples, "other": ()})
     assert run_names([dis, more]) == ["DIS (1 pair)", "DIS (2 pairs)"]

@@ -24,7 +24,7 @@ from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.run_results import comparison_note
 from robustflow.benchmarks import benchmark_facts, load_benchmark
 from robustflow.benchmarks.base import spread
-from robustflow.benchmarks.facts import BenchmarkFacts, QuickSubset
+from robustflow.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
 from robustflow.cli.main import app
 from robustflow.cli.tables import print_result
 from robustflow.corruptions.registry import FAMILIES, FURTHER, IMAGE_PAIR
@@ -307,12 +307,13 @@ def test_means_over_the_quick_subset_are_estimates_until_more_is_measured(tmp_pa
     facts = BenchmarkFacts(title="Mine", quick=chosen)
     mine = replace(load_benchmark("shapes", options={"pairs": 1, "size": "32x48"}), facts=facts)
     quick = rf.evaluate(ZeroFlow(), mine, output=tmp_path / "run", subset="quick")
-    assert quick.manifest.selection.corruptions == ("contrast",)
-    assert quick.manifest.selection.severities == (1, 3)
-    assert quick.manifest.selection.subset == "quick"
+    assert quick.manifest.corruptions == ("contrast",)
+    assert quick.manifest.severities == (1, 3)
+    assert estimate_remark(facts, quick.manifest.corruptions, quick.manifest.severities)
     measured = sample_set(quick)
     more = rf.evaluate(ZeroFlow(), mine, output=tmp_path / "run", corruptions=["contrast", "pixelate"], severities=[1])
-    assert more.manifest.selection.subset == ""
+    assert not estimate_remark(facts, more.manifest.corruptions, more.manifest.severities)
+    assert rf.load_run(tmp_path / "run").manifest.uneven
     assert sample_set(more) != measured
 
 

@@ -126,21 +126,6 @@ def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, 
     assert ",crer,average," in (tmp_path / "reproduced" / "fig4.csv").read_text()
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "says"),
-    [
-        (("contrast,fog", "1"), ("contrast", "1"), "corruptions fog"),
-        (("contrast", "1"), ("contrast", "3"), "severities 1"),
-    ],
-)
-def test_a_call_that_asks_for_less_than_a_run_contains_is_refused(robustflow, data, before, after, says):
-    """The averages would be over everything in the run, and some cells would be missing."""
-    call = ("reproduce", "tab2", "--data", data, "--models", "dis", "--limit", "1")
-    robustflow.prints(*call, "--corruptions", before[0], "--severities", before[1])
-    error = robustflow.refuses(*call, "--corruptions", after[0], "--severities", after[1])
-    assert f"kitti-fc/dis also contains {says}; ask for all of them, or choose another folder with --output" in error
-
-
 def test_a_variant_that_fails_is_missing_and_the_others_run(robustflow, data, tmp_path):
     (tmp_path / "ckpts").mkdir()
     (tmp_path / "ckpts" / "arflow-id.pth").write_bytes(b"<html>")

@@ -23,6 +23,7 @@ from robustflow.testing import ZeroFlow
 from .forge import assert_fails, at, entries_of, failure, put, sealed, verified, with_json, with_rows
 
 _FOG = (pl.col("corruption") == "fog") & (pl.col("severity") == 5)
+_PLANNED = ("planned", 0, "corruptions")
 
 
 def test_a_record_verifies_and_says_what_it_is_about(run, packed, tmp_path):
@@ -203,14 +204,16 @@ def test_rows_written_otherwise(packed, old, new):
 @pytest.mark.parametrize(
     ("path", "value", "check", "says"),
     [
-        (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is unknown"),
-        (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is unknown"),
-        (("selection", "corruptions"), ["fog", "contrast", "fog"], "cells", "selected twice"),
-        (("selection", "severities"), [0, 1, 5], "cells", "valid severities are 1 to 5"),
-        (("selection", "severities"), [1, 5, 6], "manifest", "less than or equal to 5"),
-        (("selection", "corruptions"), [], "manifest", "at least 1"),
-        (("left_out",), {"fog": [5]}, "cells", "the paper scale lacks []"),
-        (("left_out",), {"snow": [5]}, "cells", "not selected"),
+        ((*_PLANNED, "fogg"), [1], "cells", "'fogg' is unknown"),
+        ((*_PLANNED, "fog+"), [1], "cells", "'fog+' is unknown"),
+        ((*_PLANNED, "fog:2"), [1], "cells", "fog:2 is planned at severities [1]"),
+        ((*_PLANNED, "fog"), [0, 1, 5], "manifest", "greater than or equal to 1"),
+        ((*_PLANNED, "fog"), [1, 5, 6], "manifest", "less than or equal to 5"),
+        ((*_PLANNED, "fog"), [5, 1], "manifest", "ascending"),
+        (_PLANNED, {}, "manifest", "no corruption or attack"),
+        (("planned",), [], "manifest", "exactly one part"),
+        (("left_out",), {"fog": [5]}, "cells", "which the paper scale has"),
+        (("left_out",), {"fogg": [5]}, "cells", "'fogg' is unknown"),
         (("provenance", "setting"), "OOD", "training", "it should be knowledge"),
         (("provenance", "setting"), "best", "manifest", "provenance.setting"),
         (
@@ -227,7 +230,7 @@ def test_rows_written_otherwise(packed, old, new):
         (("schema",), True, "manifest", "schema"),
         (("unknown",), 1, "manifest", "unknown"),
         (("environment", "command"), ["robustflow"], "manifest", "environment.command"),
-        (("samples",), {}, "manifest", "samples"),
+        (("samples",), {}, "manifest", "every sample"),
         (("samples", "motorcycle"), [["a.png", "1"]], "manifest", "samples.motorcycle"),
         (("samples",), {"x" * 10_000: []}, "manifest", "10000 characters"),
         (("seconds",), {"wall": "1"}, "manifest", "seconds.wall"),
@@ -306,7 +309,8 @@ def test_an_endless_plan(packed):
 
     def edit(manifest):
         manifest["samples"] = {str(index): [] for index in range(20_000)}
-        manifest["selection"] = {"corruptions": [f"c{index}" for index in range(1000)], "severities": [1, 2, 3, 4, 5]}
+        every = {f"c{index}": [1, 2, 3, 4, 5] for index in range(1000)}
+        manifest["planned"] = [{"samples": list(manifest["samples"]), "corruptions": every}]
 
     assert_fails(with_json(packed, "manifest.json", edit), "manifest", "rows are planned")
 
@@ -373,7 +377,7 @@ def test_severities_that_a_scale_lacks(tmp_path):
     assert verified(data).ok
     without_fog = put("left_out", value={"fog": [5], **run.left_out})
     assert_fails(with_json(data, "manifest.json", without_fog), "cells", "fog was left out")
-    assert_fails(with_json(data, "manifest.json", lambda m: m.pop("left_out")), "cells")
+    assert_fails(with_json(data, "manifest.json", put(*_PLANNED, "saturate", value=[1, 5])), "cells", "is planned at")
 
 
 def test_nothing_is_left_behind(packed, tmp_path, monkeypatch):

@@ -104,7 +104,7 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
     assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"
-    assert result.manifest.selection.severities == (2,)
+    assert result.manifest.severities == (2,)
 
 
 def test_a_clean_flow_of_a_different_run_that_still_writes_into_the_folder_is_not_used(tmp_path):
@@ -142,7 +142,8 @@ def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
         rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
     assert rf.Result(folder).rows.equals(first.rows)
     more = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[2])
-    assert more.rows.height == 3
+    assert more.rows.height == 2
+    assert rf.load_run(folder).rows.height == 3
 
 
 def test_held_by_another_run(tmp_path):

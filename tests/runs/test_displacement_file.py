@@ -18,8 +18,8 @@ from robustflow.report.assemble import figures_of
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.runner.displacement import displacement_histogram
+from robustflow.runs.cells import Cells
 from robustflow.runs.displacement_file import read_displacement, write_displacement
-from robustflow.runs.manifest import Selection
 from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_manifest
@@ -124,7 +124,7 @@ def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
     assert list(displacements_of([run])) == ["demo, 1 pair (dis)"]
     assert list(displacements_of([run, kept])) == ["demo, 1 pair (ground truth)"]
     other = rf.Result(kept.path)
-    change_manifest(other, selection=Selection(corruptions=("fog",), severities=(1,)))
+    change_manifest(other, planned=(Cells(samples=tuple(kept.manifest.samples), corruptions={"fog": (1,)}),))
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 

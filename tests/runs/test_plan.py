@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.api import evaluate
+from robustflow.api import evaluate, load_run
 from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions.scale import calibration_digest
-from robustflow.runs.manifest import Manifest, Selection
-from robustflow.runs.plan import Plan, RunOptions, Unit, planned_attacks, planned_cells, unfinished_samples
+from robustflow.runs.cells import Cells
+from robustflow.runs.manifest import Manifest
+from robustflow.runs.plan import Plan, RunOptions, Unit, unfinished_samples
 from robustflow.testing import ZeroFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -26,9 +27,7 @@ def benchmark():
     return replace(demo, keys=("a", "b"), corruptions=("fog", FIXED), attacks=("square",))
 
 
-def _manifest(**fields):
-    selection = Selection(corruptions=("fog", FIXED), severities=(1, 3), attacks=("square",))
-    return Manifest.model_construct(**{"selection": selection, "samples": {"a": [], "b": []}, "left_out": {}} | fields)
+PLANNED = Cells(samples=("a", "b"), corruptions={"fog": (1, 3), FIXED: (4,)}, attacks={"square": (1, 3)})
 
 
 CELLS = [(key, name, severity) for key in "ab" for name, severity in (("clean", 0), ("fog", 1), ("fog", 3), (FIXED, 4))]
@@ -58,17 +57,18 @@ def test_missing_units_and_done_cells_are_the_whole_plan(benchmark, done):
 def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted(benchmark):
     whole = replace(benchmark, corruptions=("fog", "h264_crf"), attacks=())
     plan = Plan(whole, RunOptions(severity_scale="calibrated"), {})
-    assert plan.left_out() == {"h264_crf": [1, 3]}
+    assert plan.left_out() == {"h264_crf": (1, 3)}
     assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
     assert plan.count() == len(plan.units()) == 4
     assert Plan(whole, RunOptions(), {}).left_out() == {}
 
 
-def test_a_severity_that_the_scale_lacks_is_left_out_though_two_calls_asked_for_its_parts(tmp_path):
+def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_it_and_of_the_folder(tmp_path):
     options = {"output": tmp_path / "run", "severity_scale": "calibrated"}
-    evaluate(ZeroFlow(), corruptions=["saturate", "contrast"], severities=[1], **options)
+    evaluate(ZeroFlow(), corruptions=["saturate", "contrast"], severities=[1, 5], **options)
     run = evaluate(ZeroFlow(), corruptions=["contrast"], severities=[5], **options)
-    assert run.left_out == {"saturate": (5,)}
+    assert run.left_out == {}
+    assert load_run(tmp_path / "run").left_out == {"saturate": (5,)}
     assert run.summary.complete
 
 
@@ -82,15 +82,32 @@ def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_we
     assert (other.frames.common_draws, other.measuring.allow_invalid) == (True, True)
 
 
-def test_cells_of_a_manifest_are_those_of_its_plan():
-    assert list(planned_cells(_manifest())) == CELLS
-    assert list(planned_attacks(_manifest())) == ATTACKED
-    without = [cell for cell in CELLS if cell[1:] != ("fog", 3)]
-    assert list(planned_cells(_manifest(left_out={"fog": [3]}))) == without
+def test_cells_of_a_plan_are_listed_without_and_with_attacks(benchmark):
+    cells = Plan(benchmark, RunOptions(), {}).cells()
+    assert cells == PLANNED
+    assert list(cells.corrupted()) == CELLS
+    assert list(cells.attacked()) == ATTACKED
+    assert cells.count() == len([*CELLS, *ATTACKED])
 
 
 def test_a_sample_is_unfinished_while_any_row_of_it_is_missing():
-    assert unfinished_samples(_manifest(), {*CELLS, *ATTACKED}) == set()
-    assert unfinished_samples(_manifest(), set()) == {"a", "b"}
+    manifest = Manifest.model_construct(planned=(PLANNED,))
+    assert unfinished_samples(manifest, {*CELLS, *ATTACKED}) == set()
+    assert unfinished_samples(manifest, set()) == {"a", "b"}
     for cell in (*CELLS, *ATTACKED):
-        assert unfinished_samples(_manifest(), {*CELLS, *ATTACKED} - {cell}) == {cell[0]}
+        assert unfinished_samples(manifest, {*CELLS, *ATTACKED} - {cell}) == {cell[0]}
+
+
+@pytest.mark.parametrize(
+    ("planned", "uneven"),
+    [
+        ([PLANNED], False),
+        ([Cells(samples=("a",), corruptions={"fog": (1, 3), "snow": (1,)})], True),
+        ([Cells(samples=("a",), corruptions={"fog": (1, 3), "saturate": (1,)})], False),
+        ([Cells(samples=("a",), corruptions={"fog": (1,)}, attacks={"square": (3,)})], False),
+        ([Cells(samples=("a",), corruptions={"fog": (1,)}), Cells(samples=("b",), corruptions={"fog": (2,)})], True),
+    ],
+)
+def test_a_plan_is_uneven_if_corruptions_differ_in_severities_or_samples_unless_the_scale_lacks_them(planned, uneven):
+    manifest = Manifest.model_construct(planned=tuple(planned), left_out={"saturate": (3,)})
+    assert manifest.uneven == uneven

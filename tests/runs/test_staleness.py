@@ -108,7 +108,7 @@ def _double_errors(folder):
 
 
 def _edit_manifest(folder):
-    edit_manifest(folder, lambda manifest: {**manifest, "selection": {"corruptions": [], "severities": []}})
+    edit_manifest(folder, lambda manifest: {**manifest, "planned": [{"samples": list(manifest["samples"])}]})
 
 
 def _replace_cached(content):

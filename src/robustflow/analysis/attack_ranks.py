@@ -57,7 +57,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         RunError: the runs have no frames in common.
     """
     every = named_runs(runs)
-    named = {name: run for name, run in every.items() if run.attacks and run.manifest.selection.corruptions}
+    named = {name: run for name, run in every.items() if run.attacks and run.manifest.corruptions}
     if len(named) < 2:
         return []
     unranked = {name: why for name, why in zip(every, exclusions(runs), strict=True) if why}

@@ -9,10 +9,12 @@ import polars as pl
 
 from ..attacks.ball import GREY_LEVELS
 from ..attacks.registry import control_of, norm_of
+from ..metrics.rows import ROW_KEY
 from ..metrics.summary import Scores
 from ..runs.aggregate import summarize
 from ..runs.means import image_mean
 from ..runs.run import Run
+from ..runs.store import RunFolder
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
 """Iterative gradient-based attacks, which a gradient-free attack should not outperform."""
@@ -74,7 +76,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
     means = summarize(rows, paper=()).corruptions
     scores = []
     for name in names:
-        of_attack, spent = means[name], run.manifest.seconds.get(f"attack {name}")
+        of_attack, spent = means[name], _seconds(run, name)
         for place, severity in enumerate(of_attack.severities):
             mine = rows.filter(corruption=name, severity=severity)
             at: dict[str, Any] = {metric: values[place] for metric, values in of_attack.by_severity.items()}
@@ -94,12 +96,18 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     linf=_mean(mine, "attack_linf") or 0.0,
                     rms=_mean(mine, "attack_rms") or 0.0,
                     evaluations=_mean(mine, "attack_evaluations") or 0.0,
-                    seconds=None if spent is None else spent / rows.filter(corruption=name).height,
+                    seconds=spent,
                     warnings=counts,
                     **at,
                 )
             )
     return _compared(scores)
+
+
+def _seconds(run: Run, name: str) -> float | None:
+    """Return the time per attacked pair, over everything in the run's folder, which is what its manifest counts."""
+    spent, rows = run.manifest.seconds.get(f"attack {name}"), RunFolder(run.path).rows(ROW_KEY, name).height
+    return spent / rows if spent is not None and rows else None
 
 
 def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:

@@ -85,7 +85,7 @@ def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]
     excluded = dict(zip(named, exclusions(runs), strict=True))
     found = []
     for twins in TWINS:
-        having = {name: run for name, run in named.items() if set(twins) <= set(run.manifest.selection.corruptions)}
+        having = {name: run for name, run in named.items() if set(twins) <= set(run.manifest.corruptions)}
         if not having:
             continue
         metric = "rcre" if any(run.cre is None for run in having.values()) else "cre"

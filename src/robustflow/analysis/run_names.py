@@ -77,7 +77,7 @@ def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str
 def _facts(run: Run) -> Iterator[tuple[str, str]]:
     """Yield (key, description) of everything that may differ between runs with the same name, most informative
     first."""
-    identity, selection = run.manifest.identity, run.manifest.selection
+    identity, planned = run.manifest.identity, run.manifest
     yield "benchmark", benchmark_label(run.benchmark)
     yield "dataset", plain(identity.frames.dataset, _LONGEST_VALUE)
     trained_on = run.provenance.trained_on
@@ -90,8 +90,8 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     for part, words in recipe_in_words(run):
         if part not in ("benchmark", "dataset"):
             yield part, words
-    yield "corruptions", _named(selection.corruptions, "corruption")
-    yield "severities", "severities " + ", ".join(map(str, selection.severities or SEVERITIES))
+    yield "corruptions", _named(planned.corruptions, "corruption")
+    yield "severities", "severities " + ", ".join(map(str, planned.severities or SEVERITIES))
     yield "samples", counted(len(run.manifest.samples), "pair")
     yield "files", f"files {digest_of_value(dict(run.manifest.file_digests))[:_DIGITS]}"
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import estimate_remark, sample_noun, truth_remark
+from ..runs.cells import UNEVEN
 from ..runs.comparable import conditions_of, sample_set
 from ..text import counted, joined
 from .exclusion import exclusions
@@ -97,15 +98,24 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         what = joined(names) if 0 < len(names) <= _MOST_NAMED else counted(len(names), "corruption")
         papers = f", not the paper's {len(facts.paper_corruptions)}" if facts.published else ""
         remarks.append(f"average over {what}{papers}")
-    levels = sorted(run.manifest.selection.severities)
-    if set(levels) != set(facts.severities):
+    levels = run.manifest.severities
+    if run.manifest.uneven:
+        remarks.append(UNEVEN)
+    elif levels and set(levels) != set(facts.severities):
         remarks.append(f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))} only")
-    remarks.append(estimate_remark(facts, averaged, levels))
+    remarks.append(estimate_of(run))
     if frames.made_with["severity_scale"] != "paper":
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.summary.complete:
         remarks.append("not complete")
     return "; ".join(filter(None, remarks))
+
+
+def estimate_of(run: Run) -> str:
+    """Return the `estimate_remark` about a run's means."""
+    planned = run.manifest
+    facts = benchmark_facts(run.benchmark)
+    return "" if planned.uneven else estimate_remark(facts, planned.corruptions, planned.severities)
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:

@@ -11,7 +11,6 @@ from .options import Corruptions, Data, Device, Limit, Severities, names, number
 
 if TYPE_CHECKING:
     from ..api import Result
-    from ..benchmarks import Benchmark
     from ..report.table import Table
     from ..reproduce.artefacts import Artefact
     from ..reproduce.plan import Missing, Runnable
@@ -72,7 +71,6 @@ def reproduce(
     from ..atomic import make_folder
     from ..report.render import renderer
     from ..reproduce.artefacts import artefact_of, contents, data_hint
-    from ..reproduce.measure import check_selection
     from ..reproduce.plan import choose, plan_table, summary_sentence
     from ..reproduce.side_by_side import comparison_table, paper_alone
     from ..reproduce.variants import paper_variants
@@ -100,15 +98,15 @@ def reproduce(
     if not data.exists():
         raise UsageError(f"--data {data}: no such file or folder. {data_hint(artefact)}")
     part: dict[str, Any] = {"limit": limit, "corruptions": names(corruptions), "severities": numbers(severities)}
-    check_selection(choices, output, _narrowed(artefact, data, part))
+    _check_part(artefact, data, part)
     make_folder(output)
     options = {"data": data, "workers": workers, "batch_size": batch_size, **part}
     measured = _measured(artefact, choices, output, device, options)
     _show(artefact, measured, output, format)
 
 
-def _narrowed(artefact: "Artefact", data: Path, part: dict[str, Any]) -> "Benchmark":
-    """Return what is to be measured; raise if no variant could run, or if the paper has no values to compare with."""
+def _check_part(artefact: "Artefact", data: Path, part: dict[str, Any]) -> None:
+    """Raise if no variant could run on the data, or if the paper has no values to compare with."""
     from warnings import catch_warnings, simplefilter
 
     from ..benchmarks import load_benchmark
@@ -121,7 +119,6 @@ def _narrowed(artefact: "Artefact", data: Path, part: dict[str, Any]) -> "Benchm
         raise UsageError(
             f"the paper has no values for {', '.join(others)} on {chosen.name}; choose from {', '.join(published)}"
         )
-    return chosen
 
 
 def _measured(

@@ -19,12 +19,11 @@ from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.exclusion import exclusion_reasons
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.model_result import ModelResult, ranked
-from ..analysis.run_results import run_results
+from ..analysis.run_results import estimate_of, run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..atomic import write_bytes
-from ..benchmarks import benchmark_facts
-from ..benchmarks.facts import estimate_remark, sample_noun, truth_remark
+from ..benchmarks.facts import sample_noun, truth_remark
 from ..errors import UsageError, unknown_name
 from ..metrics.summary import METRICS, Scores
 from ..report.attack_table import attack_table
@@ -33,6 +32,7 @@ from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..report.run_tables import corruptions_table, runs_table, severities_table
 from ..report.table import Table, number_text
+from ..runs.cells import UNEVEN
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
 from ..text import counted, joined, plain
@@ -68,9 +68,10 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     elif metric != "all":
         print(for_stdout(severities_table(result, metric, f"{whose}, {metric}")), end="")
     console.print(_sentence(result))
-    selected = result.manifest.selection
-    if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
+    if estimate := estimate_of(result):
         console.print(f"This is {estimate}; it is ranked only against runs of the same subset.")
+    if result.manifest.uneven:
+        console.print(f"The means are over corruptions measured on unlike conditions: {UNEVEN}.")
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom, None)}\n{PHANTOM}")
     if moved := [plain(name) for name in summary.without_truth()]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import polars as pl
@@ -15,9 +15,8 @@ from ..errors import UsageError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
 from ..runs.manifest import Manifest
-from ..runs.plan import planned_attacks
+from ..runs.plan import lacking_levels
 from ..runs.provenance import Provenance
-from ..severity import SEVERITIES
 from ..text import plain
 
 _MOST_SHARED = 0.5
@@ -31,12 +30,12 @@ if TYPE_CHECKING:
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Return the problems found (unknown corruptions, unplanned or missing rows, ...) and a summary."""
     plan = reader.plan
-    problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan), *_attack_problems(plan)]
-    if not set(plan.selection.severities) <= set(SEVERITIES):
-        problems.append(f"severities {list(plan.selection.severities)}: valid severities are 1 to 5")
+    problems = _unknown({**dict.fromkeys(plan.corruptions), **plan.left_out}, plan)
+    problems = problems or [*_off_scale(plan), *_attack_problems(plan)]
     if problems:
         return problems, ""
-    planned, present = {*run.planned(), *planned_attacks(plan)}, set(reader.frame.select(ROW_KEY).iter_rows())
+    planned, present = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
+    planned |= {cell for part in plan.planned for cell in part.attacked()}
     extra, missing = present - planned, planned - present
     if extra:
         sample, corruption, severity = min(extra)
@@ -100,7 +99,7 @@ def _in_words(training: Provenance) -> str:
     return f"{training.setting} ({training.basis}), trained on {sets}{backbone}"
 
 
-def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
+def _unknown(names: Iterable[str], plan: Manifest) -> list[str]:
     """Find corruption names that are not from this package, an installed package, the identity's list of
     user-defined corruptions, or a benchmark that provides corrupted frames."""
     frames = plan.identity.frames
@@ -113,30 +112,26 @@ def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
             fits = False
         if not fits:
             out.append(f"corruption '{plain(name, 60)}' is unknown; install the package that provides it")
-    if len(set(names)) != len(names):
-        out.append("a corruption is selected twice")
     return out
 
 
 def _attack_problems(plan: Manifest) -> list[str]:
-    """Check that each attack is selected once, together with the random-noise baseline. Unknown attacks are already
+    """Check that every attack was planned together with the random-noise baseline. Unknown attacks are already
     rejected when the manifest is read."""
-    attacks = plan.selection.attacks
-    if len(set(attacks)) != len(attacks):
-        return ["an attack is selected twice"]
-    if attacks and not set(CONTROLS) <= set(attacks):
-        return [f"the attacks lack {' and '.join(CONTROLS)}, which every run with attacks includes"]
+    for part in plan.planned:
+        levels = {level for of_attack in part.attacks.values() for level in of_attack}
+        if any(not levels <= {*part.attacks.get(control, ())} for control in CONTROLS):
+            return [f"the attacks lack {' or '.join(CONTROLS)}, which every run with attacks includes"]
     return []
 
 
-def _left_out(plan: Manifest) -> list[str]:
-    """Check that the severities left out are exactly those that the calibrated scale lacks."""
-    scale, severities = plan.identity.frames.scale, plan.selection.severities
-    for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
-        if name not in plan.selection.corruptions or _unknown([name], plan):
-            return [f"left_out contains '{plain(name, 60)}', which was not selected"]
-        lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
-        left_out = list(plan.left_out.get(name, ()))
-        if left_out != lacking:
-            return [f"{name} was left out at severities {left_out}, but the {scale} scale lacks {lacking}"]
+def _off_scale(plan: Manifest) -> list[str]:
+    """Check that the planned severities exist on the severity scale, and that those left out do not."""
+    scale = plan.identity.frames.scale
+    for name, levels in (item for part in plan.planned for item in part.corruptions.items()):
+        if levels_of(name, levels, scale) != levels:
+            return [f"{plain(name, 60)} is planned at severities {list(levels)}, some of which the {scale} scale lacks"]
+    for name, levels in plan.left_out.items():
+        if lacking_levels(name, levels, scale) != levels:
+            return [f"{plain(name, 60)} was left out at severities {list(levels)}, which the {scale} scale has"]
     return []

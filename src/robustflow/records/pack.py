@@ -12,7 +12,6 @@ from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
 from ..layout import user_path
 from ..runs.costs import PROFILE, read_cost
-from ..runs.plan import planned_attacks
 from ..sealed import sealed
 from .container import container_bytes, read_file
 from .contents import PackedEntry, Record, parsed, shareable_manifest
@@ -95,9 +94,9 @@ def record_bytes(
 ) -> bytes:
     """Return the bytes of the file that `pack` writes."""
     manifest = shareable_manifest(run.manifest, keep_paths)
-    attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.selection.attacks))
+    attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
     missing = sum(len(units.samples) for units in run.summary.missing)
-    missing += len(list(planned_attacks(manifest))) - attacked.height
+    missing += sum(len(list(part.attacked())) for part in manifest.planned) - attacked.height
     if missing and not partial:
         raise RunError(
             f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "

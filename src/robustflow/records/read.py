@@ -65,7 +65,7 @@ class Reader:
     def attacks(self) -> tuple[str, ...]:
         """Return the attacks of the run; empty before the `manifest` step."""
         plan = getattr(self, "plan", None)
-        return () if plan is None else plan.selection.attacks
+        return () if plan is None else plan.attacks
 
     def container(self) -> str:
         """Check that the file is a zip with exactly the entries of a record, uncompressed."""
@@ -129,11 +129,9 @@ class Reader:
     def _check_extent(self) -> None:
         """Check that at least one corruption or attack of one sample is planned, and that a record can contain all
         rows."""
-        selection = self.plan.selection
-        if not (self.plan.samples and (selection.corruptions or selection.attacks) and selection.severities):
-            raise DataError("manifest.json: samples, corruptions or attacks, and severities must have at least 1 entry")
-        conditions = len(selection.corruptions) + len(selection.attacks)
-        planned = len(self.plan.samples) * (1 + conditions * len(selection.severities))
+        if not any(part.corruptions or part.attacks for part in self.plan.planned):
+            raise DataError("manifest.json: no corruption or attack of a sample is planned")
+        planned = sum(part.count() for part in self.plan.planned)
         if planned > MOST_ROWS:
             raise DataError(f"manifest.json: {planned} rows are planned; the limit for a record is {MOST_ROWS}")
 

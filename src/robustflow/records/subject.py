@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..benchmarks.facts import truth_remark
+from ..runs.cells import UNEVEN
 from ..text import counted, plain
 from ..validated import Frozen
 
@@ -20,6 +21,7 @@ class Subject(Frozen):
         model, benchmark: names of the model and the benchmark, safe to print.
         truth: a remark about unusual ground truth, or "".
         pairs, corruptions, severities: number of pairs, corruptions and severities evaluated.
+        uneven: whether not all of their combinations were evaluated, see `Manifest.uneven`.
         setting: the setting that follows from the training sets: OOD, ID, LEAKED, ...
         epe_clean, epe, cre, rcre: scores in pixels; None without ground truth. `crer` is a ratio.
     """
@@ -30,6 +32,7 @@ class Subject(Frozen):
     pairs: int
     corruptions: int
     severities: int
+    uneven: bool = False
     setting: str
     epe_clean: float | None
     epe: float | None
@@ -50,6 +53,7 @@ class Subject(Frozen):
         on = f"{self.benchmark}, {self.truth}" if self.truth else self.benchmark
         pairs, corruptions = counted(self.pairs, "pair"), counted(self.corruptions, "corruption")
         extent = f"{pairs} x {corruptions} x {counted(self.severities, 'severity', 'severities')}"
+        extent += f" ({UNEVEN})" if self.uneven else ""
         return f"{self.model} on {on} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 
@@ -61,8 +65,9 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
         benchmark=plain(run.benchmark),
         truth=truth_remark(plan.identity.frames.protocol),
         pairs=summary.samples,
-        corruptions=len(plan.selection.corruptions),
-        severities=len(plan.selection.severities),
+        corruptions=len(plan.corruptions),
+        severities=len(plan.severities),
+        uneven=plan.uneven,
         setting=run.setting,
         epe_clean=summary.epe_clean,
         epe=summary.epe,

@@ -8,49 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..api import Result, evaluate
-from ..benchmarks import Benchmark
-from ..errors import RobustFlowError, RunError, UsageError
-from ..runs.store import RunFolder
-from ..text import first_of
+from ..errors import RobustFlowError
 from .artefacts import Artefact
 from .plan import Missing, Runnable
-
-_MOST_NAMED = 4
-
-
-def check_selection(choices: Sequence[Runnable | Missing], output: Path, chosen: Benchmark) -> None:
-    """Check that existing runs contain only what is asked for now; a run is extended to it, but never reduced, so its
-    averages would be over more than was asked for.
-
-    Args:
-        choices: result of `plan.choose`.
-        output: folder as for `measure_variants`.
-        chosen: benchmark with the pairs, corruptions and severities to measure.
-
-    Raises:
-        UsageError: a run contains more.
-    """
-    for choice in choices:
-        if isinstance(choice, Missing):
-            continue
-        folder = output / chosen.name / choice.folder
-        try:
-            manifest = RunFolder(folder).manifest()
-        except RunError:
-            continue  # reported when the variant is evaluated
-        if manifest is None:
-            continue
-        selection = manifest.selection
-        for what, there, asked in (
-            ("pairs", manifest.samples, chosen.keys),
-            ("corruptions", selection.corruptions, chosen.corruptions),
-            ("severities", selection.severities, chosen.severities),
-        ):
-            if more := [str(name) for name in there if name not in asked]:
-                raise UsageError(
-                    f"the run in {folder} also contains {what} {first_of(more, _MOST_NAMED)}; ask for all of them, or "
-                    "choose another folder with --output"
-                )
 
 
 def measure_variants(

@@ -58,7 +58,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     """Compare a variant's run with the published values over the same corruptions."""
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
     here = _over(run_results([run], beside_published=True)[0], measured)
-    levels = run.manifest.selection.severities
+    levels = run.manifest.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
     notes = (

@@ -13,9 +13,11 @@ from ..attacks.result import Attacked
 from ..benchmarks import Benchmark
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
+from ..metrics.error_maps import epe_map
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
-from ..runs.plan import Cell, RunOptions
+from ..runs.cells import Cell
+from ..runs.plan import RunOptions
 from ..sample import Flow, Sample
 from .attack_training import attacks_in_run, training_digest
 from .seconds import Seconds, timed
@@ -121,7 +123,7 @@ def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
     capped = median = None
     if sample.flow is not None and sample.valid is not None:
         usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid
-        error = np.hypot(*np.moveaxis((attacked.flow - sample.flow).astype(np.float64), -1, 0))[usable]
+        error = epe_map(attacked.flow, sample.flow)[usable]
         capped = float(np.minimum(error, np.hypot(*sample.shape)).sum())
         median = float(np.median(error)) if error.size else None
     return {

@@ -14,9 +14,9 @@ from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
 from ..errors import DataError, RunError, UsageError, unknown_name
 from ..images.io import jpeg_bytes, shrunk
 from ..models.base import describe_cell
+from ..runs.cells import Cell
 from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH, are_current, drop_examples, example_list
-from ..runs.plan import Cell
 from ..runs.run import Run
 from .attack_again import with_attack
 from .setup import Setup

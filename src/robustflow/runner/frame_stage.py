@@ -16,7 +16,8 @@ from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
 from ..models.base import describe_cell
 from ..models.window import place_of_pair
-from ..runs.plan import Cell, RunOptions
+from ..runs.cells import Cell
+from ..runs.plan import RunOptions
 from ..sample import Frame, Sample, SceneDepth
 from .frames_digest import frames_digest
 from .memory import memory_errors_named

@@ -14,7 +14,8 @@ from ..metrics.error_maps import error_sum
 from ..metrics.rows import CLEAN, measure
 from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
-from ..runs.plan import Cell, RunOptions
+from ..runs.cells import Cell
+from ..runs.plan import RunOptions
 from ..runs.sealed_array import read_array, write_array
 from ..sample import Flow, Mask
 from .clean_row_check import check_same_data, check_same_model

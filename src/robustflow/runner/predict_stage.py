@@ -34,7 +34,7 @@ from ..sample import Flow, Frame
 from .seconds import Seconds, timed
 
 if TYPE_CHECKING:  # a process that only predicts does not import the modules that plans need
-    from ..runs.plan import Cell
+    from ..runs.cells import Cell
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from ..datasets.base import Dataset
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
 from ..models.confidence import Answer, flow_of
-from ..runs.plan import Cell, RunOptions, Unit
+from ..runs.cells import Cell
+from ..runs.plan import RunOptions, Unit
 from ..sample import Flow, Frame, Sample
 from ..threads import one_opencv_thread
 from .attack_stage import AttackStage, attack_columns

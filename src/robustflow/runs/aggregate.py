@@ -21,6 +21,7 @@ from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
+from .cells import Cell
 from .family_means import grouped_by_family
 from .means import (
     WHOLE,
@@ -31,7 +32,6 @@ from .means import (
     mean_scores,
     scores_by_condition,
 )
-from .plan import Cell
 
 _REGION_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")
 _NEEDS: tuple[tuple[str, str], ...] = (

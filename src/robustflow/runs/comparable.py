@@ -23,6 +23,7 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..metrics.summary import has_gaps
 from ..text import counted, first_of, joined, plain
+from .cells import UNEVEN
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
@@ -234,8 +235,9 @@ def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
         else:
             more = sorted(names - everywhere)
             words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
-        levels = run.summary.severities() or run.manifest.selection.severities  # a run of attacks alone has no means
+        levels = run.summary.severities() or run.manifest.severities  # a run of attacks alone has no means
         words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
+        words["severities"] += f" ({UNEVEN})" if run.manifest.uneven else ""
         words["complete"] = "every planned row" if run.summary.complete else "rows missing"
         out.append({name: plain(value, 120) for name, value in words.items()})
     return out

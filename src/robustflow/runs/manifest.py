@@ -9,36 +9,27 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, JsonValue, ValidationError
+from pydantic import ConfigDict, Field, JsonValue, ValidationError, model_validator
 
 from ..attacks.registry import SHIPPED, split_name
+from ..corruptions.stack import levels_of
 from ..errors import RunError, first_misfit
 from ..links import not_a_link
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..sealed import sealed
 from ..text import plain
 from ..validated import Untrusted
+from .cells import Cells, Levels, union
 from .environment import Environment
 from .identity import IDENTITY_VERSION, LONGEST_NAME, Identity, Text
 from .provenance import Provenance
 
-MANIFEST_SCHEMA = 3
+MANIFEST_SCHEMA = 4
 _DEEPEST = 60
 
-_Severity = Annotated[int, Field(ge=0, le=5)]
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
-
-
-class Selection(Untrusted):
-    """Requested corruptions, attacks and severities; `subset` is "quick" for a benchmark's quick subset, whose means
-    are estimates."""
-
-    corruptions: tuple[Text, ...] = ()
-    attacks: tuple[Text, ...] = ()
-    severities: Annotated[tuple[_Severity, ...], Field(max_length=5)] = ()
-    subset: Literal["", "quick"] = ""
 
 
 class Clip(Untrusted):
@@ -59,7 +50,7 @@ class Manifest(Untrusted):
         samples: name and size in bytes of each file, by sample key.
         file_digests: digest of each file, by sample key.
         provenance: training data of the model.
-        selection: requested corruptions, attacks and severities.
+        planned: cells that some call asked for; every sample is in exactly one part.
         left_out: requested severities that do not exist on the severity scale, by corruption.
         name: name of the model in tables and figures, if one was given.
         started, finished: start and end times in UTC; `finished` is None until the run is finished.
@@ -74,8 +65,8 @@ class Manifest(Untrusted):
     samples: dict[Text, tuple[tuple[str, int], ...]]
     file_digests: dict[Text, tuple[_Digest, ...]] = {}
     provenance: Provenance
-    selection: Selection
-    left_out: dict[Text, tuple[_Severity, ...]] = {}
+    planned: tuple[Cells, ...]
+    left_out: dict[Text, Levels] = {}
     name: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
     started: str
     finished: str | None
@@ -83,6 +74,44 @@ class Manifest(Untrusted):
     environment: Environment
     places: dict[str, int] = {}
     clips: tuple[Clip, ...] = ()
+
+    @model_validator(mode="after")
+    def _samples_fit(self) -> Manifest:
+        planned = [key for part in self.planned for key in part.samples]
+        if len(planned) != len(self.samples) or set(planned) != self.samples.keys():
+            raise ValueError("every sample must be in exactly one part of the plan")
+        return self
+
+    @property
+    def corruptions(self) -> tuple[str, ...]:
+        """The corruptions of the plan."""
+        return tuple(dict.fromkeys(name for part in self.planned for name in part.corruptions))
+
+    @property
+    def attacks(self) -> tuple[str, ...]:
+        """The attacks of the plan."""
+        return tuple(dict.fromkeys(name for part in self.planned for name in part.attacks))
+
+    @property
+    def severities(self) -> tuple[int, ...]:
+        """The requested severities, ascending, without that of a stack that exists at a single one."""
+        return tuple(sorted({level for levels in self._levels() for level in levels}))
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the corruptions were requested at different severities or on different samples, so that a mean over
+        them mixes unlike conditions."""
+        corruptions = [part.corruptions for part in self.planned]
+        return any(other != corruptions[0] for other in corruptions) or len(self._levels(attacks=False)) > 1
+
+    def _levels(self, attacks: bool = True) -> set[frozenset[int]]:
+        """Return the sets of severities at which conditions were requested."""
+        return {
+            frozenset((*levels, *self.left_out.get(name, ())))
+            for part in self.planned
+            for name, levels in (*part.corruptions.items(), *(part.attacks.items() if attacks else ()))
+            if name in part.attacks or not levels_of(name, ())
+        }
 
     @classmethod
     def read(cls, content: dict[str, Any]) -> Manifest:
@@ -106,15 +135,24 @@ class Manifest(Untrusted):
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
-        known = tuple(name for name in self.selection.attacks if split_name(name)[0] in SHIPPED)
-        selection = self.selection.model_copy(update={"attacks": known})
-        return self.model_copy(update={"environment": environment, "places": {}, "selection": selection})
+        planned = union(part.model_copy(update={"attacks": _shipped(part.attacks)}) for part in self.planned)
+        return self.model_copy(update={"environment": environment, "places": {}, "planned": planned})
 
     def without(self, keys: Collection[str]) -> Manifest:
         """Return the manifest without some of the samples."""
-        samples = {key: files for key, files in self.samples.items() if key not in keys}
-        digests = {key: each for key, each in self.file_digests.items() if key not in keys}
-        return self.model_copy(update={"samples": samples, "file_digests": digests})
+        left = (part.among(key for key in part.samples if key not in keys) for part in self.planned)
+        return self.restricted(union(left), self.left_out)
+
+    def restricted(self, planned: tuple[Cells, ...], left_out: Mapping[str, tuple[int, ...]]) -> Manifest:
+        """Return the manifest of a run of only some of the cells."""
+        keys = [key for part in planned for key in part.samples]
+        update = {
+            "samples": {key: self.samples[key] for key in keys},
+            "file_digests": {key: self.file_digests[key] for key in keys if key in self.file_digests},
+            "planned": planned,
+            "left_out": dict(left_out),
+        }
+        return self.model_copy(update=update).judged()
 
     def judged(self) -> Manifest:
         """Return the manifest with its provenance updated for all samples of the run, including those added by a later
@@ -122,6 +160,10 @@ class Manifest(Untrusted):
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
         return self.model_copy(update={"provenance": provenance})
+
+
+def _shipped(attacks: Mapping[str, Levels]) -> dict[str, Levels]:
+    return {name: levels for name, levels in attacks.items() if split_name(name)[0] in SHIPPED}
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..benchmarks.base import Benchmark
-from ..benchmarks.facts import estimate_remark, moving_name
+from ..benchmarks.facts import moving_name
 from ..corruptions.stack import needs_depth
 from ..datasets.base import Depths, FromClips, PreCorrupted
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
+from .cells import merged_levels, union
 from .environment import environment
 from .file_digests import check_listed, file_digests, is_under_a_list
 from .identity import Identity
-from .manifest import Manifest, Selection
+from .manifest import Manifest
 from .plan import Plan
 from .sample_files import files_of_sample
 from .store import RunFolder
@@ -44,7 +43,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     samples = {key: tuple((name, stat.st_size) for name, stat in _stats(paths)) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
-    chosen = plan.benchmark
     without = {key: len(_files(plan, key, None)) for key in files}
     changed = sorted(
         key
@@ -57,20 +55,13 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             f"{folder.path} was made from different files for sample '{changed[0]}' ({len(changed)} differ); "
             "choose another folder with --output"
         )
-    selection = _selection(
-        chosen,
-        dict.fromkeys((*old.selection.corruptions, *chosen.corruptions)),
-        dict.fromkeys((*old.selection.attacks, *chosen.attacks)),
-        {*old.selection.severities, *chosen.severities},
-    )
-    both = replace(chosen, corruptions=selection.corruptions, severities=selection.severities)
     return old.model_copy(
         update={
             "samples": old.samples | samples,
             "file_digests": old.file_digests | digests,
             "provenance": old.provenance if plan.provenance.basis == "undeclared" else plan.provenance,
-            "selection": selection,
-            "left_out": {name: tuple(levels) for name, levels in replace(plan, benchmark=both).left_out().items()},
+            "planned": union((*old.planned, plan.cells())),
+            "left_out": merged_levels(old.left_out, plan.left_out()),
             "name": plan.name or old.name,
             "finished": None,
             "environment": environment(),
@@ -85,21 +76,10 @@ def _empty(plan: Plan, identity: Identity) -> Manifest:
         identity_digest=identity.digest(),
         samples={},
         provenance=plan.provenance,
-        selection=Selection(),
+        planned=(),
         started=now(),
         finished=None,
         environment=environment(),
-    )
-
-
-def _selection(
-    benchmark: Benchmark, corruptions: Collection[str], attacks: Iterable[str], severities: Collection[int]
-) -> Selection:
-    return Selection(
-        corruptions=tuple(corruptions),
-        attacks=tuple(attacks),
-        severities=tuple(sorted(severities)),
-        subset="quick" if estimate_remark(benchmark.facts, corruptions, severities) else "",
     )
 
 
@@ -164,7 +144,7 @@ def _files(plan: Plan, key: str, depths: Depths | None) -> list[Path]:
 
 def _depths_read(plan: Plan, manifest: Manifest | None = None) -> Depths | None:
     """Return the source of the depth that a plan, or the run that it continues, reads; None if neither reads depth."""
-    earlier = manifest.selection.corruptions if manifest is not None else ()
+    earlier = manifest.corruptions if manifest is not None else ()
     return plan.benchmark.depths if any(map(needs_depth, (*earlier, *plan.benchmark.corruptions))) else None
 
 

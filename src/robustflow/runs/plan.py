@@ -19,12 +19,10 @@ from ..corruptions.stack import levels_of
 from ..datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
+from .cells import Cell, Cells
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity
 from .manifest import Manifest
 from .provenance import UNDECLARED, Provenance
-
-Cell = tuple[str, str, int]
-"""The sample key, corruption and severity of a row."""
 
 
 @dataclass(frozen=True)
@@ -108,19 +106,22 @@ class Plan:
         return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
 
     def _conditions(self) -> list[tuple[str, tuple[int, ...]]]:
-        return [(CLEAN, (0,)), *((name, levels) for name, levels in self._levels().items() if levels)]
+        cells = self.cells()
+        return [(CLEAN, (0,)), *cells.corruptions.items(), *cells.attacks.items()]
 
-    def left_out(self) -> dict[str, list[int]]:
+    def cells(self) -> Cells:
+        """Return the cells of a complete run."""
+        chosen, scale = self.benchmark, self.options.severity_scale
+        levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
+        corruptions = {name: of_name for name, of_name in levels.items() if of_name}
+        attacks = dict.fromkeys(chosen.attacks, chosen.severities)
+        return Cells(samples=tuple(chosen.keys), corruptions=corruptions, attacks=attacks)
+
+    def left_out(self) -> dict[str, tuple[int, ...]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
-        asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
-        levels_here = self._levels()
-        gone = {name: sorted(set(levels) - set(levels_here[name])) for name, levels in asked.items()}
-        return {name: levels for name, levels in gone.items() if levels}
-
-    def _levels(self) -> dict[str, tuple[int, ...]]:
-        scale, severities = self.options.severity_scale, self.benchmark.severities
-        corruptions = {name: levels_of(name, severities, scale) for name in self.benchmark.corruptions}
-        return corruptions | dict.fromkeys(self.benchmark.attacks, severities)
+        levels = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
+        lacking = {name: lacking_levels(name, of_name, self.options.severity_scale) for name, of_name in levels.items()}
+        return {name: of_name for name, of_name in lacking.items() if of_name}
 
     def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
         """Return the planned units that are not done yet."""
@@ -167,27 +168,25 @@ class Plan:
         return self.identity().digest()
 
 
-def planned_cells(manifest: Manifest) -> Iterator[Cell]:
-    """Return every (sample, corruption, severity) of a complete run, without attacks; clean rows as (sample, "clean",
-    0)."""
-    selection = manifest.selection
-    conditions = [(CLEAN, 0)]
-    for name in selection.corruptions:
-        levels = levels_of(name, selection.severities)
-        conditions += [(name, level) for level in levels if level not in manifest.left_out.get(name, ())]
-    return ((key, name, level) for key in manifest.samples for name, level in conditions)
-
-
 def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
     """Return the samples for which a run lacks a row, including rows of attacks."""
-    return {cell[0] for cell in chain(planned_cells(manifest), planned_attacks(manifest)) if cell not in cells}
+    parts = manifest.planned
+    return {cell[0] for part in parts for cell in chain(part.corrupted(), part.attacked()) if cell not in cells}
 
 
-def planned_attacks(manifest: Manifest) -> Iterator[Cell]:
-    """Return every (sample, attack, severity) of a complete run."""
-    selection = manifest.selection
-    conditions = [(name, level) for name in selection.attacks for level in selection.severities]
-    return ((key, name, level) for key in manifest.samples for name, level in conditions)
+def asked_of(manifest: Manifest, plan: Plan) -> Manifest:
+    """Return the part of a run's manifest that one plan asks for: the manifest of an equal run without other cells."""
+    return manifest.restricted((plan.cells(),), plan.left_out())
+
+
+def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:
+    """Return those of a corruption's severities that do not exist on a severity scale.
+
+    >>> lacking_levels("saturate", (1, 5), "calibrated"), lacking_levels("saturate", (1, 5), "paper")
+    ((5,), ())
+    """
+    exist = levels_of(name, tuple(severities), scale)
+    return tuple(level for level in severities if level not in exist)
 
 
 def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:

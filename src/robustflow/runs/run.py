@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,8 +21,8 @@ from ..models.catalog import methods
 from ..text import counted, plain
 from .aggregate import summarize, summary_in_order
 from .cached_values import CachedValues
+from .cells import UNEVEN, Cell
 from .manifest import Manifest
-from .plan import Cell, planned_cells
 from .provenance import Provenance
 from .staleness import is_current, source_digest, write_made
 from .store import RunFolder
@@ -36,6 +37,8 @@ class Run:
 
     Args:
         folder: path of the run's folder.
+        asked: manifest of the part of the run that one call asked for (`robustflow.runs.plan.asked_of`); by default,
+            the results are those of everything in the folder.
 
     Attributes:
         record: SHA-256 of the verified record from which the folder was unpacked; "" if the folder was not.
@@ -46,10 +49,11 @@ class Run:
 
     record = ""
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(self, folder: str | Path, asked: Manifest | None = None) -> None:
         self._folder = RunFolder(folder)
         self.path = self._folder.path
-        manifest = self._folder.manifest()
+        self._asked = asked
+        manifest = asked or self._folder.manifest()
         if manifest is None:
             raise RunError(f"{self.path} is not a run folder (it has no manifest.json); give a folder written by 'run'")
         self.manifest: Manifest = manifest
@@ -58,8 +62,7 @@ class Run:
     def rows(self) -> pl.DataFrame:
         """Return one row per (sample, corruption, severity), with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
         Rows of attacks are in `attack_rows`, so that no mean over corruptions includes them."""
-        rows = self._every_row()
-        return rows.filter(~pl.col("corruption").is_in(self.attacks)) if self.attacks else rows
+        return self._every_row().filter(self._is_corruption())
 
     @property
     def attack_rows(self) -> pl.DataFrame:
@@ -67,14 +70,22 @@ class Run:
         rows."""
         return self._every_row().filter(pl.col("corruption").is_in([CLEAN, *self.attacks]))
 
+    def _is_corruption(self) -> pl.Expr:
+        return ~pl.col("corruption").is_in(self.attacks)
+
     @property
     def attacks(self) -> list[str]:
         """Return the attacks of this run, controls first."""
-        return list(self.manifest.selection.attacks)
+        return list(self.manifest.attacks)
 
     def _every_row(self) -> pl.DataFrame:
         _ = self.rows_digest  # computed first, so that rows written in between do not match the digest
-        return self._folder.rows()
+        return self._folder.rows().filter(self._is_asked())
+
+    def _is_asked(self) -> pl.Expr:
+        return (
+            pl.lit(True) if self._asked is None else pl.any_horizontal(part.contain() for part in self._asked.planned)
+        )
 
     @cached_property
     def rows_digest(self) -> str:
@@ -99,11 +110,11 @@ class Run:
         if "rows" not in self.__dict__:
             _ = self.rows_digest  # computed before the rows are read, as in `_every_row`
             try:
-                rows = self._folder.scan().filter(~pl.col("corruption").is_in(self.attacks))
-                return summarize(rows, averaging, planned_cells(self.manifest), paper=paper)
+                rows = self._folder.scan().filter(self._is_asked() & self._is_corruption())
+                return summarize(rows, averaging, self._planned(), paper=paper)
             except (RobustFlowError, FileNotFoundError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
                 pass  # merged in the meantime, duplicated by a crash, or damaged: reading `rows` reports the cause
-        return summarize(self.rows, averaging, planned_cells(self.manifest), paper=paper)
+        return summarize(self.rows, averaging, self._planned(), paper=paper)
 
     @property
     def epe_clean(self) -> float | None:
@@ -181,8 +192,11 @@ class Run:
         return "\n".join(_lines(self))
 
     def write_means(self) -> None:
-        """Write `summary.json`, unless the existing one was made from these rows."""
-        if not is_current(self.path, SUMMARY, self._source):
+        """Write `summary.json`, the means over everything in the folder, unless the existing one was made from these
+        rows."""
+        if self._asked is not None:
+            Run(self.path).write_means()
+        elif not is_current(self.path, SUMMARY, self._source):
             write_made(self.path, SUMMARY, json_bytes(self.document()), self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
@@ -202,6 +216,8 @@ class Run:
     def keep(self) -> None:
         """Store the means and the values computed so far with the run, if its folder is writable; a page about
         many runs then does not need to read their rows."""
+        if self._asked is not None:
+            return  # the folder's files describe all its rows
         try:
             self.write_means()
             self._cached.write()
@@ -231,7 +247,10 @@ class Run:
 
     def planned(self) -> list[Cell]:
         """Return every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
-        return list(planned_cells(self.manifest))
+        return list(self._planned())
+
+    def _planned(self) -> Iterator[Cell]:
+        return chain.from_iterable(part.corrupted() for part in self.manifest.planned)
 
 
 def _lines(run: Run) -> list[str]:
@@ -257,4 +276,5 @@ def _lines(run: Run) -> list[str]:
     summary = run.summary
     complete = "" if summary.complete else "not complete: "
     over = ", ".join(map(plain, summary.averaged_over)) or "nothing yet"
+    over += f" ({UNEVEN})" if run.manifest.uneven else ""
     return [head, ", ".join(means) or "nothing measured", f"{complete}mean over {over}", plain(str(run.path), None)]

@@ -24,7 +24,7 @@ from ..digest import digest_of_bytes, digest_of_value
 from ..errors import RunError
 from ..links import not_a_link
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
-from .plan import Cell
+from .cells import Cell
 
 PACK = "pack"
 """Name of a shard of many samples; differs from every sample's name, which ends in a hyphen and eight digits."""

@@ -28,8 +28,9 @@ from ..layout import user_path
 from ..links import refuse_links
 from ..metrics.rows import CLEAN, rows_frame
 from ..sealed import sealed
+from .cells import Cell
 from .manifest import Manifest, read_manifest
-from .plan import Cell, Unit
+from .plan import Unit
 from .shards import (
     PACK,
     cells_of,

@@ -124,7 +124,7 @@ def _run_facts(run: Run) -> Facts:
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
         ("Samples", str(len(manifest.samples))),
         ("Difference from the paper" if published else "Measured on", comparison_note(run)),
-        ("Severities", ", ".join(map(str, manifest.selection.severities))),
+        ("Severities", ", ".join(map(str, manifest.severities))),
         ("Severity scale", str(frames.made_with["severity_scale"])),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),
         ("Seed", str(frames.made_with["seed"])),

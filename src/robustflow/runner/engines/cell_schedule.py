@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...metrics.rows import CLEAN
-from ...runs.plan import Cell, Unit
+from ...runs.cells import Cell
+from ...runs.plan import Unit
 from .base import FinishedUnit
 
 

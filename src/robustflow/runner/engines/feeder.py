@@ -10,7 +10,7 @@ import numpy as np
 
 from ...metrics.rows import CLEAN
 from ...models.confidence import CHANNELS, Answer
-from ...runs.plan import Cell
+from ...runs.cells import Cell
 from ...sample import Frame
 from ..frame_stage import FrameStage, Loaded
 from ..measure_stage import MeasureStage

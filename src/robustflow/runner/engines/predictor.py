@@ -14,7 +14,7 @@ from ..seconds import no_seconds, pop_timings
 from .shared_slots import SharedSlots
 
 if TYPE_CHECKING:  # imported only by processes that need it
-    from ...runs.plan import Cell
+    from ...runs.cells import Cell
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from typing import Any
 from ...child import Child
 from ...models import ModelSpec
 from ...models.base import describe_cell
-from ...runs.plan import Cell, Unit
+from ...runs.cells import Cell
+from ...runs.plan import Unit
 from .base import FinishedUnit, FinishedUnits, Job, pickled
 from .cell_schedule import CellSchedule
 from .feeder import cells_ahead, feed_forever

@@ -1,0 +1,164 @@
+"""A run's folder is a cache: what a call returns does not depend on what earlier calls wrote into its folder."""
+
+import json
+from functools import cache
+from itertools import product
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import robustflow as rf
+from robustflow.benchmarks import Benchmark
+from robustflow.cli.tables import as_json_text
+from robustflow.records.pack import record_bytes
+from robustflow.records.read import Reader
+from robustflow.records.verify import verify_read
+from robustflow.runs.cells import UNEVEN, Cells, union
+from robustflow.testing import BrightnessFlow, TexturePairs
+
+KEYS = ("0", "1", "2")
+CALLS = st.fixed_dictionaries(
+    {
+        "corruptions": st.sampled_from(
+            [["contrast"], ["high_light"], ["contrast", "high_light"], ["contrast:2", "fog"]]
+        ),
+        "severities": st.sampled_from([[1], [3], [1, 2], [2, 3]]),
+        "limit": st.sampled_from([1, 2, None]),
+    },
+    optional={"attacks": st.just("random_sign")},
+)
+
+
+def _call(folder, options):
+    benchmark = Benchmark("drawn", TexturePairs(3, (24, 32)), KEYS, ("contrast",), (1, 2))
+    return rf.evaluate(BrightnessFlow(), benchmark, output=folder, **options)
+
+
+def _answer(result):
+    """Everything that a call says about its rows, without the folder and the time."""
+    (document,) = json.loads(as_json_text([result]))
+    for score in document.get("attacks", ()):
+        del score["seconds"]
+    del document["folder"]
+    rows = [frame.write_csv() for frame in (result.rows, result.attack_rows, result.table("cre"))]
+    text = str(result).replace(str(result.path), "")
+    return document, result.summary, rows, text, result.left_out, result.planned(), result.manifest.samples
+
+
+@cache
+def _alone(options):
+    with TemporaryDirectory() as folder:
+        return _answer(_call(folder, json.loads(options)))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.lists(CALLS, min_size=2, max_size=4))
+def test_calls_into_one_folder_answer_as_in_an_empty_one(calls):
+    with TemporaryDirectory() as folder:
+        results = [_call(folder, options) for options in calls]
+        for result, options in zip(results, calls, strict=True):
+            assert _answer(result) == _alone(json.dumps(options))
+        whole = rf.load_run(folder)
+        assert whole.summary.complete
+        assert set(whole.planned()) == {cell for result in results for cell in result.planned()}
+        assert whole.rows.height == len(whole.planned())
+        assert whole.write_means() is None
+        assert verify_read(Reader(record_bytes(whole), "record")).ok
+        assert json.loads((whole.path / "summary.json").read_text())["epe"] == whole.epe
+
+
+@given(
+    st.lists(
+        st.builds(
+            Cells,
+            samples=st.sets(st.sampled_from("abcd")).map(lambda keys: tuple(sorted(keys))),
+            corruptions=st.dictionaries(st.sampled_from(["fog", "snow"]), st.sampled_from([(1,), (2,), (1, 2)])),
+            attacks=st.dictionaries(st.sampled_from(["square"]), st.sampled_from([(1,), (1, 2)])),
+        )
+    )
+)
+def test_a_union_has_the_cells_of_its_parts_and_every_sample_once(parts):
+    def cells(every):
+        return {cell for part in every for cell in (*part.corrupted(), *part.attacked())}
+
+    whole = union(parts)
+    assert cells(whole) == cells(parts)
+    assert sum(part.count() for part in whole) == len(cells(parts))
+    keys = [key for part in whole for key in part.samples]
+    assert len(keys) == len(set(keys))
+    conditions = [(frozenset(part.corruptions.items()), frozenset(part.attacks.items())) for part in whole]
+    assert len(conditions) == len(set(conditions))
+    assert cells(union([*whole, *parts])) == cells(whole)
+
+
+def test_many_calls_do_not_lengthen_the_plan():
+    calls = [
+        Cells(samples=KEYS, corruptions={name: (level,)}) for name, level in product(["fog", "snow"], [3, 1, 2, 5, 4])
+    ]
+    levels = (1, 2, 3, 4, 5)
+    assert union(calls * 50) == (Cells(samples=KEYS, corruptions={"fog": levels, "snow": levels}),)
+
+
+ONE = ("run", "--model", "dis", "-c", "fog", "-s", "3", "-o", "run")
+OTHER = ("run", "--model", "dis", "-c", "contrast", "-s", "1", "-o", "run")
+
+
+@pytest.mark.usefixtures("demo_is_small")
+def test_a_command_prints_the_same_before_and_after_a_different_call_into_its_folder(robustflow):
+    before = [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")]
+    robustflow.prints(*OTHER)
+    assert [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")] == before
+    robustflow.prints("pack", "run", "-o", "run.robustflow")
+    robustflow.prints("verify", "run.robustflow")
+
+
+@pytest.mark.usefixtures("demo_is_small")
+def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robustflow, tmp_path, real_pictures):
+    with real_pictures():
+        assert UNEVEN not in robustflow.prints(*ONE)
+        assert UNEVEN not in (tmp_path / "run" / "report.html").read_text()
+        assert UNEVEN not in robustflow.prints(*OTHER)
+    assert UNEVEN in (tmp_path / "run" / "report.html").read_text()
+    assert UNEVEN in robustflow.prints("show", "run")
+    assert UNEVEN in str(rf.load_run("run"))
+    robustflow.prints("pack", "run", "-o", "run.robustflow")
+    assert UNEVEN in robustflow.prints("verify", "run.robustflow")
+    robustflow.prints("export", "run", "--format", "card")
+    assert UNEVEN in (tmp_path / "card" / "card.md").read_text()
+    robustflow.prints("audit", "run")
+
+
+def test_an_earlier_result_stays_as_it_was_when_a_later_call_adds_rows(tmp_path):
+    first = _call(tmp_path, {"corruptions": "contrast", "severities": 3})
+    _call(tmp_path, {"corruptions": "high_light", "severities": 1})
+    assert first.summary.averaged_over == ["contrast"]
+    assert first.rows["corruption"].unique().sort().to_list() == ["clean", "contrast"]
+    first.write_summary()
+    first.keep()
+    assert rf.load_run(tmp_path).summary.averaged_over == ["contrast", "high_light"]
+    assert json.loads((tmp_path / "summary.json").read_text())["averaged_over"] == ["contrast", "high_light"]
+
+
+def test_a_call_is_complete_while_the_cells_of_a_stopped_call_are_missing(tmp_path, monkeypatch):
+    class Stops(BrightnessFlow):
+        name = "stops"
+        left = 2
+
+        def predict(self, frame1, frame2):
+            if not self.left:
+                raise KeyboardInterrupt
+            self.left -= 1
+            return super().predict(frame1, frame2)
+
+    benchmark = Benchmark("drawn", TexturePairs(3, (24, 32)), KEYS, ("contrast",), (1, 2))
+    model = Stops()
+    with pytest.raises(KeyboardInterrupt):
+        rf.evaluate(model, benchmark, output=tmp_path)
+    model.left = 100
+    result = rf.evaluate(model, benchmark, output=tmp_path, corruptions="high_light", severities=1, limit=1)
+    assert result.summary.complete
+    whole = rf.load_run(tmp_path)
+    assert {(cells.corruption, cells.severity) for cells in whole.summary.missing} >= {("contrast", 1), ("contrast", 2)}
+    assert ("high_light", 2) not in {(cells.corruption, cells.severity) for cells in whole.summary.missing}
