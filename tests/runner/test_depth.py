@@ -188,7 +188,7 @@ def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps
     assert len(begun.manifest.samples["0"]) == 0
     both = run(tmp_path / "run", data=module, benchmark="demo", corruptions=["fog_3d"], options=options)
     assert [name for name, _ in both.manifest.samples["0"]] == ["0.depth"]
-    assert set(both.summary.corruptions) == {"contrast", "fog_3d"}
+    assert set(Run(both.path).summary.corruptions) == {"contrast", "fog_3d"}
     run(tmp_path / "run", data=module, benchmark="demo", corruptions=["contrast"], options=options)
     (tmp_path / "0.depth").write_bytes(b"2")
     with pytest.raises(RunError, match="made from different files for sample '0'"):

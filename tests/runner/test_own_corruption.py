@@ -71,7 +71,7 @@ def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(rain_pack
     ):
         other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path
-    assert set(first.rows["severity"]) == {0, 1, 2}
+    assert set(rf.load_run(first.path).rows["severity"]) == {0, 1, 2}
 
 
 def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_package, monkeypatch, robustflow):

@@ -158,7 +158,7 @@ def test_a_model_whose_flow_depends_on_opencvs_threads_is_resumed_with_one_threa
     cv2.setNumThreads(4)
     try:
         _run(tmp_path, frames, [1], _threads)
-        rows = _run(tmp_path, frames, [2], _threads).rows
+        rows = rf.load_run(_run(tmp_path, frames, [2], _threads).path).rows
     finally:
         cv2.setNumThreads(before)
     assert rows.height == 6
