@@ -141,11 +141,12 @@ def test_record_with_unplanned_cells_has_no_subject_and_no_check_of_its_means(pa
     assert {status[name] for name in ("measurements", "summary")} == {"not checked"}
 
 
-@pytest.mark.parametrize(("count", "more"), [(2, ""), (3, "; and 1 more"), (4, "; and 2 more")])
+@pytest.mark.parametrize(("count", "more"), [(3, ""), (4, "; and 1 more"), (5, "; and 2 more")])
 def test_failed_check_states_three_problems_and_the_number_of_the_others(packed, count, more):
-    """Each unknown corruption is a problem, and so is the plan's omission of their severities."""
+    """Each unknown corruption is a problem."""
     names = [f"unknown_{number}" for number in range(count)]
-    check, message = failure(with_json(packed, "manifest.json", put("selection", "corruptions", value=names)))
+    unknown = {name: [1] for name in names}
+    check, message = failure(with_json(packed, "manifest.json", put(*_PLANNED, value=unknown)))
     assert check == "cells"
     assert [name in message for name in names] == [True] * min(count, 3) + [False] * (count - 3)
     assert message.partition("; and ")[1:] == (more and "; and ", more.removeprefix("; and "))
