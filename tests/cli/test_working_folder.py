@@ -24,6 +24,7 @@ from robustflow.report.figures import clean_against_cre, figure_bytes
 from robustflow.safe_path import SAFE_PATH
 
 from ..app.launch import running_app
+from ..training.chairs import write_chairs
 from .conftest import write_frames
 
 SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
@@ -168,10 +169,15 @@ def test_the_app_in_a_folder_of_decoys_runs_none(place):
 
 
 @pytest.mark.torch
-def test_a_training_plan_in_a_folder_of_decoys_runs_none(place, tmp_path):
-    pytest.importorskip("torch")
-    place.command("train", "raft", "--recipe", "chairs", "--data", tmp_path, "--init", "random", "--plan")
-    assert place.what_ran() == []
+def test_training_and_profiling_in_a_folder_of_decoys_run_none(place, tmp_path):
+    pytest.importorskip("torchvision")
+    write_chairs(tmp_path / "chairs", 2, (136, 152))
+    train = ("train", "raft_small", "--recipe", "chairs", "--data", tmp_path / "chairs", "--output", tmp_path / "out")
+    train += ("--steps", 1, "--batch-size", 1, "--crop", "128x144", "--iterations", 1, "--loaders", 1)
+    profile = ("profile", "raft_small", "-O", f"checkpoint={tmp_path / 'out' / 'last.pth'}", "--size", "128x144")
+    shown = _finishes(place, *train, "--plan", "then", *train, "then", *profile)
+    assert (tmp_path / "out" / "last.pth").exists()
+    assert "one pair" in shown
 
 
 def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(robustflow):

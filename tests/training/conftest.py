@@ -5,29 +5,15 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
-from robustflow.flowio import write_flow
-from robustflow.testing import TexturePairs
+from .chairs import write_chairs
 
 
 @pytest.fixture(scope="session")
 def chairs(tmp_path_factory) -> Path:
     """A folder in FlyingChairs' layout with eight pairs of moving textures, all in the training split."""
-    folder = tmp_path_factory.mktemp("flow") / "FlyingChairs_release"
-    data = folder / "data"
-    data.mkdir(parents=True)
-    pairs = TexturePairs(count=8, size=(160, 208), reach=5, seed=9)
-    for number, key in enumerate(pairs.keys(), 1):
-        sample = pairs.load(key)
-        for which, frame in enumerate(sample.frames, 1):
-            cv2.imwrite(str(data / f"{number:05d}_img{which}.ppm"), np.ascontiguousarray(frame[..., ::-1]))
-        assert sample.flow is not None
-        write_flow(data / f"{number:05d}_flow.flo", sample.flow)
-    (folder / "FlyingChairs_train_val.txt").write_text("1\n" * 8)
-    return folder.parent
+    return write_chairs(tmp_path_factory.mktemp("flow"), 8, (160, 208))
 
 
 @pytest.fixture
