@@ -71,6 +71,11 @@ def test_compromised_releases_are_excluded(name):
     assert pins()[name] not in {"2.6.2", "2.6.3"}
 
 
+def test_pytorch_whose_weights_only_is_not_safe_is_excluded():
+    (requirement,) = [r for r in map(Requirement, OPTIONAL["torch"]) if r.name == "torch"]
+    assert list(requirement.specifier.filter(["2.5.1", "2.6.0"])) == ["2.6.0"]
+
+
 def test_versions_agree():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)

@@ -82,9 +82,13 @@ def scan_pickle(file: BinaryIO) -> None:
     Traceback (most recent call last):
     robustflow.models.torch.pickle_scan.RefusedError: builtins.bytearray
     """
-    begin, stack, marks, memo = file.tell(), [], [], {}
-    for opcode, argument, position in pickletools.genops(file):
-        if position - begin > LARGEST:
+    begin, size = file.tell(), 0
+    stack: list[_Pickled] = []
+    marks: list[int] = []
+    memo: dict[Any, _Pickled] = {}
+    for opcode, argument, _ in pickletools.genops(file):
+        size = file.tell() - begin
+        if size > LARGEST:
             raise RefusedError(f"a pickle of more than {LARGEST >> 20} MiB")
         name = opcode.name
         if name in _CONSTANTS:
@@ -106,7 +110,7 @@ def scan_pickle(file: BinaryIO) -> None:
             memo[argument].shared = True
             stack.append(memo[argument])
         elif name == "GLOBAL":
-            stack.append(_Pickled("global", _allowed(argument.replace(" ", "."))))
+            stack.append(_Pickled("global", _allowed(str(argument).replace(" ", "."))))
         elif name in ("REDUCE", "NEWOBJ"):
             called, arguments = _popped(stack, 2)
             stack.append(_called(called, arguments))
@@ -119,7 +123,7 @@ def scan_pickle(file: BinaryIO) -> None:
             stack.append(_storage(identifier))
         elif name not in ("PROTO", "STOP"):
             raise RefusedError(f"opcode {name}")
-    if stack[-1].parts > _MOST_SHARED * (position - begin) + 100:
+    if stack[-1].parts > _MOST_SHARED * size + 100:
         raise RefusedError(f"{stack[-1].parts} parts, most of them the same")
 
 
