@@ -96,8 +96,8 @@ def leaderboard(
             refused.append(error)
             if not path.exists() or len(refused) == len(sources):
                 raise
-    for error in refused:
-        typer.echo(f"left out: {plain(str(error), None)}", err=True)
+    for reason in refused:
+        typer.echo(f"left out: {plain(str(reason), None)}", err=True)
     results = [(path.name, read_results(path)) for path in files]
     results.append((", ".join(path.name for path in imported), read_imported(imported)))
     content = whole_content(runs, results, published=published, only_own=only_own)

@@ -182,9 +182,9 @@ def _is_more_accurate(line: ModelResult, best: ModelResult) -> bool:
     least = best.number(*_CLEAN)
     if line.run is None or best.run is None or least is None or line.values[_CLEAN].number >= least:
         return False
-    clean = (run.rows.filter(corruption=CLEAN) for run in (line.run, best.run))
+    first, second = (run.rows.filter(corruption=CLEAN) for run in (line.run, best.run))
     try:
-        (p,) = compare_rows(*clean)["p_holm"]
+        (p,) = compare_rows(first, second)["p_holm"]
     except RunError:
         return True
     return p is not None and p < 0.05
