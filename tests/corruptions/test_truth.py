@@ -1,5 +1,7 @@
 """Prove what each shipped corruption leaves of the ground truth by measuring how far it moves content."""
 
+import re
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -9,8 +11,12 @@ from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.registry import FURTHER, SHIPPED
 from robustflow.corruptions.stack import truth_under
-from robustflow.errors import AssetError
+from robustflow.datasets import load_dataset
+from robustflow.errors import AssetError, UsageError
+from robustflow.report.gallery.strip import draw_strip, strip_columns
+from robustflow.testing import ZeroFlow
 from robustflow.testing.displacement import displacement, distortion
+from robustflow.training.request import DataPlan
 from robustflow.video.clip import write_clip
 from robustflow.video.codec import lossless
 from robustflow.video.colour import i420_to_rgb, rgb_to_i420
@@ -118,6 +124,22 @@ def test_rolling_shutter_moves_rows_and_leaves_no_truth(readout):
 def test_a_stack_leaves_no_truth_if_one_part_leaves_none():
     assert load_corruption("fog+elastic_transform:2").truth == truth_under("fog+elastic_transform:2") == "none"
     assert load_corruption("fog:1+snow").truth == truth_under("fog:1+snow") == "unchanged"
+
+
+def test_training_frames_are_not_corrupted_without_ground_truth():
+    assert DataPlan(corruptions=["fog"]).corruption(0).names == ("fog",)
+    for name in ("elastic_transform", "fog+elastic_transform:2"):
+        with pytest.raises(UsageError, match=re.escape(f"--corrupt {name}")):
+            DataPlan(corruptions=["fog", name]).corruption(0)
+
+
+def test_a_strip_has_no_error_for_a_corruption_without_truth(demo_is_small):
+    sample = load_dataset("motorcycle").load("motorcycle")
+    chosen = [load_corruption(name) for name in ("contrast", "elastic_transform")]
+    columns = strip_columns(sample, ZeroFlow().predict, chosen, 1, 0)
+    assert [column.has_truth for column in columns] == [True, True, False]
+    with_truth = [*columns[:2], replace(columns[2], has_truth=True)]
+    assert draw_strip(sample, columns, "zero") != draw_strip(sample, with_truth, "zero")
 
 
 def test_every_shipped_corruption_except_two_leaves_the_truth_unchanged():

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..corruptions.stack import truth_under
 from ..corruptions.transforms.transform import CorruptionTransform
 from ..errors import UsageError
 from ..random.rng import check_seed
@@ -40,11 +41,14 @@ class DataPlan:
         """Return the corruption of the training frames; None for none.
 
         Raises:
-            UsageError: a corruption is unknown, or the probability is invalid.
+            UsageError: a corruption is unknown or leaves no ground truth, or the probability is invalid.
         """
         if not self.corruptions:
             return None
-        return CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
+        made = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
+        if moving := [name for name in made.names if truth_under(name) == "none"]:
+            raise UsageError(f"--corrupt {moving[0]}: it moves content, so the ground truth would be wrong; omit it")
+        return made
 
 
 @dataclass(frozen=True)
