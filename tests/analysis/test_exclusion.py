@@ -17,7 +17,8 @@ from robustflow.api import evaluate
 from robustflow.experiments.arms import PLAIN, arms
 from robustflow.experiments.effects import left_out
 from robustflow.testing import ConstantFlow
-from tests.made_rows import made_run
+from tests.made_rows import made_run, rows_frame
+from tests.runs.mean_rows import row
 
 from .simulated import PIXELS, rows_of
 
@@ -57,6 +58,46 @@ def test_reason_on_small_motion_names_the_motion():
     (reason,) = reasons_from_rows(_rows(0.2, 0.1, motion=0.3))
     assert "motion this small does not distinguish a sound model from zero flow: measure the model on larger" in reason
     assert not reasons_from_rows(_rows(0.2, 0.1, motion=0.5))
+
+
+@pytest.mark.parametrize(
+    ("rows", "start"),
+    [
+        (_rows(24.9, 5.0), None),
+        (_rows(25.1, 5.0), "its clean EPE of 25.10 px"),
+        (_rows(13.0, 0.0505), None),
+        (_rows(13.0, 0.0495), "its flow hardly depends on the frames"),
+    ],
+    ids=["just below half of zero flow", "just above", "changes by just over 0.1 %", "by just under"],
+)
+def test_exclusion_at_its_thresholds(rows, start):
+    assert [reason.startswith(start or "-") for reason in reasons_from_rows(rows)] == [True] * bool(start)
+
+
+@pytest.mark.parametrize(("motion", "small"), [(0.99, True), (1.01, False)])
+def test_motion_below_a_pixel_is_small(motion, small):
+    (reason,) = reasons_from_rows(_rows(0.6 * motion, 0.1, motion=motion))
+    assert ("measure the model on larger motion" in reason) == small
+    assert ("a flow that misses the motion" in reason) != small
+
+
+@pytest.mark.parametrize(("shorter", "excluded"), [(25.2, False), (24.8, True)])
+def test_flow_is_excluded_below_half_of_the_median_length_of_the_others(base, shorter, excluded):
+    """Of the other models' 40, 50 and 100 px, the median is 50 and the mean 63 px."""
+    lengths = {"a": 40.0, "b": 50.0, "c": 100.0, "short": shorter}
+    runs = [made_run(base, _rows(0.0, 0.1 * px, px, truth=False), name) for name, px in lengths.items()]
+    assert [line.name for line in run_results(runs) if line.excluded] == ["short"] * excluded
+
+
+def test_guard_averages_over_images_with_unequal_numbers_of_pixels():
+    """Clean errors of 1, 2 and 9 px over 10, 20 and 90 pixels: mean 4, median 2, over pixels 7.2 px."""
+    pixels, errors, motion = (10, 20, 90), (1.0, 2.0, 9.0), (3.0, 6.0, 27.0)
+    rows = rows_frame(
+        row(name, n=n, epe=epe, magnitude_sum=length * n)
+        for name, n, epe, length in zip("abc", pixels, errors, motion, strict=True)
+    )
+    assert clean_epe(rows) == 4.0
+    assert zero_flow_epe(rows) == 12.0
 
 
 def test_experiments_and_rankings_use_one_guard():
@@ -186,8 +227,8 @@ def test_many_models_are_compared_over_what_all_of_them_measured():
     part = _rows(5.0, 2.0).filter(pl.col("corruption").is_in(["clean", "snow"]))
     lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
     values = {}
-    for row in lines.iter_rows(named=True):
+    for line in lines.iter_rows(named=True):
         for side in ("first", "second"):
-            values.setdefault(row[side], set()).add(row[f"value_{side}"])
+            values.setdefault(line[side], set()).add(line[f"value_{side}"])
     assert {name: len(found) for name, found in values.items()} == {"a": 1, "b": 1, "c": 1}
     assert values["b"].pop() == pytest.approx(5)

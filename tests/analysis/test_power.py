@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from robustflow.analysis.uncertainty import compare_rows
 from robustflow.analysis.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
@@ -99,6 +100,8 @@ def test_interval_of_the_number_of_groups_covers_the_number_for_the_true_deviati
         runs = {"a": rows_of(np.ones(8), errors, errors), "b": rows_of(np.ones(8), np.full((8, 3), 10.0), errors)}
         (plan,) = plan_pairs(runs, 0.5).filter(metric="epe").to_dicts()
         assert plan["clusters_low"] <= plan["clusters_needed"] <= plan["clusters_high"]
+        scale = plan["standard_error"] * np.sqrt(8 * 7 / chi2.ppf([0.975, 0.025], 7))
+        assert [plan["clusters_low"], plan["clusters_high"]] == [clusters_needed(0.5, one) for one in scale]
         hits.append(plan["clusters_low"] <= true <= plan["clusters_high"])
     assert 0.9 <= np.mean(hits) <= 0.99
 

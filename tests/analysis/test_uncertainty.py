@@ -151,13 +151,13 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
     assert found.high == pytest.approx(math.exp(whole + reach) - 1)
 
 
-@pytest.mark.parametrize("clusters", [13, 40, 5])
-def test_intervals_of_epe_and_cre_agree_with_a_loop(clusters):
+@pytest.mark.parametrize(("clusters", "deviation"), [(13, 1.2), (40, 1.2), (5, 1.2), (13, 2.5)])
+def test_intervals_of_epe_and_cre_agree_with_a_loop(clusters, deviation):
     """Jackknife of the logarithms, raised to the variance of a log-normal upper half, times the pivots of the
     resamples, which are limited to a quantile of Student's t with 5 clusters."""
     rng = np.random.default_rng(9)
     count = np.round(rng.lognormal(1, 1, clusters)) + 1
-    clean = count * rng.lognormal(0, 1.2, clusters)
+    clean = count * rng.lognormal(0, deviation, clusters)
     corrupted = clean * rng.lognormal(1, 0.4, clusters)
     epe, cre, before = (
         Mean(sums[:, None], count[:, None], np.ones(1)) for sums in (corrupted, corrupted - clean, clean)
@@ -195,7 +195,7 @@ def test_intervals_of_epe_and_cre_agree_with_a_loop(clusters):
     errors = {name: math.sqrt((clusters - 1) * np.var([one[name] for one in without])) for name in whole}
     errors["epe"] = math.hypot(errors["epe"], math.sqrt(rise(corrupted)))
     errors["before"] = math.hypot(errors["before"], math.sqrt(rise(corrupted - clean)))
-    most = t.ppf(0.995, clusters - 1) if clusters < FEW else np.inf
+    most = t.ppf(0.995, clusters - 1) if clusters < 12 else np.inf
     draws = {"epe": [], "cre": []}
     for weights in (drawn for block in resampled_weights(clusters, 999, 0) for drawn in block):
         one, error = logs(weights), spread(weights)
@@ -205,12 +205,41 @@ def test_intervals_of_epe_and_cre_agree_with_a_loop(clusters):
             for name in whole
         }  # fmt: skip
         for sign in (-1, 1):
-            size, before, growth = (math.exp(whole[name] + sign * pivot[name] * errors[name]) for name in whole)
+            size, before, growth = (np.exp(whole[name] + sign * pivot[name] * errors[name]) for name in whole)
             draws["epe"].append(size)
             draws["cre"].append(before * (growth - 1))
     for name, values in draws.items():
         low, high = np.quantile(values, [0.025, 0.975], method="inverted_cdf")
         assert (found[name].low, found[name].high) == pytest.approx((low, high))
+
+
+def test_interval_of_cre_from_rows_is_that_of_its_sums():
+    """Ground truth is missing on one clean frame, so CRE is over fewer images than EPE."""
+    rows = _rows(15, groups=13)
+    rows = rows.filter(~((pl.col("sample") == "00003") & (pl.col("corruption") == "clean")))
+    found = intervals(rows, resamples=199).filter(metric="cre", corruption="snow").row(0, named=True)
+    totals = {}
+    for sample in sorted(set(rows["sample"]) - {"00003"}):
+        before, after = (
+            rows.filter(sample=sample, corruption=name).select(pl.col("epe_sum") / pl.col("n_valid")).item()
+            for name in ("clean", "snow")
+        )
+        total = totals.setdefault(rows.filter(sample=sample)["group"][0], [0.0, 0.0, 0])
+        for place, value in enumerate((after - before, before, 1)):
+            total[place] += value
+    sums = np.array([totals.get(group, [0.0, 0.0, 0]) for group in sorted(set(rows["group"]))])
+    increase, before = (Mean(sums[:, [k]], sums[:, [2]], np.ones(1)) for k in (0, 1))
+    expected = error_intervals({0: ErrorMean(increase, before)}, len(sums), resamples=199)[0]
+    assert (found["low"], found["high"]) == pytest.approx((expected.low, expected.high))
+
+
+def test_interval_of_errors_that_are_0_on_most_images_is_finite():
+    """The logarithm of the median does not exist, so no log-normal upper half is assumed."""
+    errors = np.array([0.0] * 12 + [1.0, 1.1, 0.9, 1.2, 1.0, 0.8])
+    one = error_intervals({0: ErrorMean(Mean(errors[:, None], np.ones((18, 1)), np.ones(1)))}, 18)[0]
+    assert 0.1 < one.low < errors.mean() < one.high < 1.0
+    none = error_intervals({0: ErrorMean(Mean(np.zeros((18, 1)), np.ones((18, 1)), np.ones(1)))}, 18)[0]
+    assert (none.estimate, none.low, none.high) == (0.0, 0.0, 0.0)
 
 
 def test_interval_of_cre_contains_negative_values_if_its_sign_is_uncertain():
@@ -363,7 +392,7 @@ def test_p_and_interval_say_the_same():
                 assert (row["p"] < 0.05) == (row["low"] > 0 or row["high"] < 0), row
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-6])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
     """All differences are (nearly) 0 in the 36 % of the resamples that lack this image; the difference is larger,
     in standard errors, also in the resamples with this image three times or more."""
@@ -373,7 +402,7 @@ def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
     other[7] = errors[7] + 400
     found = compare_rows(rows_of(np.ones(16), other, errors), rows_of(np.ones(16), errors, errors), ("A", "B"))
     line = found.filter(metric="epe", corruption="average").row(0, named=True)
-    assert line["difference"] == pytest.approx(25, rel=1e-5)
+    assert line["difference"] == pytest.approx(25, rel=1e-3)
     assert (line["low"], line["high"]) == (None, None)
     assert line["p"] == pytest.approx(binom.pmf(0, 16, 1 / 16) + binom.sf(2, 16, 1 / 16), abs=0.03)
     assert line["equal"] == (0 if noise else 15)
@@ -409,6 +438,11 @@ def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_
         extreme += abs(drawn.mean() - differences.mean()) * 3 / drawn.std(ddof=1) >= observed
     assert 20 < extreme < 300
     assert found.p == (1 + extreme) / 400
+
+
+def test_differences_that_cancel_have_a_p_value_of_1():
+    mean = Mean(np.array([[1.0], [-1.0]] * 5), np.ones((10, 1)), np.ones(1))
+    assert bootstrap({0: Statistic([Term(mean)])}, 10)[0].p == 1
 
 
 def test_other_frames_are_not_compared():

@@ -27,13 +27,18 @@ def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **colum
     return filled | dict.fromkeys(COUNTS, 0) | columns
 
 
-TWO_IMAGES = [
+THREE_IMAGES = [
     row("a", n=10, epe=1.0),
     row("b", n=30, epe=3.0),
+    row("c", n=20, epe=8.0),
     row("a", "fog", 1, n=10, epe=2.0, rcre=4.0),
     row("b", "fog", 1, n=30, epe=5.0, rcre=8.0),
+    row("c", "fog", 1, n=20, epe=14.0, rcre=3.0),
     row("a", "fog", 2, n=10, epe=4.0, rcre=6.0),
     row("b", "fog", 2, n=30, epe=9.0, rcre=10.0),
+    row("c", "fog", 2, n=20, epe=20.0, rcre=5.0),
     row("a", "snow", 1, n=10, epe=0.0, rcre=1.0),
     row("b", "snow", 1, n=30, epe=2.0, rcre=1.0),
+    row("c", "snow", 1, n=20, epe=1.0, rcre=4.0),
 ]
+"""Rows whose means differ from their medians, and from their means over pixels."""

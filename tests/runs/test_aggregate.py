@@ -15,35 +15,43 @@ from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.metrics.summary import METRICS, has_gaps
 from robustflow.runs.aggregate import summarize
+from robustflow.runs.means import image_mean
 from tests.made_rows import rows_frame
 
-from .mean_rows import COUNTS, NO_TRUTH, TWO_IMAGES, row
+from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
 
 
 def test_image_averaging_by_hand():
-    """Averaging each image first gives (1 + 3) / 2 for the clean frames, 3.5 and 6.5 for fog, and 1.0 for snow."""
-    summary = summarize(rows_frame(TWO_IMAGES))
-    assert summary.epe_clean == 2.0
+    """Averaging each image first gives (1 + 3 + 8) / 3 for the clean frames, 7 and 11 for fog, and 1 for snow."""
+    summary = summarize(rows_frame(THREE_IMAGES))
+    assert summary.epe_clean == 4.0
     fog, snow = summary.corruptions["fog"], summary.corruptions["snow"]
-    assert fog.by_severity["epe"] == [3.5, 6.5]
-    assert fog.by_severity["cre"] == [1.5, 4.5]
-    assert (fog.epe, fog.cre, fog.crer, fog.rcre, fog.rcre_all) == (5.0, 3.0, 1.5, 7.0, 10.5)
-    assert (snow.epe, snow.cre, snow.crer, snow.rcre) == (1.0, -1.0, -0.5, 1.0)
+    assert fog.by_severity["epe"] == [7.0, 11.0]
+    assert fog.by_severity["cre"] == [3.0, 7.0]
+    assert (fog.epe, fog.cre, fog.crer, fog.rcre, fog.rcre_all) == (9.0, 5.0, 1.25, 6.0, 9.0)
+    assert (snow.epe, snow.cre, snow.crer, snow.rcre) == (1.0, -3.0, -0.75, 2.0)
     # Corruptions have equal weight, whatever their number of severities.
-    assert (summary.epe, summary.cre, summary.crer, summary.rcre) == (3.0, 1.0, 0.5, 4.0)
+    assert (summary.epe, summary.cre, summary.crer, summary.rcre) == (5.0, 1.0, 0.25, 4.0)
     assert summary.complete
     assert summary.averaging == "image"
+
+
+def test_image_mean_is_over_images_with_pixels():
+    """Changes of 1, 2 and 9 px over 10, 20 and 90 pixels: mean 4, median 2, over pixels 7.2 px."""
+    rows = [row("a", n=10, rcre=1.0), row("b", n=20, rcre=2.0), row("c", n=90, rcre=9.0), row("d", n=0)]
+    assert image_mean(rows_frame(rows), "rcre_sum", "n_valid") == 4.0
 
 
 def test_shares_are_percentages_and_averaged_alike():
     rows = [
         row("a", n=10, fl_count=1, px1_count=5, px3_count=3, px5_count=2, wauc_sum=8.0),
         row("b", n=30, fl_count=30, px1_count=30, px3_count=30, px5_count=30, wauc_sum=0.0),
+        row("c", n=40, fl_count=4, px1_count=12, px3_count=8, px5_count=4, wauc_sum=28.0),
     ]
     clean = summarize(rows_frame(rows)).clean
-    assert (clean.fl, clean.px1, clean.px3, clean.px5, clean.wauc) == (55.0, 75.0, 65.0, 60.0, 40.0)
+    assert (clean.fl, clean.px1, clean.px3, clean.px5, clean.wauc) == (40.0, 60.0, 50.0, 130 / 3, 50.0)
     pooled = summarize(rows_frame(rows), "pixel").clean
-    assert (pooled.fl, pooled.wauc) == (77.5, 20.0)
+    assert (pooled.fl, pooled.wauc) == (43.75, 45.0)
 
 
 def _inside(region, n, epe, rcre=0.0, fl=0):
@@ -128,7 +136,7 @@ def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
 
 
 def test_families_average_their_corruptions():
-    summary = summarize(rows_frame(TWO_IMAGES))
+    summary = summarize(rows_frame(THREE_IMAGES))
     assert list(summary.families) == ["weather"]
     assert summary.families["weather"].cre == 1.0
     assert summary.corruptions["fog"].family == "weather"
@@ -138,14 +146,14 @@ def test_families_average_their_corruptions():
 
 
 def test_what_is_missing_is_listed_and_cre_compares_the_same_images():
-    partial = [r for r in TWO_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
+    partial = [r for r in THREE_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
     summary = summarize(rows_frame(partial))
     assert not summary.complete
     assert [unit.model_dump() for unit in summary.missing] == [{"corruption": "fog", "severity": 1, "samples": ["a"]}]
     fog = summary.corruptions["fog"]
     assert fog.severities == [1, 2]
-    assert fog.by_severity["epe"] == [5.0, 6.5]
-    assert fog.by_severity["cre"] == [2.0, 4.5]
+    assert fog.by_severity["epe"] == [9.5, 11.0]
+    assert fog.by_severity["cre"] == [4.0, 7.0]
 
 
 def test_a_missing_clean_row_is_listed():
@@ -157,12 +165,12 @@ def test_a_missing_clean_row_is_listed():
 
 
 def test_the_plan_decides_what_is_missing():
-    rows = rows_frame(TWO_IMAGES)
+    rows = rows_frame(THREE_IMAGES)
     planned = list(rows.select("sample", "corruption", "severity").iter_rows())
     assert summarize(rows, planned=planned).complete
-    summary = summarize(rows, planned=[*planned, ("b", "snow", 2), ("a", "snow", 2), ("c", "clean", 0)])
+    summary = summarize(rows, planned=[*planned, ("b", "snow", 2), ("a", "snow", 2), ("d", "clean", 0)])
     assert [(unit.corruption, unit.severity, unit.samples) for unit in summary.missing] == [
-        ("clean", 0, ["c"]),
+        ("clean", 0, ["d"]),
         ("snow", 2, ["a", "b"]),
     ]
     assert summary.epe == summarize(rows).epe
@@ -206,11 +214,11 @@ def test_no_rows_have_no_means():
 
 def test_rows_twice_and_foreign_tables_are_refused():
     with pytest.raises(RunError, match="sample 'b', fog severity 2 occur twice"):
-        summarize(rows_frame([*TWO_IMAGES, TWO_IMAGES[5]]))
+        summarize(rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]))
     with pytest.raises(RunError, match="lack the column 'n_all'"):
-        summarize(rows_frame(TWO_IMAGES).drop("n_all"))
+        summarize(rows_frame(THREE_IMAGES).drop("n_all"))
     with pytest.raises(UsageError, match="choose from image, pixel"):
-        summarize(rows_frame(TWO_IMAGES), "pixels")  # type: ignore[arg-type]
+        summarize(rows_frame(THREE_IMAGES), "pixels")  # type: ignore[arg-type]
 
 
 sums = st.floats(0, 1e6)

@@ -12,18 +12,18 @@ from robustflow.runs.shards import list_shards, read_shards, write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import rows_frame
 
-from .mean_rows import TWO_IMAGES, row
+from .mean_rows import THREE_IMAGES, row
 
 
 @pytest.fixture
 def summary():
-    return summarize(rows_frame(TWO_IMAGES))
+    return summarize(rows_frame(THREE_IMAGES))
 
 
 def test_table_is_corruption_by_severity(summary):
     assert summary.table("cre").rows(named=True) == [
-        {"corruption": "fog", "family": "weather", "1": 1.5, "2": 4.5, "mean": 3.0},
-        {"corruption": "snow", "family": "weather", "1": -1.0, "2": None, "mean": -1.0},
+        {"corruption": "fog", "family": "weather", "1": 3.0, "2": 7.0, "mean": 5.0},
+        {"corruption": "snow", "family": "weather", "1": -3.0, "2": None, "mean": -3.0},
     ]
 
 
@@ -48,7 +48,7 @@ def test_json_has_the_documented_names_and_reads_back(summary):
     assert Summary.model_validate_json(text) == summary
     loaded = json.loads(text)
     assert {"epe_clean", "epe", "cre", "crer", "rcre", "corruptions", "regions", "families"} <= set(loaded)
-    assert loaded["corruptions"]["fog"]["by_severity"]["epe"] == [3.5, 6.5]
+    assert loaded["corruptions"]["fog"]["by_severity"]["epe"] == [7.0, 11.0]
     assert loaded["corruptions"]["fog"]["severities"] == [1, 2]
 
 
