@@ -1,5 +1,6 @@
 """Test the export of rows for other programs, and a folder of records to which several people contribute."""
 
+import hashlib
 import io
 import json
 import re
@@ -8,7 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from robustflow.analysis.results_file import read_results
+from robustflow.analysis.results_file import read_results, results_csv
 from robustflow.api import load_run
 from robustflow.atomic import json_bytes
 from robustflow.corruptions.api import STREAM_VERSION
@@ -16,7 +17,11 @@ from robustflow.digest import digest_of_value
 from robustflow.errors import DataError, RunError
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.collection import LIST, add_records, collected
+from robustflow.records.load import load_any_run
 from robustflow.records.pack import pack, record_bytes
+from robustflow.report.site.content import whole_content
+from robustflow.report.site.data import page_data
+from robustflow.report.site.models import model_pages
 
 from ..records.forge import entries_of, sealed
 
@@ -181,3 +186,13 @@ def test_the_page_of_a_folder_of_records(robustflow, records):
     assert "Farneback" in results
     robustflow.prints("leaderboard", "site", "-o", "elsewhere", "--no-published")
     assert Path("elsewhere/results.csv").read_text() == results
+
+
+def test_line_of_a_record_states_its_source_on_the_page_and_in_results(records):
+    content = whole_content([load_any_run(records[0])], published=False)
+    (line,) = content.lines
+    assert line.source == "verified record"
+    assert page_data(content, model_pages(content, {}))["boards"][0]["groups"][0][0]["remark"] == "verified record"
+    (page,) = model_pages(content, {})
+    assert page.facts[0] == ("Source", f"verified record {hashlib.sha256(records[0].read_bytes()).hexdigest()}")
+    assert results_csv(content.lines).splitlines()[1].endswith(",verified record")
