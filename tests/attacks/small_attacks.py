@@ -9,10 +9,14 @@ from robustflow.attacks.registry import SHIPPED
 
 from .smooth_net import random_pair, smooth_model
 
-FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd": {"steps": 12}} | {
+FEW = {
+    "pgd": {"steps": 4, "starts": 1},
+    "bim": {"steps": 4},
+    "cospgd": {"steps": 4, "starts": 1},
+    "apgd": {"steps": 12, "starts": 1},
     "pcfa": {"steps": 2},
     "square": {"queries": 30},
-    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
+    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4, "starts": 1},
     "worst_of": {"parts": "fgsm+square", "queries": 30},
 }
 """Options that make an attack fast."""

@@ -114,17 +114,30 @@ def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
     assert "gradient_zero" not in attacked.warnings
 
 
-def test_an_attack_that_has_not_converged_says_so():
+def test_the_last_quarter_of_the_steps_gains_nothing_once_an_attack_has_converged():
     def bowl(images1, images2):  # the gradient grows, so later steps gain more
         return (torch.exp(8 * images1) * torch.exp(8 * images2))[:, :2]
 
     grey = np.full((2, 8, 10, 3), 100, np.uint8)
     truth = np.zeros((8, 10, 2), np.float32)
-    rising = rf.attack(*grey, Given(bowl), "pgd", 5, flow=truth, steps=12, variant="flowbench")
+    rising = rf.attack(*grey, Given(bowl), "pgd", 5, flow=truth, steps=11, step=0.05, starts=1)
     done = rf.attack(*grey, linear_model(), "pgd", 2, flow=truth, steps=40)
 
-    assert "still_rising" in rising.warnings
-    assert "still_rising" not in done.warnings
+    assert rising.late_gain == pytest.approx(rising.trace[-1] - rising.trace[-4])
+    assert rising.late_gain > 0
+    assert done.late_gain == 0
+    assert rising.spread is None
+    assert done.spread == 0
+
+
+def test_the_spread_of_an_attack_is_the_difference_of_its_single_starts():
+    alone = [attacked_pair("pgd", starts=number)[1].float_loss for number in (1, 2, 3)]
+    attacked = attacked_pair("pgd", starts=3)[1]
+
+    ends = [max(attacked.trace[start : start + 5]) for start in (0, 5, 10)]
+    assert [max(ends[:number]) for number in (1, 2, 3)] == pytest.approx(alone)
+    assert attacked.spread == pytest.approx(max(ends) - min(ends))
+    assert attacked.float_loss == pytest.approx(max(ends))
 
 
 @pytest.mark.slow  # predicts 200 flows of a real pair

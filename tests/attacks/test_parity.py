@@ -99,9 +99,9 @@ def _run(problem: Problem, case: dict, start, losses: list[float]):
     if case["attack"] == "fgsm":
         return load_attack("fgsm", variant="flowbench", norm=problem.ball.norm).run(problem, Rng.of(0))
     size = problem.ball.budget if case["attack"] == "bim" else case["alpha"] * unit
-    assert case["attack"] != "bim" or load_attack("bim", variant="flowbench").step_size(3.5) == 3.5
+    assert case["attack"] != "bim" or load_attack("bim", variant="flowbench", steps=1).step_sizes(3.5) == [3.5]
     images = problem.ball.clean if case["attack"] == "bim" else start
-    images = climb(problem, images, case["iters"], size, keep_best=False)
+    images = climb(problem, images, [size] * case["iters"], keep_best=False)
     losses.append(problem.trace[-1])
     return images
 
@@ -147,10 +147,10 @@ def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
         start = _start_under_l2(problem, case["eps"])[:, ::-1].copy()
     if "iter1" in expected:
         size = case["alpha"] / case["eps"] * problem.ball.budget
-        first = climb(problem, start, 1, size, keep_best=False)[:, ::-1, ::2, ::2]
+        first = climb(problem, start, [size], keep_best=False)[:, ::-1, ::2, ::2]
         assert np.mean(np.abs(first - expected["iter1"]) > 1e-6) <= 3e-4
     if case["name"] == "cospgd_inf_gt":
-        sixth = climb(problem, before, 1, case["alpha"] * 255, keep_best=False)[:, ::-1, ::2, ::2]
+        sixth = climb(problem, before, [case["alpha"] * 255], keep_best=False)[:, ::-1, ::2, ::2]
         assert np.mean(np.abs(sixth - after) > 1e-6) <= 3e-4
     losses: list[float] = []
     flow = problem.flow(_run(problem, case, start, losses))

@@ -168,7 +168,7 @@ def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(five,
 
 
 def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(five, monkeypatch):
-    doubtful = [one.model_copy(update={"warnings": {"still_rising": 2}}) for one in attack_scores(five[0])]
+    doubtful = [one.model_copy(update={"warnings": {"rounding": 2}}) for one in attack_scores(five[0])]
     monkeypatch.setattr(
         "robustflow.analysis.attack_ranks.attack_scores", lambda one: doubtful if one is five[0] else attack_scores(one)
     )
@@ -268,5 +268,7 @@ def test_a_white_box_attack_that_others_beat_carries_a_warning():
     scores["pgd:moved=first"] = 1  # the others change both frames
     compared = _compared([score(name, 1, epe) for name, epe in scores.items()])
 
-    assert {one.attack: set(one.warnings) for one in compared if one.warnings} == {"pgd": set(BESIDE_OTHERS)}
+    assert {one.attack: set(one.warnings) for one in compared if one.warnings} == {
+        "pgd": {*BESIDE_OTHERS, "square_above_white_box"}
+    }
     assert not set(BESIDE_OTHERS) & set(WARNINGS)

@@ -38,6 +38,10 @@ class AttackScore(Scores):
         capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
         way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
             target.
+        late_gain: mean gain of the last quarter of the evaluations, in units of the attack's loss; None for attacks
+            without iterations.
+        spread: mean difference between the best and the worst start, in units of the attack's loss; None with a single
+            start.
         gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
             px.
         linf, rms: mean norms of the perturbations, grey levels.
@@ -54,6 +58,8 @@ class AttackScore(Scores):
     median: float | None
     capped: float | None
     way_gone: float | None
+    late_gain: float | None
+    spread: float | None
     gain: float | None = None
     linf: float
     rms: float
@@ -93,6 +99,8 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     median=_mean(mine, "attack_median"),
                     capped=image_mean(mine, "attack_capped_sum", "n_valid"),
                     way_gone=_mean(mine, "attack_way_gone", 100.0),
+                    late_gain=_mean(mine, "attack_late_gain"),
+                    spread=_mean(mine, "attack_spread"),
                     linf=_mean(mine, "attack_linf") or 0.0,
                     rms=_mean(mine, "attack_rms") or 0.0,
                     evaluations=_mean(mine, "attack_evaluations") or 0.0,

@@ -33,11 +33,12 @@ class Apgd(Attack):
     name: ClassVar[str] = "apgd"
 
     steps: int = 100
-    starts: int = 1
+    starts: int = 3
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
         for number in range(self.starts):
+            problem.begin()
             self._climb(problem, problem.ball.random(rng.spawn(number)))
         return problem.best
 

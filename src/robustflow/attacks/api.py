@@ -20,14 +20,14 @@ from .evaluation import in_lockstep
 from .images import frames_of
 from .loss import Loss
 from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
-from .problem import Pair, Problem
+from .problem import Pair
 from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
+from .square import quick_score
 
 AnyAttack = str | Attack | Any
 """The name of an attack, an attack from `load_attack`, or the user's own attack as an object or class."""
 
-_LAST_QUARTER = 0.02
 _ROUNDING = 0.05
 
 
@@ -54,10 +54,10 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
 
     >>> load_attack("pgd:loss=cosine", steps=10).label
     'pgd:loss=cosine:steps=10'
-    >>> load_attack("pgd", step=10)
+    >>> load_attack("pgd", stepps=10)
     Traceback (most recent call last):
-    robustflow.errors.UsageError: unknown option of attack pgd 'step': did you mean 'steps'? Known: variant, norm, \
-target, loss, reference, moved, steps, starts
+    robustflow.errors.UsageError: unknown option of attack pgd 'stepps': did you mean 'steps'? Known: variant, norm, \
+target, loss, reference, moved, steps, starts, step
     """
     if isinstance(name, Attack):
         if options:
@@ -197,7 +197,7 @@ def attack_pairs(
 
 
 def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str]) -> Attacked:
-    problem = attack.problem(model, pair, clean_flow)
+    problem = attack.begun(model, pair, clean_flow)
     ball, loss = problem.ball, problem.loss
     images = problem.checked(attack.run(problem, pair.stream(attack.name)), attack.name)
     evaluations, gradients = problem.evaluations, problem.gradients
@@ -206,7 +206,11 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
     after = predict_checked(model, frames, pair.key, attack.name, 0)
     clean_loss, here = loss.of(clean_flow, weighted=False), loss.of(after, weighted=False)
     float_loss = problem.loss_at(images) if attack.needs_gradients else None
-    warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
+    warnings |= problem.troubles
+    if float_loss is not None and abs(here - float_loss) > _ROUNDING * abs(float_loss - clean_loss):
+        warnings |= {"rounding"}
+    if attack.needs_gradients and quick_score(problem, attack.moved) > loss.score(here):
+        warnings |= {"square_above_white_box"}
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
         if images is problem.best:  # the clean pair is within every budget, and scores at least as high here
@@ -228,6 +232,8 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
         rms=rms,
         changed=changed,
         way_gone=_way_gone(loss, clean_flow, after),
+        late_gain=problem.late_gain,
+        spread=problem.spread,
         trace=tuple(problem.trace),
         evaluations=evaluations,
         gradients=gradients,
@@ -243,18 +249,6 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
     distance = Loss(loss.reference)
     at_first = distance.of(clean_flow)
     return 1 - distance.of(after) / at_first if at_first > 0 else None
-
-
-def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
-    """Return the warnings that are based on the losses of the attack."""
-    warnings = set()
-    trace = [problem.loss.score(value) for value in problem.trace]
-    last = len(trace) - len(trace) // 4
-    if len(trace) >= 8 and max(trace) - max(trace[:last]) > _LAST_QUARTER * abs(max(trace) - trace[0]):
-        warnings.add("still_rising")
-    if float_loss is not None and abs(loss - float_loss) > _ROUNDING * abs(float_loss - clean_loss):
-        warnings.add("rounding")
-    return warnings
 
 
 def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import Field, dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -22,6 +23,7 @@ from ..sample import Flow
 from ..severity import check_severity
 from ..source_digest import source_digest
 from .ball import GREY_LEVELS, MOVED, Ball
+from .gradient_check import check_gradient
 from .images import Images
 from .loss import LOSSES, Loss
 from .problem import Pair, Problem, refuse_without_gradient
@@ -121,7 +123,7 @@ class Attack(ABC):
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """Build the attack with options; strings are converted if the option is an integer.
+        """Build the attack with options; strings are converted if the option is a number.
 
         Raises:
             UsageError: an unknown option.
@@ -132,6 +134,9 @@ class Attack(ABC):
                 raise unknown_name(f"option of attack {cls.name}", option, known)
             if isinstance(known[option], int) and isinstance(value, str) and value.isdecimal():
                 options[option] = int(value)
+            if isinstance(known[option], float):
+                with suppress(ValueError):  # refused in `__post_init__`
+                    options[option] = float(value)
         return cls(**options)
 
     def with_variant(self, variant: str) -> Self:
@@ -212,6 +217,17 @@ class Attack(ABC):
         ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, self.per_frame)
         loss, from_clean = self._loss(clean_flow, pair)
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
+
+    def begun(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
+        """Build the problem (see `problem`), and check the model's gradient if the attack needs one.
+
+        Raises:
+            ModelError: `differentiable` and `predict` return different flows.
+        """
+        problem = self.problem(model, pair, clean_flow)
+        if self.needs_gradients:
+            check_gradient(problem, pair.stream("gradient"))
+        return problem
 
     def _loss(self, clean_flow: Flow, pair: Pair) -> tuple[Loss, bool]:
         """Return the loss, and whether the loss is the distance to the clean flow."""

@@ -18,6 +18,8 @@ class Bim(Pgd):
     name: ClassVar[str] = "bim"
     at_random: ClassVar[bool] = False
 
-    def step_size(self, budget: float) -> float:
-        """The step size for a budget, both in grey levels."""
-        return budget if self.variant == "flowbench" else super().step_size(budget)
+    starts: int = 1
+
+    def step_sizes(self, budget: float) -> list[float]:
+        """See `Pgd.step_sizes`."""
+        return [budget] * self.steps if self.variant == "flowbench" else super().step_sizes(budget)

@@ -120,16 +120,14 @@ class _Search:
             over = torch.clamp(square - self._bound**2, min=0)
         here = np.ascontiguousarray(images.detach().numpy())
         loss, _, gradient = self._problem.loss_and_gradient(here)
+        self._problem.note(here, loss)
         if keep:
             self._keep(here, float(torch.sqrt(square.detach())), loss)
-        else:
-            self._problem.trace.append(loss)
         total = images.mul(torch.from_numpy(gradient)).sum() + self._weight * over
         total.backward()
         return loss + self._weight * float(over.detach())
 
     def _keep(self, images: Images, size: float, loss: float) -> None:
-        self._problem.note(images, loss)
         inside = size <= self._bound
         if self._cut and not (inside and self._problem.ball.holds(images)):
             self._problem.score(self._problem.ball.project(images))

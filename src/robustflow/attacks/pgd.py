@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ..errors import UsageError
 from ..random.rng import Rng
 from .base import Attack
 from .images import WHITE, Images
@@ -23,17 +25,16 @@ def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
     return problem.ball.random(rng) if at_random or problem.from_clean else problem.ball.clean
 
 
-def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: bool) -> Images:
+def climb(problem: Problem, images: Images, sizes: Sequence[float], keep_best: bool) -> Images:
     """Run projected gradient ascent.
 
     Args:
         problem: the model, the ball and the loss.
         images: the starting point, inside the ball.
-        steps: number of steps.
-        size: step size, in grey levels of the ball's norm.
+        sizes: size of each step, in grey levels of the ball's norm.
         keep_best: whether to return the best images so far instead of the last ones.
     """
-    for _ in range(steps):
+    for size in sizes:
         _, gradient = problem.slope(images)
         images = problem.ball.step(images, gradient, size)
     problem.score(images)
@@ -44,32 +45,46 @@ def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: 
 class Pgd(Attack):
     """Projected gradient ascent.
 
-    The step size is 2.5 times the budget divided by the number of steps. The variant "flowbench" uses a step size of
-    0.01 of the full range and returns the last pair instead of the best.
+    The step size falls linearly to 0, from half the budget (with fewer than eight steps, from 4 / steps of it). The
+    variant "flowbench" uses a step size of 0.01 of the full range and a single start, and returns the last pair instead
+    of the best.
 
     Args:
         steps: number of gradients per start.
         starts: number of random starts; the best pair of all starts is returned.
+        step: constant step size as a fraction of the budget, instead of a falling one; 0 for the default.
     """
 
     name: ClassVar[str] = "pgd"
     variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")
 
     steps: int = 20
-    starts: int = 1
+    starts: int = 3
+    step: float = 0.0
 
     at_random: ClassVar[bool] = True
     """Whether the attack starts at a random pair in the ball."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.step, int | float) or not 0 <= self.step <= 2:
+            raise UsageError(f"step of attack {self.name} must be a fraction of the budget, 0 to 2, not {self.step!r}")
+
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
         images = problem.ball.clean
-        for number in range(self.starts):
+        default = self.variant == "default"
+        for number in range(self.starts if default else 1):
+            problem.begin()
             start = start_of(problem, rng.spawn(number), self.at_random)
-            size = self.step_size(problem.ball.budget)
-            images = climb(problem, start, self.steps, size, keep_best=self.variant == "default")
+            images = climb(problem, start, self.step_sizes(problem.ball.budget), keep_best=default)
         return images
 
-    def step_size(self, budget: float) -> float:
-        """The step size for a budget, both in grey levels."""
-        return 2.5 * budget / self.steps if self.variant == "default" else FLOWBENCH_STEP
+    def step_sizes(self, budget: float) -> list[float]:
+        """The size of each step for a budget, both in grey levels."""
+        if self.step:
+            return [self.step * budget] * self.steps
+        if self.variant == "flowbench":
+            return [FLOWBENCH_STEP] * self.steps
+        first = max(0.5, 4 / self.steps) * budget
+        return [first * (1 - number / self.steps) for number in range(self.steps)]

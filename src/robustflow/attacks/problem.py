@@ -16,6 +16,8 @@ from .evaluation import Evaluation, evaluate
 from .images import Images, frames_of, images_of
 from .loss import Loss
 
+_FEWEST = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Pair:
@@ -61,6 +63,7 @@ class Problem:
         evaluations: number of flows computed for the attack, with and without gradient.
         gradients: number of evaluations with a gradient.
         trace: the loss of each evaluation, without CosPGD's weight.
+        curves: for each start, the highest score so far after each of its evaluations.
         troubles: keys of `result.WARNINGS` for events that make the result doubtful.
     """
 
@@ -73,6 +76,7 @@ class Problem:
     evaluations: int = 0
     gradients: int = 0
     trace: list[float] = field(default_factory=list)
+    curves: list[list[float]] = field(default_factory=lambda: [[]])
     best_score: float = field(init=False)
     troubles: set[str] = field(default_factory=set)
 
@@ -164,13 +168,42 @@ class Problem:
         self.evaluations += other.evaluations
         self.gradients += other.gradients
 
+    def begin(self) -> None:
+        """Begin a new start: later evaluations belong to a new curve."""
+        if self.curves[-1]:
+            self.curves.append([])
+
     def note(self, images: Images, loss: float) -> float:
         """Record a loss, update `best`, and return the score."""
         self.trace.append(loss)
-        score = self.loss.score(loss)
-        if score > self.best_score and self.ball.holds(images):
-            self._keep(images, score)
+        score, curve = self.loss.score(loss), self.curves[-1]
+        highest = curve[-1] if curve else -np.inf
+        if score > highest and self.ball.holds(images):
+            highest = score
+            if score > self.best_score:
+                self._keep(images, score)
+        curve.append(highest)
         return score
+
+    @property
+    def spread(self) -> float | None:
+        """The difference between the highest scores of the best and of the worst start; None with a single start."""
+        ends = [curve[-1] for curve in self.curves if curve]
+        return _finite(max(ends) - min(ends)) if len(ends) > 1 else None
+
+    @property
+    def late_gain(self) -> float | None:
+        """How much the last quarter of the evaluations raised the highest score of the best start, which begins at the
+        score of the clean pair; None for fewer than eight evaluations."""
+        curve = max(self.curves, key=lambda each: each[-1] if each else -np.inf)
+        if len(curve) < _FEWEST:
+            return None
+        clean = self.loss.score(self.loss.of(self.clean_flow, weighted=False))
+        return _finite(max(curve[-1], clean) - max(curve[-1 - len(curve) // 4], clean))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:

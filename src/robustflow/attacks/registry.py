@@ -9,7 +9,7 @@ from ..registry import Registry
 
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
-ATTACK_VERSION = 5
+ATTACK_VERSION = 6
 """Part of every run's identity; incremented whenever the frames of an attack change, so that different results are
 never mixed."""
 

@@ -12,21 +12,21 @@ from .images import Images
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
     "gradient_not_finite": "the gradient contained NaN or infinite values",
+    "gradient_misleading": "the loss hardly rises along the gradient: the gradient is masked or wrong",
     "gradient_zero": "the gradient was zero everywhere: the model may be masking it",
+    "square_above_white_box": "Square, which uses no gradient, is stronger: the gradient is masked or wrong",
     "nothing_gained": "the attacked pair has no larger error than the clean pair: the attack failed",
-    "still_rising": "the attack still improved by more than 2 % in the last quarter of the steps",
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
 }
 """Warnings about the result of a single attack, by key."""
 
-LOWER_BOUND = ("nothing_gained", "still_rising", "rounding", "saturated")
+LOWER_BOUND = ("nothing_gained", "rounding", "saturated")
 """Warnings that only indicate that a stronger attack may exist; with any other warning, the result says little about
 the model's robustness."""
 
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the step size is unsuitable",
-    "square_above_white_box": "Square, which uses no gradient, is stronger",
     "transfer_above_white_box": "frames attacked on a different model increase the error more",
 }
 """Warnings based on a comparison with the other attacks of the run."""
@@ -53,6 +53,10 @@ class Attacked:
         changed: share of the values that changed, 0..1.
         way_gone: share of the distance from the clean flow to the target that was covered, negative if the flow moved
             away from the target; None without a target.
+        late_gain: how much the last quarter of the evaluations raised the highest score of the best start, in units of
+            the loss, before rounding; None for fewer than eight evaluations.
+        spread: difference between the highest scores of the best and of the worst start, before rounding; None with a
+            single start.
         trace: the loss at each evaluation, in order.
         evaluations, gradients: number of flows computed by the attack, and number of those with a gradient.
         warnings: keys of `WARNINGS`.
@@ -72,6 +76,8 @@ class Attacked:
     rms: float
     changed: float
     way_gone: float | None
+    late_gain: float | None
+    spread: float | None
     trace: tuple[float, ...]
     evaluations: int
     gradients: int

@@ -18,6 +18,7 @@ from ..random.rng import Rng
 from ..sample import Flow
 from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep
+from .gradient_check import check_gradient
 from .images import Images
 from .problem import Pair, Problem, refuse_without_gradient
 
@@ -110,6 +111,7 @@ class Trained(Attack):
             batch_size: number of pairs per call, for models that support batches.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
+        check_gradient(problems[0], rng.spawn("gradient"))
         pattern = self.first(problems, rng)
         best, highest, mean = pattern, -np.inf, np.zeros_like(pattern)
         for step in range(self.steps + (not self.moves)):

@@ -125,7 +125,7 @@ class Transfer(Attack):
         """See `Attack.run`; counts the evaluations of the surrogate."""
         pair = problem.pair
         clean_flow = predict_checked(self._other, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
-        inner = self.attack.problem(self._other, pair, clean_flow)
+        inner = self.attack.begun(self._other, pair, clean_flow)
         images = self.attack.run(inner, pair.stream(self.attack.name))
         problem.charge(inner)
         problem.troubles |= inner.troubles

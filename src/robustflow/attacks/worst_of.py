@@ -116,12 +116,14 @@ class WorstOf(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
-        best, highest, pair = problem.best, problem.best_score, problem.pair
+        best, highest, pair, curves = problem.best, problem.best_score, problem.pair, problem.curves
         for part in self.parts:
-            inner = part.problem(problem.model, pair, problem.clean_flow)
+            inner = part.begun(problem.model, pair, problem.clean_flow)
             frames = frames_of(inner.ball.to_8_bits(part.run(inner, pair.stream(part.name))))
             score = problem.score_of_frames(frames)
             problem.charge(inner)
             if score > highest:
                 best, highest, problem.troubles = images_of(*frames), score, inner.troubles
+                curves = inner.curves
+        problem.curves = curves
         return best

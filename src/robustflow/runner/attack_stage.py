@@ -132,6 +132,8 @@ def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
         "attack_capped_sum": capped,
         "attack_median": median,
         "attack_way_gone": attacked.way_gone,
+        "attack_late_gain": attacked.late_gain,
+        "attack_spread": attacked.spread,
         "attack_evaluations": attacked.evaluations,
         "attack_warnings": ",".join(attacked.warnings) or None,
     }

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
+from ..attacks.evaluation import Evaluation, evaluate
+from ..attacks.gradient_check import check_same_flow
 from ..attacks.images import images_of
 from ..errors import ModelError
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
@@ -130,9 +133,9 @@ def check_model(model: Any, seed: int = 0) -> str:
     The flow must be a finite float array (H, W, 2). The same frames must result in the same flow, even after
     predictions on different frames and in any order. The model must not modify its input frames. Batched predictions
     must match the flows of single pairs to within 1e-4 px; the same applies to `differentiable` if the model has
-    `batched_gradients`. `predict_with_confidence` must return the same flow as `predict`, and a confidence,
-    (H, W) without NaN, that is the same on every call. A multi-frame model receives a clip with the frames of its
-    window.
+    `batched_gradients`. With PyTorch installed, `differentiable` must return the flow of `predict`.
+    `predict_with_confidence` must return the same flow as `predict`, and a confidence, (H, W) without NaN, that is
+    the same on every call. A multi-frame model receives a clip with the frames of its window.
 
     Args:
         model: the model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch
@@ -161,8 +164,8 @@ def check_model(model: Any, seed: int = 0) -> str:
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
-        if isinstance(made, Differentiable) and getattr(made, "batched_gradients", False) is True:
-            _check_batched_gradients(made, clips, where)
+        if isinstance(made, Differentiable) and find_spec("torch"):
+            _check_differentiable(made, clips, [first, other], where)
         if isinstance(made, ConfidentModel):
             _check_confidence(made, clips, first, where)
     return given_name(model) or getattr(model, "__name__", None) or type(model).__name__
@@ -218,9 +221,13 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
             )
 
 
-def _check_batched_gradients(model: Differentiable, clips: list[list[Frame]], where: str) -> None:
+def _check_differentiable(model: Differentiable, clips: list[list[Frame]], flows: list[Flow], where: str) -> None:
     import torch
 
+    for clip, flow in zip(clips, flows, strict=True):
+        check_same_flow(model, evaluate(Evaluation(model, where, images=images_of(*clip[:2]))).flow, flow, where)
+    if getattr(model, "batched_gradients", False) is not True:
+        return
     pairs = torch.from_numpy(np.stack([images_of(*clip[:2]) for clip in clips]))
     with torch.no_grad():
         together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
