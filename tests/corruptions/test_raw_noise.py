@@ -108,7 +108,7 @@ def test_light_on_the_sensor_is_that_of_the_paper_below_the_knee():
 
 
 @settings(max_examples=30)
-@given(seed=st.integers(0, 10**6), height=st.integers(24, 70), width=st.integers(24, 70))
+@given(seed=st.integers(0, 10**6), height=st.integers(40, 70), width=st.integers(40, 70))
 @pytest.mark.parametrize(("saturation", "most", "share"), [(30, 1, 0.0), (100, 2, 0.005)])
 def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, most, share, seed, height, width):
     """Test waves with a period of at least 100 pixels, away from the image border and from white.
