@@ -88,15 +88,12 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     assert text.endswith(CAVEAT)
 
 
-def test_several_runs_say_which_changes_least_under_what(runs):
+def test_several_runs_say_which_changes_least(runs):
     dis, rgb, _ = runs
     (text,) = conclusions(run_results([dis, rgb]))
     first = min((dis, rgb), key=lambda run: run.summary.rcre)
     assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px for a clean flow of" in text
-    for name in ("contrast", "gaussian_noise"):
-        least = min((dis, rgb), key=lambda run: run.summary.corruptions[name].rcre)
-        part = next(part for part in text.split("; ") if part.startswith(f"{least.name} changes least under"))
-        assert "every corruption" in part or name.replace("_", " ").capitalize() in part
+    assert text.endswith(CAVEAT)
 
 
 def test_a_blind_model_is_not_the_one_that_changes_least(runs):
@@ -116,7 +113,7 @@ def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     assert "95 % interval" in text
     assert "more pairs from different scenes" in text
     (text,) = conclusions(run_results([calm, shaky]))
-    assert "the lead of DIS over DIS-RGB is significant (p < 0.001)" in text
+    assert "the difference between DIS and DIS-RGB is significant (p < 0.001)" in text
     (text,) = conclusions(run_results([calm, _scenes(runs[1], 1.0)]))
     assert "is significant" not in text
 

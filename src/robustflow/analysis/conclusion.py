@@ -10,7 +10,7 @@ from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import sample_noun
 from ..errors import RunError
 from ..metrics.rows import CLEAN
-from ..text import counted, first_of, plain
+from ..text import counted, plain
 from .labels import long_label
 from .model_result import ModelResult, by_frames, not_ranked, ranked
 from .results import AVERAGE
@@ -26,7 +26,6 @@ CAVEAT = (
     "RCRE measures how much the flow changes, not whether it is wrong: a model that ignores its frames has the lowest "
     "RCRE, and only its photometric error, close to that of zero flow, distinguishes it from a robust model."
 )
-_MOST_NAMED = 3
 
 
 def without_truth(run: Run) -> bool:
@@ -92,14 +91,6 @@ def _surety(run: Run) -> str:
 def _of_several(runs: Mapping[str, Run]) -> str:
     runs = dict(sorted(runs.items(), key=lambda item: (item[1].summary.rcre or 0.0, item[0])))
     (best, best_run), (second, second_run), *_ = ((plain(name), run) for name, run in runs.items())
-    values = {name: _by_corruption(run) for name, run in runs.items()}
-    measured = _by_corruption(best_run)
-    least: dict[str, list[str]] = {name: [] for name in runs}
-    for corruption in measured:
-        lowest = min(of_run.get(corruption, float("inf")) for of_run in values.values())
-        holders = [name for name, of_run in values.items() if of_run.get(corruption) == lowest]
-        if len(holders) == 1:
-            least[holders[0]].append(corruption)
     first, other = (
         f"{run.summary.rcre:.2f} px for a clean flow of {_clean_length(run)}" for run in (best_run, second_run)
     )
@@ -107,26 +98,22 @@ def _of_several(runs: Mapping[str, Run]) -> str:
         head = f"the flows of {best} and {second} change equally on average (RCRE {best_run.summary.rcre:.2f} px)"
     else:
         head = f"the flow of {best} changes least on average (RCRE {first}; {second} {other})"
-    parts = [
-        f"{plain(name)} changes least under {_listed(names, len(measured))}" for name, names in least.items() if names
-    ]
-    where = f"On {_evidence(best_run)}, {head}"
-    return f"{'; '.join([where, *parts, _lead(runs)])}."
+    return f"On {_evidence(best_run)}, {head}; {_difference(runs)}."
 
 
-def _lead(runs: Mapping[str, Run]) -> str:
-    """State whether the lead of the first of several runs, given in order, is significant."""
+def _difference(runs: Mapping[str, Run]) -> str:
+    """State whether the difference between the first two of several runs, given in order, is significant."""
     best, second = (plain(name) for name in list(runs)[:2])
     run = next(iter(runs.values()))
     try:
         pair = compare_leaders({name: run.rows for name, run in islice(runs.items(), MOST_COMPARED)}, "rcre")
     except RunError:
-        return "it is unknown whether the lead is due to chance, because the runs have no measurements in common"
+        return "it is unknown whether the difference is due to chance, because the runs have no measurements in common"
     if pair is None or (p := pair["p_holm"]) is None:
         return _too_few(run)
     if p < 0.05:
-        return f"the lead of {best} over {second} is significant (p {p_text(p)}) for scenes like these"
-    return f"the lead of {best} over {second} may be due to chance (p {p_text(p)}); {_others(run)} would help"
+        return f"the difference between {best} and {second} is significant (p {p_text(p)}) for scenes like these"
+    return f"the difference between {best} and {second} may be due to chance (p {p_text(p)}); {_others(run)} would help"
 
 
 def enough_to_compare(run: Run) -> bool:
@@ -168,10 +155,3 @@ def _counts(run: Run) -> tuple[int, int]:
 def _by_corruption(run: Run) -> dict[str, float]:
     of_each = ((name, run.summary.corruptions[name].rcre) for name in run.summary.averaged_over)
     return {name: rcre for name, rcre in of_each if rcre is not None}
-
-
-def _listed(names: Sequence[str], total: int) -> str:
-    if len(names) == total:
-        return "every corruption" if total > 1 else plain(long_label(names[0]))
-    labels = [plain(long_label(name)) for name in names]
-    return f"{len(names)} of {total} ({first_of(labels, _MOST_NAMED)})"
