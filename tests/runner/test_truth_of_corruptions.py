@@ -1,11 +1,16 @@
 """Rows and means of corruptions that leave no ground truth."""
 
+from dataclasses import replace
+from statistics import fmean
+
 import numpy as np
 import polars as pl
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.audit.checks import check_averages
 from robustflow.analysis.audit.row_rules import broken_rules
+from robustflow.analysis.run_results import run_results
 from robustflow.analysis.uncertainty import intervals
 from robustflow.analysis.uncertainty.variance import variance_split
 from robustflow.cli.tables import print_result
@@ -111,6 +116,16 @@ def test_the_audit_finds_rows_whose_errors_do_not_match_their_truth(run, corrupt
     rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
     broken = {reason: set(found["corruption"]) for reason, found in broken_rules(rows) if found.height}
     assert broken == {"its errors do not match what its corruption leaves of the ground truth": {corruption}}
+
+
+def test_the_audit_of_results_expects_averages_without_these_corruptions(run):
+    line = run_results([run], detailed=False)[0]
+    assert check_averages([line])[1:] == (4, [])
+    mixed = {key: value for key, value in line.values.items() if key[0] == "rcre"}
+    wrong = replace(
+        line.values["rcre", "average"], number=fmean(mixed[key].number for key in mixed if key[1] != "average")
+    )
+    assert len(check_averages([replace(line, values={**line.values, ("rcre", "average"): wrong})])[2]) == 1
 
 
 def test_a_recheck_finds_a_changed_truth(run):

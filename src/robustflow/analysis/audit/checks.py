@@ -82,13 +82,17 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Check that the average of each metric is the mean over all corruptions of its line, or over the paper's."""
+    """Check that the average of each metric is the mean over all corruptions of its line, or over the paper's. If some
+    corruptions have an EPE, those without one leave no ground truth, and averages do not include them."""
     count, findings = 0, []
     metrics = ((line, metric) for line in results for metric in dict.fromkeys(metric for metric, _ in line.values))
     for line, metric in metrics:
         given = line.values.get((metric, AVERAGE))
+        with_truth = {name for of, name in line.values if of == "epe"} - {CLEAN, AVERAGE}
         parts = {
-            name: value for (of, name), value in line.values.items() if of == metric and name not in (CLEAN, AVERAGE)
+            name: value
+            for (of, name), value in line.values.items()
+            if of == metric and name not in (CLEAN, AVERAGE) and (name in with_truth or not with_truth)
         }
         if given is None or not parts:
             continue
