@@ -126,8 +126,8 @@ def test_the_last_quarter_of_the_steps_gains_nothing_once_an_attack_has_converge
     assert rising.late_gain == pytest.approx(rising.trace[-1] - rising.trace[-4])
     assert rising.late_gain > 0
     assert done.late_gain == 0
-    assert rising.spread is None
-    assert done.spread == 0
+    assert rising.start_spread is None
+    assert done.start_spread == 0
 
 
 def test_the_spread_of_an_attack_is_the_difference_of_its_single_starts():
@@ -136,7 +136,7 @@ def test_the_spread_of_an_attack_is_the_difference_of_its_single_starts():
 
     ends = [max(attacked.trace[start : start + 5]) for start in (0, 5, 10)]
     assert [max(ends[:number]) for number in (1, 2, 3)] == pytest.approx(alone)
-    assert attacked.spread == pytest.approx(max(ends) - min(ends))
+    assert attacked.start_spread == pytest.approx(max(ends) - min(ends))
     assert attacked.float_loss == pytest.approx(max(ends))
 
 

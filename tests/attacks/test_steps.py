@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robustflow.attacks import load_attack
+from robustflow.attacks.square import quick_score
 from robustflow.errors import UsageError
 
 from .numpy_problem import NumpyProblem, numpy_problem
@@ -187,6 +188,21 @@ def test_square_keeps_the_squares_that_raise_the_score(moved, target):
     assert np.array_equal(np.rint(images * 255), best)
 
 
+@pytest.mark.parametrize(
+    ("norm", "budget", "moved", "grey"),
+    [("linf", 12.7, "first", 12), ("rms", 1.25, "joint", 1), ("rms", 0.9, "both", 0), ("area", 50, "both", 0)],
+)
+def test_a_short_run_of_square_stays_in_the_ball_of_the_attack(norm, budget, moved, grey):
+    _, problem = numpy_problem("pgd" if norm != "area" else "patch", budget=budget, norm=norm, moved=moved)
+
+    if not grey:
+        assert quick_score(problem, moved) == -np.inf
+        return
+    square, other = numpy_problem("square", budget=grey, moved=moved, queries=50)
+    square.run(other, other.pair.stream("square"))
+    assert quick_score(problem, moved) == other.best_score
+
+
 def test_the_curves_of_starts_give_the_spread_and_the_gain_of_the_last_quarter():
     _, problem = numpy_problem("pgd", target="none")
     clean, images = problem.loss.of(problem.clean_flow), problem.ball.clean
@@ -201,7 +217,7 @@ def test_the_curves_of_starts_give_the_spread_and_the_gain_of_the_last_quarter()
     problem.note(images, clean + 7)
 
     assert problem.curves[1] == pytest.approx([clean + value for value in (1, 2, 3, 5, 6, 6, 9, 9)])
-    assert problem.spread == pytest.approx(9 - 4)
+    assert problem.start_spread == pytest.approx(9 - 4)
     assert problem.late_gain == pytest.approx(9 - 6)  # of eight evaluations, the last two are a quarter
     assert problem.best_score == pytest.approx(clean + 9)
 
@@ -213,7 +229,7 @@ def test_a_start_below_the_clean_score_gains_from_the_clean_score():
         problem.note(problem.ball.clean, clean + value)
 
     assert problem.late_gain == pytest.approx(2)
-    assert problem.spread is None
+    assert problem.start_spread is None
 
 
 def test_few_evaluations_have_no_last_quarter():

@@ -50,7 +50,7 @@ _COLUMNS = {
     "attack_median": "Rows of attacks only: median error over `n_valid`, pixels.",
     "attack_way_gone": "Rows of attacks only: share of the way from the clean flow to the attack's target.",
     "attack_late_gain": "Rows of attacks only: gain of the last quarter of the evaluations, in units of the loss.",
-    "attack_spread": "Rows of attacks only: lead of the best start over the worst one, in units of the attack's loss.",
+    "attack_start_spread": "Rows of attacks only: lead of the best start over the worst one, in units of the loss.",
     "attack_evaluations": "Rows of attacks only: number of flows that the attack requested from the model.",
     "attack_warnings": "Rows of attacks only: reasons why the row is doubtful, separated by commas.",
     "ause": "Runs with a confidence: area between its sparsification curve and the oracle's, pixels.",

@@ -40,8 +40,8 @@ class AttackScore(Scores):
             target.
         late_gain: mean gain of the last quarter of the evaluations, in units of the attack's loss; None for attacks
             without iterations.
-        spread: mean difference between the best and the worst start, in units of the attack's loss; None with a single
-            start.
+        start_spread: mean difference between the best and the worst start, in units of the attack's loss; None with a
+            single start.
         gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
             px.
         linf, rms: mean norms of the perturbations, grey levels.
@@ -59,7 +59,7 @@ class AttackScore(Scores):
     capped: float | None
     way_gone: float | None
     late_gain: float | None
-    spread: float | None
+    start_spread: float | None
     gain: float | None = None
     linf: float
     rms: float
@@ -100,7 +100,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     capped=image_mean(mine, "attack_capped_sum", "n_valid"),
                     way_gone=_mean(mine, "attack_way_gone", 100.0),
                     late_gain=_mean(mine, "attack_late_gain"),
-                    spread=_mean(mine, "attack_spread"),
+                    start_spread=_mean(mine, "attack_start_spread"),
                     linf=_mean(mine, "attack_linf") or 0.0,
                     rms=_mean(mine, "attack_rms") or 0.0,
                     evaluations=_mean(mine, "attack_evaluations") or 0.0,

@@ -186,7 +186,7 @@ class Problem:
         return score
 
     @property
-    def spread(self) -> float | None:
+    def start_spread(self) -> float | None:
         """The difference between the highest scores of the best and of the worst start; None with a single start."""
         ends = [curve[-1] for curve in self.curves if curve]
         return _finite(max(ends) - min(ends)) if len(ends) > 1 else None

@@ -55,8 +55,8 @@ class Attacked:
             away from the target; None without a target.
         late_gain: how much the last quarter of the evaluations raised the highest score of the best start, in units of
             the loss, before rounding; None for fewer than eight evaluations.
-        spread: difference between the highest scores of the best and of the worst start, before rounding; None with a
-            single start.
+        start_spread: difference between the highest scores of the best and of the worst start, before rounding; None
+            with a single start.
         trace: the loss at each evaluation, in order.
         evaluations, gradients: number of flows computed by the attack, and number of those with a gradient.
         warnings: keys of `WARNINGS`.
@@ -77,7 +77,7 @@ class Attacked:
     changed: float
     way_gone: float | None
     late_gain: float | None
-    spread: float | None
+    start_spread: float | None
     trace: tuple[float, ...]
     evaluations: int
     gradients: int

@@ -22,8 +22,8 @@ frames are finite (for a model that works correctly, all pixels).
   = the median error over these pixels, in pixels; `attack_way_gone` = fraction of the distance from the clean flow to
   the target that the attack covered, null without a target; `attack_late_gain` = how much the last quarter of the
   evaluations of the best start raised its score, in units of the attack's loss, null for fewer than eight evaluations;
-  `attack_spread` = difference between the scores of the best and the worst start, null with a single start (the row is
-  that of the best start, the worst case for the model); `attack_evaluations` = number of flows that the attack
+  `attack_start_spread` = difference between the scores of the best and the worst start, null with a single start (the
+  row is that of the best start, the worst case for the model); `attack_evaluations` = number of flows that the attack
   computed; `attack_warnings` = warnings about the attack (`robustflow.attacks.result.WARNINGS`), separated by commas,
   null if there are none. All nine are null except in the rows of attacks.
 - `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = quality of the confidence over the pixels of `n_valid`
@@ -113,7 +113,7 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "attack_median": pl.Float64,
     "attack_way_gone": pl.Float64,
     "attack_late_gain": pl.Float64,
-    "attack_spread": pl.Float64,
+    "attack_start_spread": pl.Float64,
     "attack_evaluations": pl.Int64,
     "attack_warnings": pl.String,
 } | {

@@ -34,7 +34,7 @@ _COLUMNS = (
     "gain (px)",
     "target progress (%)",
     "last quarter",
-    "spread",
+    "start spread",
     "L-inf",
     "RMS",
     "flows",
@@ -46,9 +46,9 @@ _REMARK = (
     "to the 8-bit frames that were evaluated. Median: median over the pixels of a pair, averaged over pairs. Capped: "
     "error per pixel limited to the frame diagonal. Gain: error minus that under random noise of the same norm. "
     "Target progress: movement from the clean flow towards the attack's target. Last quarter: gain in the last quarter "
-    "of the evaluations. Spread: best minus worst random start (the error is that of the best); both in units of the "
-    "attack's loss, px unless it has a loss= option. L-inf, RMS: norms reached, in grey "
-    "levels. Flows and time: per pair. An attack gives a lower bound on the worst-case error; stronger attacks may "
+    "of the evaluations. Start spread: best minus worst random start (the error is that of the best). Both are in px, "
+    "or in units of the attack's loss= option. L-inf, RMS: norms reached, in grey levels. Flows and time: per pair. An "
+    "attack gives a lower bound on the worst-case error; stronger attacks may "
     "exist."
 )
 
@@ -120,7 +120,7 @@ def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
 
 def _line(score: AttackScore) -> Line:
     errors = (score.epe, score.cre, score.crer, score.rcre, score.px1, score.px3, score.px5, score.fl)
-    values = (*errors, score.median, score.capped, score.gain, score.way_gone, score.late_gain, score.spread)
+    values = (*errors, score.median, score.capped, score.gain, score.way_gone, score.late_gain, score.start_spread)
     reached, seconds = (f"{score.linf:.4g}", f"{score.rms:.4g}"), number_text(score.seconds, None)
     texts = (
         f"{score.budget:g}",

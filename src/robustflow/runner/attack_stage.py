@@ -133,7 +133,7 @@ def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
         "attack_median": median,
         "attack_way_gone": attacked.way_gone,
         "attack_late_gain": attacked.late_gain,
-        "attack_spread": attacked.spread,
+        "attack_start_spread": attacked.start_spread,
         "attack_evaluations": attacked.evaluations,
         "attack_warnings": ",".join(attacked.warnings) or None,
     }
