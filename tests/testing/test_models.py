@@ -156,3 +156,34 @@ def test_the_shifted_truth_has_the_error_it_says(tmp_path):
     result = rf.evaluate(ShiftedTruth(known, 3, 4), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     assert result.epe_clean == pytest.approx(5.0, abs=1e-5)
     assert result.cre == pytest.approx(0.0, abs=1e-9)
+
+
+class Changed:
+    """Farneback's flow in a different format, or from frame 2 to frame 1."""
+
+    def __init__(self, change, backward=False):
+        self.model, self.change, self.backward = rf.load_model("farneback"), change, backward
+
+    def predict(self, frame1, frame2):
+        frames = (frame2, frame1) if self.backward else (frame1, frame2)
+        return np.ascontiguousarray(self.change(self.model.predict(*frames)), np.float32)
+
+
+FORMATS = {
+    "(v, u)": (Changed(lambda flow: flow[..., ::-1]), "swapped"),
+    "backward": (Changed(lambda flow: flow, backward=True), "backward"),
+    "negated": (Changed(lambda flow: -flow), "backward"),
+    "divided by the size": (Changed(lambda flow: flow / np.array(flow.shape[1::-1])), "divided by the size"),
+    "x 0.55": (Changed(lambda flow: 0.55 * flow), "too short"),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_model_that_returns_its_flow_in_a_wrong_format_is_refused(name):
+    model, words = FORMATS[name]
+    with pytest.raises(ModelError, match=words):
+        check_model(model)
+
+
+def test_model_that_underestimates_the_motion_a_little_is_accepted():
+    check_model(Changed(lambda flow: 0.9 * flow))

@@ -19,6 +19,7 @@ from ..runs.store import RunFolder
 from .attack_training import learned_patterns
 from .clean_row_check import stored_clean_rows
 from .engines.base import Engine, Job
+from .first_pair import check_first_pair
 from .progress import Progress, TerminalProgress
 from .resume_check import check_before_resuming
 from .setup import Setup
@@ -58,10 +59,14 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     left = Counter(unit.key for unit in units)
     seconds = dict(manifest.seconds)
     places = dict(manifest.places)
+    checked = False
     start = time.perf_counter()
     with closing(engine.compute(job, units)) as computed:  # an error while the engine ends is raised, not just printed
         for done in computed if units else ():  # the engine starts with the first unit, which may take seconds
             folder.write_rows(done.unit, done.rows)
+            if done.unit.corruption == CLEAN and not checked:
+                check_first_pair(job, done.unit.key)
+                checked = True
             left[done.unit.key] -= 1
             if not left[done.unit.key]:
                 folder.finish_sample(done.unit.key)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -12,6 +12,7 @@ from ..attacks.evaluation import Evaluation, evaluate
 from ..attacks.gradient_check import check_same_flow
 from ..attacks.images import images_of
 from ..errors import ModelError
+from ..metrics.flow_reading import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..models.construct import as_model
@@ -20,6 +21,8 @@ from ..sample import Flow, Frame, described_array
 
 _SHAPES = ((128, 160), (121, 147))
 """An even frame size, and one that is not a multiple of any common stride."""
+_MOTIONS = ((2, 1), (-1, 2))
+"""Motion (u, v) of the two clips, in pixels from frame to frame."""
 BATCH_TOLERANCE = 1e-4
 """Maximum change in the flow due to batching, in pixels; see `BatchedFlowModel`."""
 
@@ -130,7 +133,8 @@ class BrightnessFlow:
 def check_model(model: Any, seed: int = 0) -> str:
     """Check a model on textured frames of two sizes, and return its name.
 
-    The flow must be a finite float array (H, W, 2). The same frames must result in the same flow, even after
+    The flow must be a finite float array (H, W, 2), and frame 2 warped by it must not explain frame 1 clearly worse
+    than with swapped, negated or rescaled components. The same frames must result in the same flow, even after
     predictions on different frames and in any order. The model must not modify its input frames. Batched predictions
     must match the flows of single pairs to within 1e-4 px; the same applies to `differentiable` if the model has
     `batched_gradients`. With PyTorch installed, `differentiable` must return the flow of `predict`.
@@ -152,7 +156,7 @@ def check_model(model: Any, seed: int = 0) -> str:
     rng = np.random.default_rng(seed)
     for shape in _SHAPES:
         where = f"on frames of {shape[0]}x{shape[1]}"
-        clips = [_clip(made, rng, shape) for _ in range(2)]
+        clips = [_clip(made, rng, shape, motion) for motion in _MOTIONS]
         first = _predict(made, clips[0], where)
         other = _predict(made, clips[1], where)
         again = _predict(made, clips[0], where)
@@ -162,6 +166,7 @@ def check_model(model: Any, seed: int = 0) -> str:
                 f"{np.abs(first - again).max():.2g} px) after other predictions: seed all random number "
                 "generators, and keep no state between calls"
             )
+        _check_format(made, zip(clips, (first, other), strict=True), where)
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
         if isinstance(made, Differentiable) and find_spec("torch"):
@@ -197,6 +202,17 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
             f"the model {where} returned {int((~np.isfinite(flow)).any(axis=2).sum())} pixels that are NaN or infinite"
         )
     return flow
+
+
+def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]], where: str) -> None:
+    start = window_of(model).before if isinstance(model, ClipModel) else 0
+    wrong = misread([(clip[start], clip[start + 1], np.float32(flow)) for clip, flow in predicted])
+    if wrong is not None:
+        raise ModelError(
+            f"the model's flow {where} looks {wrong.reading.describe()}: frame 2 warped by it differs from frame 1 by "
+            f"{wrong.given:.1f} grey levels, and by {wrong.error:.1f} if it is corrected for this; return (u right, v "
+            "down) in pixels from frame 1 to frame 2"
+        )
 
 
 def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
@@ -251,8 +267,8 @@ def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flo
         )
 
 
-def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int]) -> list[Frame]:
-    """Return smooth textures that move by (2, 1) pixels from frame to frame."""
+def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int], motion: tuple[int, int]) -> list[Frame]:
+    """Return a smooth texture that moves from frame to frame."""
     count = 2
     if isinstance(model, ClipModel):
         window = window_of(model)
@@ -263,5 +279,5 @@ def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int]) -> 
         big = np.mean([np.roll(big, step, axis) for step in range(-4, 5)], axis=0)
     big = np.clip(big, 0, 255).astype(np.uint8)
     size = shape[0], shape[1]
-    starts = [(count - i, 2 * (count - i)) for i in range(count)]
+    starts = [(2 * count - motion[1] * i, 2 * count - motion[0] * i) for i in range(count)]
     return [np.ascontiguousarray(big[y : y + size[0], x : x + size[1]]) for y, x in starts]

@@ -69,20 +69,28 @@ RIGHT = {
     "list in a dictionary": ({"returns": lambda flows: {"flows": flows, "info": 0 * flows[0]}}, {"output": "flows"}),
     "channels last": ({"returns": lambda flows: flows[-1].permute(0, 2, 3, 1)}, {}),
 }
-OTHER_WAY = "it has the opposite sign, like the flow from frame 2 to frame 1"
+OTHER_WAY = r"it looks backward \(negated\)"
 REFUSED = {
     "frames reversed": ({"backward": True}, {}, OTHER_WAY),
     "frames reversed, list": ({"backward": True, "returns": lambda flows: flows}, {}, OTHER_WAY),
     "negated": ({"returns": lambda flows: -flows[-1]}, {}, OTHER_WAY),
-    "(v, u)": ({"returns": lambda flows: flows[-1].flip(1)}, {}, r"its components are \(v, u\); return"),
-    "(-v, -u)": ({"returns": lambda flows: -flows[-1].flip(1)}, {}, r"\(v, u\); it has the opposite sign"),
+    "(v, u)": ({"returns": lambda flows: flows[-1].flip(1)}, {}, r"it looks swapped to \(v, u\); return"),
+    "(-v, -u)": ({"returns": lambda flows: -flows[-1].flip(1)}, {}, r"swapped to \(v, u\), backward"),
     "u left": ({"returns": lambda flows: flows[-1] * _signs(-1.0, 1.0)}, {}, "the sign of u is inverted"),
     "v up": ({"returns": lambda flows: flows[-1] * _signs(1.0, -1.0)}, {}, "the sign of v is inverted"),
-    "divided by 20": ({"returns": lambda flows: flows[-1] / 20}, {}, "u must be multiplied by 20 and v by 20"),
-    "divided by 4": ({"returns": lambda flows: flows[-1] / 4}, {}, "multiplied by 4 and v by 4"),
-    "times 20": ({"returns": lambda flows: flows[-1] * 20}, {}, r"multiplied by 0\.05 and v by 0\.05"),
-    "-1..1 over the image": ({"returns": lambda flows: flows[-1] / _signs(96.0, 64.0)}, {}, "by 95 and v by 63"),
-    "(v, u) / 20": ({"returns": lambda flows: flows[-1].flip(1) / 20}, {}, r"\(v, u\); u must be multiplied by 20"),
+    "divided by 20": ({"returns": lambda flows: flows[-1] / 20}, {}, "about 16 times too short"),
+    "divided by 4": ({"returns": lambda flows: flows[-1] / 4}, {}, "about 4 times too short"),
+    "times 20": ({"returns": lambda flows: flows[-1] * 20}, {}, "about 16 times too long"),
+    "-1..1 over the image": (
+        {"returns": lambda flows: flows[-1] / _signs(96.0, 64.0)},
+        {},
+        "divided by half the size of the frame",
+    ),
+    "(v, u) / 20": (
+        {"returns": lambda flows: flows[-1].flip(1) / 20},
+        {},
+        r"swapped to \(v, u\), about 16 times too short",
+    ),
     "0-255 for -1-1": (
         {},
         {"scaling": "0-255"},
@@ -111,8 +119,8 @@ WARNED = {
         "its error with .* is 1.7 px, .* check .* its finest flow",
     ),
     "second level alone": ({"returns": lambda flows: flows[1]}, {}, "is 0.68 px, while"),
-    "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u must be multiplied by 2 and v by 2"),
-    "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u must be multiplied by 0\.5 and v by 0\.5"),
+    "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "it looks about 2 times too short"),
+    "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, "it looks about 2 times too long"),
     "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as is typical of networks without trained weights"),
     "-1-1 for 0-255": ({"scaling": "0-255"}, {}, "better conventions, best first: scaling=0-255, order=rgb"),
 }

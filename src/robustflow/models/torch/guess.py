@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -12,13 +13,14 @@ import torch
 from torch import nn
 
 from ...errors import ModelError
+from ...metrics.flow_reading import Misread, Pair, Reading, misread
 from ...sample import Flow
 from ...text import first_of
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from .fit import fitted_images, unfitted_flow
 from .module_net import MODULE_LAYOUTS, ModuleNet, as_flow, chosen_output, outputs_of
 from .reproducible import reproducible
-from .shifted import SHIFTS, Reading, ShiftedPair, reading_of, shifted_pair
+from .shifted import SHIFTS, ShiftedPair, shifted_pair
 
 LAST_OUTPUT = -1
 _FIRST_ROUND = 2
@@ -92,7 +94,7 @@ class Declared:
 class _TriedConvention:
     way: Declared
     errors: list[float]
-    vectors: list[tuple[float, float]]
+    pairs: list[Pair]
 
     @property
     def mean(self) -> float:
@@ -102,9 +104,9 @@ class _TriedConvention:
     def sees(self) -> bool:
         return self.mean <= _SEES * _ZERO
 
-    @property
-    def reading(self) -> Reading:
-        return reading_of(self.vectors)
+    @cached_property
+    def misread(self) -> Misread | None:
+        return misread(self.pairs)
 
     def clearly_beats(self, other: _TriedConvention, factor: float = _CLEAR) -> bool:
         every = all(mine < theirs for mine, theirs in zip(self.errors, other.errors, strict=False))
@@ -146,7 +148,7 @@ def infer_convention(
         ranked = trial.rank([Declared(*way, declared.output) for way in ways])
     best = ranked[0]
     if not best.sees:
-        _refuse_misread(next((one for one in ranked if one.reading.misread), best))
+        _refuse_misread(*ranked)
         raise ModelError(
             f"cannot determine what input this network expects: on shifted textures, the best of {len(ranked)} "
             f"conventions has an error of {best.mean:.2g} px, compared with {_ZERO:.2g} px for zero flow, as is "
@@ -199,7 +201,8 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
             raise ModelError(message)
         return declared, message
     if mine.mean > _WELL * _ZERO:
-        like = mine.reading.describe() if mine.reading.explains else "as is typical of networks without trained weights"
+        like = "" if mine.sees else "as is typical of networks without trained weights"
+        like = f"it looks {mine.misread.reading.describe()}" if mine.misread else like
         return declared, (
             f"on shifted textures, its error with {mine.way.describe()} is {mine.mean:.2g} px, while that of zero flow "
             f"is {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
@@ -208,13 +211,15 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     return declared, remark
 
 
-def _refuse_misread(one: _TriedConvention) -> None:
-    if not one.sees and one.reading.misread:
-        raise ModelError(
-            f"this network measures the motion of shifted textures with {one.way.describe()}, but its output is not "
-            f"(u right, v down) in pixels from frame 1 to frame 2: {one.reading.describe()}; return flow in this "
-            "format from the module, or wrap it in a module that does"
-        )
+def _refuse_misread(*ranked: _TriedConvention) -> None:
+    """Raise if a network measures the motion in a wrong format. Weak networks may underestimate it by a factor of 2."""
+    for one in ranked:
+        if not one.sees and one.misread and one.misread.reading not in (Reading(factor=2.0), Reading(factor=0.5)):
+            raise ModelError(
+                f"this network measures the motion of shifted textures with {one.way.describe()}, but its output is "
+                f"not (u right, v down) in pixels from frame 1 to frame 2: it looks {one.misread.reading.describe()}; "
+                "return flow in this format from the module, or wrap it in a module that does"
+            )
 
 
 def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None = None) -> str:
@@ -301,7 +306,7 @@ class _Trial:
         for completed, flow in self._flows(way, pair, every).items():
             one = candidates.setdefault(completed, _TriedConvention(completed, [], []))
             one.errors.append(pair.error(flow))
-            one.vectors.append(pair.vector(flow))
+            one.pairs.append((pair.frame1, pair.frame2, pair.smoothed(flow)))
 
     def _flows(self, way: Declared, pair: ShiftedPair, every: bool = False) -> dict[Declared, Flow]:
         """Return the declared output, or, if `every` is true or no output is declared, each output that is a flow,

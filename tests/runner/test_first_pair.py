@@ -1,0 +1,51 @@
+"""A run warns on its first pair if the model's flow is in a wrong format."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.testing import ConstantFlow, ZeroFlow
+
+FEW = {"corruptions": "contrast", "severities": 1}
+
+
+class Negated:
+    def __init__(self):
+        self.model = rf.load_model("farneback")
+
+    def predict(self, frame1, frame2):
+        return -self.model.predict(frame1, frame2)
+
+
+def warned(model, folder, **options):
+    """The warnings of a run about the format of the flow."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        rf.evaluate(model, "demo", output=folder, **FEW | options)
+    return [str(one.message) for one in caught if "flow looks" in str(one.message)]
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_run_of_a_negated_flow_warns_once_and_names_it(tmp_path, workers):
+    (warning,) = warned(Negated(), tmp_path, workers=workers)
+    assert "backward" in warning
+    assert "'motorcycle'" in warning
+    assert not warned(Negated(), tmp_path, workers=workers, severities=2)  # the first pair is measured already
+
+
+@pytest.mark.parametrize("model", ["dis", "farneback", "tiny", ConstantFlow(30, 5), ZeroFlow()])
+def test_run_of_a_sound_or_a_constant_flow_does_not_warn(tmp_path, model):
+    assert not warned(model, tmp_path)
+
+
+def test_check_of_the_first_pair_predicts_nothing_again(tmp_path):
+    calls = []
+
+    def flow(frame1, frame2):
+        calls.append(1)
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    rf.evaluate(flow, "demo", output=tmp_path, **FEW)
+    assert len(calls) == 2  # clean and contrast
