@@ -18,12 +18,16 @@ from .photometric import UNIT, Photometric, photometric
 _CLEAR = 0.7
 """A reading is clearly better if its photometric error is below this fraction of the error of the flow as it is, and of
 zero flow."""
+_CLEAR_OF_TWO = 0.5
+"""The same for a reading with two changes: there are many, so one of them may fit a useless flow by chance."""
 _LEAST_GAIN = 0.5
 """Smallest gain of a clearly better reading, in grey levels: less can be noise."""
 _LEAST_SHARE = 0.05
 """Smallest fraction of the pixels that a comparison needs."""
 _ABOUT_EQUAL = 1.25
 """Readings with errors within this factor of the best are about as good; the simplest of them is named."""
+_CONSTANT = 0.05
+"""Standard deviation of vectors, relative to their length, up to which they count as one vector."""
 _MOST_PIXELS = 100_000
 _FACTORS = (2.0, 4.0, 8.0, 16.0, 0.5, 0.25, 0.125, 0.0625)
 
@@ -88,8 +92,8 @@ class Misread(NamedTuple):
 def misread(pairs: Sequence[Pair]) -> Misread | None:
     """Return the reading that explains the pairs clearly better than their flows as they are; None without evidence.
 
-    There is no evidence in frames that hardly change or have no texture, or from one constant vector for all pairs,
-    which may fit in a wrong reading by chance.
+    There is no evidence in frames that hardly change or have no texture, or in flows that are almost one vector at all
+    pixels, which a wrong reading may fit by chance.
 
     Args:
         pairs: uint8 frames (H, W, 3) with a float32 flow (H, W, 2).
@@ -100,7 +104,7 @@ def misread(pairs: Sequence[Pair]) -> Misread | None:
     """
     thin = [_Thin(*pair) for pair in pairs]
     vectors = np.concatenate([pair.flow[pair.errors >= 0] for pair in thin])
-    if not len(vectors) or (vectors == vectors[0]).all():
+    if not len(vectors) or np.hypot(*vectors.std(axis=0)) <= _CONSTANT * np.hypot(*vectors.T).mean():
         return None
     found = [one for reading in _readings() if (one := _compared(thin, reading)) is not None]
     if not found:
@@ -144,5 +148,7 @@ def _compared(pairs: Sequence[_Thin], reading: Reading) -> Misread | None:
     if n < max(1, _LEAST_SHARE * known):
         return None
     one = Misread(reading, error / n, given / UNIT / n)
-    clear = one.error < _CLEAR * one.given and error < _CLEAR * still and one.given - one.error > _LEAST_GAIN
+    oriented = (reading.swapped, reading.signs) != (False, (1, 1))
+    limit = _CLEAR_OF_TWO if oriented and (reading.unit, reading.factor) != ("px", 1.0) else _CLEAR
+    clear = one.error < limit * one.given and error < limit * still and one.given - one.error > _LEAST_GAIN
     return one if clear else None
