@@ -60,13 +60,13 @@ class Reading(NamedTuple):
         """Describe the flow that has to be read this way.
 
         >>> Reading(signs=(-1, -1)).describe(), Reading(True, (1, -1), factor=16.0).describe()
-        ('backward (negated)', 'swapped to (v, u), with the sign of v inverted, about 16 times too short')
+        ('backward (negated)', 'swapped to (v, u), inverted in v, about 16 times too short')
         """
         words = ["swapped to (v, u)"] if self.swapped else []
         if self.signs == (-1, -1):
             words.append("backward (negated)")
         elif self.signs != (1, 1):
-            words.append(f"with the sign of {'u' if self.signs[0] < 0 else 'v'} inverted")
+            words.append(f"inverted in {'u' if self.signs[0] < 0 else 'v'}")
         if self.unit != "px":
             words.append(f"divided by {'half ' * (self.unit == 'half frame')}the size of the frame")
         if self.factor != 1:
