@@ -83,6 +83,8 @@ def _surety(run: Run) -> str:
     """State how certain a run's mean is and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
+    if low is None and enough_to_compare(run):
+        return f"one {_unit(run)} decides this mean, so no interval can be given; {_others(run)} would help"
     if low is None:
         return _too_few(run)
     return f"95 % interval {low:.2f} to {high:.2f} px, which {_others(run)} would narrow"

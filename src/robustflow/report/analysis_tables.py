@@ -37,7 +37,7 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
         spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
         cells = (*(_estimate(estimates.get(key)) for key in MEANS), number_text(spread))
         lines.append(Line.of(line.name, cells, full_note(line)))
-        known.append(any(row["low"] is not None for row in rows))
+        known += [row["low"] is not None for row in rows if (row["metric"], row["corruption"]) in MEANS]
         values[line.key] = [*(estimates[key]["estimate"] if key in estimates else None for key in MEANS), spread]
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
     needed = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
@@ -46,10 +46,12 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
         remark = (
             f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
             "to sequences."
-        ) + ("" if all(known) else f" Means without an interval are averages over fewer than {needed}.")
+        )
+        if not all(known):
+            remark += f" Means without an interval are over fewer than {needed}, or one of these decides the mean."
         remark += (
             " sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over these images or sequences. Up "
-            "to 1.35, intervals cover the true mean in 91 to 98 % of simulations; above, they may be too narrow."
+            "to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, they may be too narrow."
         )
     title = "Means with intervals" if any(known) else "Means"
     columns = tuple(map(Column, (*MEANS.values(), "sd(ln)")))

@@ -59,7 +59,8 @@ def intervals(
 
     Returns:
         Columns metric, corruption (a name, a family, "average" or "clean"), severity (null for the mean over them),
-        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups),
+        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups,
+        or one of them decides the mean),
         log_deviation (standard deviation of ln EPE or ln RCRE over images or groups; null for CRE and CREr, and if an
         error is 0), images, clusters, level. Metrics that need ground truth are left out if there is none.
 

@@ -42,6 +42,8 @@ from .statistic import Array, Mean, Statistic, StatisticValues, Term
 
 FEW = 12
 _TAIL = 30
+_WIDEST = np.log(1e4)
+"""Half the width, on the logarithmic scale, above which an interval is given up: one cluster decides the mean."""
 _LARGEST = 4.0
 """Largest v, above those of real errors; otherwise the intervals of a few images could be unbounded."""
 
@@ -123,17 +125,15 @@ def _interval(values: StatisticValues, shifts: Mapping[str, tuple[float, Array]]
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if error == 0 and shifts:
         return Interval(estimate, error, estimate, estimate, None)
+    reaches = [np.quantile(np.abs(shift), level, method="inverted_cdf") for _, shift in shifts.values()]
+    if not reaches or not max(reaches) < _WIDEST:
+        return without_interval(values)
     draws = np.ones(1)
     with np.errstate(over="ignore", invalid="ignore"):
         for part, (center, shift) in shifts.items():
             logarithm = center + np.concatenate([shift, -shift])
             draws = draws * (np.expm1(logarithm) if part == "growth" else np.exp(logarithm))
-    draws = draws[~np.isnan(draws)]
-    if not shifts or not draws.size:
-        return without_interval(values)
-    low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
-    if not np.isfinite([low, high, error]).all():
-        return without_interval(values)
+    low, high = np.quantile(draws[~np.isnan(draws)], [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
     return Interval(estimate, error, float(low), float(high), None)
 
 

@@ -78,7 +78,7 @@ class RunFacts:
                 "these pixels."
             )
         if self.averages and not any(mean.interval for mean in self.averages):
-            out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}).")
+            out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}), or one decides the means.")
         return [plain(each, None) for each in out]
 
     @property
