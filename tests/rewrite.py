@@ -1,6 +1,6 @@
 """Rewrite all stored files that are computed from the code: `python -m tests.rewrite`.
 
-These are the hashes that `robustflow corrupt --check` compares, the golden rows, and the public names. Results of long
+These are the hashes that `robustflow corrupt --check` compares, the golden runs, and the public names. Results of long
 searches are not among them: `robustflow calibrate` finds calibrated severities, `robustflow optics` lenses.
 """
 
@@ -16,8 +16,9 @@ from robustflow.corruptions import machine_check
 from robustflow.corruptions.registry import CLIP
 from robustflow.video import machine_check as clips
 
+from .golden.record import STORED as GOLDEN
+from .golden.record import golden_text
 from .public_surface import STORED, surface, without_torch
-from .runner.golden import GOLDEN, rows
 
 
 def stored_files() -> Iterator[tuple[Path, str]]:
@@ -30,7 +31,7 @@ def stored_files() -> Iterator[tuple[Path, str]]:
             Path(str(clips.DIGESTS)),
             json.dumps({name: clips.digests_of(name, clip) for name in CLIP}, indent=1) + "\n",
         )
-        yield GOLDEN, rows(Path(scratch) / "run").write_csv()
+        yield GOLDEN, golden_text(Path(scratch) / "golden")
         yield STORED, "\n".join(sorted({*surface(), *without_torch()})) + "\n"
 
 

@@ -1,0 +1,63 @@
+"""What is stored of a golden run: the digest of its identity, digests of its rows, and every mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+import robustflow as rf
+from robustflow.digest import digest_of_bytes
+from robustflow.metrics.summary import METRICS
+from robustflow.runs.run import Run
+
+from .runs import COMPARED, GOLDEN_RUNS
+
+STORED = Path(__file__).parent / "runs.json"
+Record = dict[str, Any]
+
+
+def record(run: Run) -> Record:
+    """Return the values of a run as JSON types."""
+    return {
+        "identity": run.manifest.identity_digest,
+        "rows": dict(_row_digests(run)),
+        "means": {" ".join(map(str, at)): value for *at, value in _means(run) if value is not None},
+    }
+
+
+def _row_digests(run: Run) -> Iterator[tuple[str, str]]:
+    """Yield a digest of the rows of each condition; each null-free column counts, so that a new empty one does not."""
+    rows = run.attack_rows if run.attacks else run.rows
+    for (corruption, severity), part in sorted(rows.group_by("corruption", "severity")):
+        values = part.sort("sample").select(column.name for column in part if column.null_count() < part.height)
+        yield f"{corruption} {severity}", digest_of_bytes(values.write_csv().encode(), size=8)
+
+
+def _means(run: Run) -> Iterator[tuple[Any, ...]]:
+    """Yield (measure, condition, severity, value) of every mean; the severity is "-" for a mean over severities."""
+    summary = run.summary
+    parts = {"clean": summary.clean, "average": summary, **summary.families, **summary.corruptions, **summary.regions}
+    for condition, scores in parts.items():
+        yield from ((metric, condition, "-", getattr(scores, metric)) for metric in METRICS)
+    for name, scores in summary.corruptions.items():
+        for metric, values in scores.by_severity.items():
+            for severity, value in zip(scores.severities, values, strict=True):
+                yield metric, name, severity, value
+
+
+def comparison(folder: Path) -> Record:
+    """Return the numbers of a comparison of two runs: every column that is not text."""
+    runs = [GOLDEN_RUNS[name].run(folder / str(number)) for number, name in enumerate(COMPARED)]
+    frame = rf.compare(*runs).frame
+    keys = [" ".join(map(str, key)) for key in frame.select("metric", "corruption").iter_rows()]
+    return dict(zip(keys, frame.select(pl.selectors.numeric()).iter_rows(named=True), strict=True))
+
+
+def golden_text(folder: Path) -> str:
+    """Measure everything again in an empty folder, and return the content of the stored file."""
+    records = {name: record(golden.run(folder / name)) for name, golden in GOLDEN_RUNS.items()}
+    return json.dumps(records | {"comparison": comparison(folder / "compared")}, indent=1) + "\n"
