@@ -208,7 +208,6 @@ def evaluate(
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runner.slider_pictures import capture_slider_pictures
-    from .runs.plan import asked_of
     from .runs.source import RunSource
     from .runs.store import RunFolder
 
@@ -252,7 +251,7 @@ def evaluate(
                 RunSource(setup.model.spec, where, options).write(folder.path)
             whole = Result(folder.path)
             _draw(whole, keeping, examples)
-            return Result(folder.path, asked_of(whole.manifest, setup.plan))
+            return Result(folder.path, whole.manifest.restricted([setup.plan.cells()], setup.plan.left_out()))
     finally:
         folder.unlock()
 

@@ -50,13 +50,13 @@ class Cells(Untrusted):
 
     def corrupted(self) -> Iterator[Cell]:
         """Yield every cell except those of attacks; clean cells as (sample, "clean", 0)."""
-        conditions = [(CLEAN, 0), *_pairs(self.corruptions)]
-        return ((key, *condition) for key in self.samples for condition in conditions)
+        levels = {CLEAN: (0,), **self.corruptions}
+        return ((key, name, level) for key in self.samples for name in levels for level in levels[name])
 
     def attacked(self) -> Iterator[Cell]:
         """Yield every cell of an attack."""
-        conditions = list(_pairs(self.attacks))
-        return ((key, *condition) for key in self.samples for condition in conditions)
+        levels = self.attacks
+        return ((key, name, level) for key in self.samples for name in levels for level in levels[name])
 
     def count(self) -> int:
         """Return the number of cells, without listing them."""
@@ -86,20 +86,16 @@ Cells(samples=('b',), corruptions={'fog': (1, 3)}, attacks={}))
     """
     parts: list[Cells] = []
     for asked in every:
-        new, split = dict.fromkeys(asked.samples), []
+        new, known = set(asked.samples), {key for part in parts for key in part.samples}
+        split = [asked.among(key for key in asked.samples if key not in known)]
         for part in parts:
-            both = [key for key in part.samples if key in new]
             together = Cells(
-                samples=tuple(both),
+                samples=tuple(key for key in part.samples if key in new),
                 corruptions=merged_levels(part.corruptions, asked.corruptions),
                 attacks=merged_levels(part.attacks, asked.attacks),
             )
-            split += [
-                part.model_copy(update={"samples": tuple(key for key in part.samples if key not in new)}),
-                together,
-            ]
-            new = {key: None for key in new if key not in set(both)}
-        parts = _grouped([*split, asked.model_copy(update={"samples": tuple(new)})])
+            split += [part.among(key for key in part.samples if key not in new), together]
+        parts = _grouped(split)
     return tuple(parts)
 
 
@@ -120,11 +116,5 @@ def _grouped(parts: Iterable[Cells]) -> list[Cells]:
     for part in parts:
         if part.samples:
             key = (frozenset(part.corruptions.items()), frozenset(part.attacks.items()))
-            known = groups.get(key)
-            samples = part.samples if known is None else known.samples + part.samples
-            groups[key] = (known or part).among(samples)
+            groups[key] = part.among((*groups[key].samples, *part.samples)) if key in groups else part
     return list(groups.values())
-
-
-def _pairs(levels: Mapping[str, tuple[int, ...]]) -> Iterator[tuple[str, int]]:
-    return ((name, level) for name, of_name in levels.items() for level in of_name)

@@ -7,7 +7,7 @@ match.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -143,13 +143,13 @@ class Manifest(Untrusted):
         left = (part.among(key for key in part.samples if key not in keys) for part in self.planned)
         return self.restricted(union(left), self.left_out)
 
-    def restricted(self, planned: tuple[Cells, ...], left_out: Mapping[str, tuple[int, ...]]) -> Manifest:
+    def restricted(self, planned: Sequence[Cells], left_out: Mapping[str, tuple[int, ...]]) -> Manifest:
         """Return the manifest of a run of only some of the cells."""
         keys = [key for part in planned for key in part.samples]
         update = {
             "samples": {key: self.samples[key] for key in keys},
             "file_digests": {key: self.file_digests[key] for key in keys if key in self.file_digests},
-            "planned": planned,
+            "planned": tuple(planned),
             "left_out": dict(left_out),
         }
         return self.model_copy(update=update).judged()

@@ -99,15 +99,13 @@ class Plan:
 
     def count(self) -> int:
         """Return the number of units in a complete run."""
-        return len(self.benchmark.keys) * len(self._conditions())
+        cells = self.cells()
+        return len(cells.samples) * (1 + len(cells.corruptions) + len(cells.attacks))
 
     def _each(self) -> Iterator[Unit]:
-        conditions = self._conditions()
-        return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
-
-    def _conditions(self) -> list[tuple[str, tuple[int, ...]]]:
         cells = self.cells()
-        return [(CLEAN, (0,)), *cells.corruptions.items(), *cells.attacks.items()]
+        conditions = {CLEAN: (0,), **cells.corruptions, **cells.attacks}
+        return (Unit(key, name, levels) for key in cells.samples for name, levels in conditions.items())
 
     def cells(self) -> Cells:
         """Return the cells of a complete run."""
@@ -172,11 +170,6 @@ def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
     """Return the samples for which a run lacks a row, including rows of attacks."""
     parts = manifest.planned
     return {cell[0] for part in parts for cell in chain(part.corrupted(), part.attacked()) if cell not in cells}
-
-
-def asked_of(manifest: Manifest, plan: Plan) -> Manifest:
-    """Return the part of a run's manifest that one plan asks for: the manifest of an equal run without other cells."""
-    return manifest.restricted((plan.cells(),), plan.left_out())
 
 
 def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:

@@ -37,7 +37,7 @@ class Run:
 
     Args:
         folder: path of the run's folder.
-        asked: manifest of the part of the run that one call asked for (`robustflow.runs.plan.asked_of`); by default,
+        asked: manifest of the part of the run that one call asked for (`Manifest.restricted`); by default,
             the results are those of everything in the folder.
 
     Attributes:
@@ -83,9 +83,7 @@ class Run:
         return self._folder.rows().filter(self._is_asked())
 
     def _is_asked(self) -> pl.Expr:
-        return (
-            pl.lit(True) if self._asked is None else pl.any_horizontal(part.contain() for part in self._asked.planned)
-        )
+        return pl.any_horizontal(part.contain() for part in self._asked.planned) if self._asked else pl.lit(True)
 
     @cached_property
     def rows_digest(self) -> str:
