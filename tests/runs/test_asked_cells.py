@@ -91,6 +91,7 @@ def test_a_union_has_the_cells_of_its_parts_and_every_sample_once(parts):
     conditions = [(frozenset(part.corruptions.items()), frozenset(part.attacks.items())) for part in whole]
     assert len(conditions) == len(set(conditions))
     assert cells(union([*whole, *parts])) == cells(whole)
+    assert union(whole) == whole
 
 
 def test_many_calls_do_not_lengthen_the_plan():

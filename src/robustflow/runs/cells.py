@@ -87,7 +87,7 @@ Cells(samples=('b',), corruptions={'fog': (1, 3)}, attacks={}))
     parts: list[Cells] = []
     for asked in every:
         new, known = set(asked.samples), {key for part in parts for key in part.samples}
-        split = [asked.among(key for key in asked.samples if key not in known)]
+        split = []
         for part in parts:
             together = Cells(
                 samples=tuple(key for key in part.samples if key in new),
@@ -95,7 +95,7 @@ Cells(samples=('b',), corruptions={'fog': (1, 3)}, attacks={}))
                 attacks=merged_levels(part.attacks, asked.attacks),
             )
             split += [part.among(key for key in part.samples if key not in new), together]
-        parts = _grouped(split)
+        parts = _grouped([*split, asked.among(key for key in asked.samples if key not in known)])
     return tuple(parts)
 
 
