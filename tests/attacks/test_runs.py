@@ -49,13 +49,15 @@ def test_a_row_of_an_attack_is_of_the_pair_that_the_function_gives(both):
     row = both.attack_rows.filter(sample="1", corruption="pgd", severity=3).row(0, named=True)
     assert row["frames_digest"] == frames_digest(attacked.frames)
     assert row["attack_linf"] == attacked.linf == 4
-    assert (row["attack_rms"], row["attack_evaluations"]) == (attacked.rms, 21)
+    assert (row["attack_rms"], row["attack_evaluations"]) == (attacked.rms, 63)
     assert row["attack_warnings"] == (",".join(attacked.warnings) or None)
     assert row["epe_sum"] / row["n_valid"] == pytest.approx(attacked.loss, rel=1e-6)
     error = np.linalg.norm(attacked.flow.astype(float) - sample.flow, axis=-1)[sample.valid]
     assert row["attack_capped_sum"] == pytest.approx(np.minimum(error, np.hypot(40, 48)).sum())
     assert row["attack_median"] == pytest.approx(np.median(error))
     assert row["attack_way_gone"] is None
+    assert row["attack_late_gain"] == attacked.late_gain >= 0
+    assert row["attack_start_spread"] == attacked.start_spread > 0
 
 
 def test_attacks_added_later_give_the_rows_of_one_call(both, tmp_path):

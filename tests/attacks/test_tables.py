@@ -248,7 +248,7 @@ def test_a_run_of_attacks_alone_has_a_page_and_prints(tmp_path, capsys, real_pic
 
 def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
     values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "rcre": 1.0}
-    values |= dict.fromkeys(("median", "capped", "way_gone"))
+    values |= dict.fromkeys(("median", "capped", "way_gone", "late_gain", "start_spread"))
     values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "seconds": None, "warnings": {}}
     return AttackScore(attack=attack, severity=severity, epe=epe, **(values | changes))
 
