@@ -61,7 +61,7 @@ class Child:
         # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
         self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=False)
         script = nullcontext() if runs_script else _no_script()
-        with environment_variables(ONE_THREAD), safe_path(), _no_interrupt(), script:
+        with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
             self._process.start()
         self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
         """Stop the process immediately."""
@@ -148,7 +148,7 @@ def _no_script() -> Iterator[None]:
 
 
 @contextmanager
-def _no_interrupt() -> Iterator[None]:
+def _ignoring_interrupts() -> Iterator[None]:
     """Ignore Ctrl-C while a process starts, so that the process inherits the setting. The resource tracker must already
     be running, because starting it would enable Ctrl-C again."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -171,7 +171,7 @@ def child_main(pipe: Connection, watched: Connection, target: Callable[..., None
     ignore_local_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_end_with_parent, args=(watched,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
     keep_freed_memory()
     warnings.formatwarning = errors.plain_warning
     import cv2
@@ -188,7 +188,7 @@ def child_main(pipe: Connection, watched: Connection, target: Callable[..., None
             return
 
 
-def _end_with_parent(watched: Connection) -> None:
+def _exit_with_parent(watched: Connection) -> None:
     try:
         watched.recv_bytes()  # nothing is ever sent through this pipe
     except (EOFError, OSError):

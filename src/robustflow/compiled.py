@@ -138,16 +138,16 @@ class _CacheFiles(numba.core.caching.IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         name = self._name(key)
         with self._open_for_write(self._data_path(name)) as file:
-            file.write(sealed_bytes(self._dump(data), self._made_of(key)))
+            file.write(sealed_bytes(self._dump(data), self._description(key)))
 
     def load(self, key: Any) -> Any:
         try:
-            data = unsealed_bytes(Path(self._data_path(self._name(key))).read_bytes(), self._made_of(key))
+            data = unsealed_bytes(Path(self._data_path(self._name(key))).read_bytes(), self._description(key))
         except OSError:
             return None
         return None if data is None else pickle.loads(data)
 
-    def _made_of(self, key: Any) -> str:
+    def _description(self, key: Any) -> str:
         return repr((self._version, key, self._source_stamp))
 
     def _name(self, key: Any) -> Any:

@@ -51,9 +51,9 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
         module = sys.modules.get(base.__module__)
         path = getattr(module, "__file__", None)
         if module is None or path is None or base.__module__ == "__main__":
-            yield _of_class(base)
+            yield _class_source(base)
         else:
-            yield from _of_module(module, _root(module), seen)
+            yield from _module_parts(module, _root(module), seen)
 
 
 def _root(module: ModuleType) -> Path:
@@ -67,7 +67,7 @@ def _root(module: ModuleType) -> Path:
     return folder
 
 
-def _of_module(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes]:
+def _module_parts(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes]:
     path = getattr(module, "__file__", None)
     if path is None or module.__name__ in seen or root not in Path(path).resolve().parents:
         return
@@ -78,7 +78,7 @@ def _of_module(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes
     yield content
     for name in _imported(content, module.__package__ or ""):
         if name in sys.modules:
-            yield from _of_module(sys.modules[name], root, seen)
+            yield from _module_parts(sys.modules[name], root, seen)
 
 
 def _imported(content: bytes, package: str) -> Iterator[str]:
@@ -97,7 +97,7 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _of_class(kind: type[Any]) -> bytes:
+def _class_source(kind: type[Any]) -> bytes:
     """Return the source of a class defined in a script or session, or its compiled code if the source is
     unavailable."""
     try:

@@ -31,7 +31,7 @@ from robustflow.report.figures import (
     write_figures,
 )
 from robustflow.report.figures.severity_curves import scale_panels
-from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, Looks
+from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, FigureStyles
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
@@ -222,7 +222,7 @@ def test_families_of_more_models_than_styles_are_those_of_the_models_with_the_lo
     models are missing."""
     results = _own(*["OOD"] * 10, weather=True)[::-1]
     styles = {line: MODEL_STYLES[int(line.name[1:])] for line in results[2:]}
-    figure = crer_by_family(results, None, Looks(styles))
+    figure = crer_by_family(results, None, FigureStyles(styles))
     assert {(mark.model) for marks in figure.marks.values() for mark in marks} == {f"M{index}" for index in range(8)}
     assert dict(key[:2] for key in figure.key) == {
         line.name: replace(style, marker="s") for line, style in styles.items()
@@ -238,7 +238,7 @@ def test_no_colour_of_a_kind_is_that_of_a_model():
 
 def test_a_model_looks_alike_in_every_figure():
     results = _own("knowledge", "OOD", "ID", "own", "own", weather=True)
-    looks = Looks({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
+    looks = FigureStyles({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
     figures = figures_by_sample_set(results, looks)["own frames"]
     seen: dict[str, set[str]] = {}
     for figure in figures.values():

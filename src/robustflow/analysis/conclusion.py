@@ -48,16 +48,16 @@ def conclusion(results: Sequence[ModelResult]) -> str:
     sound = {line.name: line.run for line in ranked(results) if line.run is not None}
     sentences = []
     if len(sound) == 1:
-        sentences.append(_of_one(*next(iter(sound.items()))))
+        sentences.append(_one_run(*next(iter(sound.items()))))
     elif sound:
-        sentences.append(_of_several(sound))
+        sentences.append(_several_runs(sound))
     if reasons := not_ranked(results):
         sentences.append(f"No conclusion about {'; '.join(reasons)}.")
     return " ".join([*sentences, CAVEAT])
 
 
-def _of_one(name: str, run: Run) -> str:
-    values = _by_corruption(run)
+def _one_run(name: str, run: Run) -> str:
+    values = _rcre_by_corruption(run)
     order = sorted(values, key=lambda corruption: -values[corruption])
     moved = f"{run.summary.rcre:.2f} px on average (RCRE)"
     moves = f"On {_evidence(run)}, corruption changes the flow of {plain(name)} by {moved}"
@@ -84,13 +84,13 @@ def _surety(run: Run) -> str:
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
     if low is None and enough_to_compare(run):
-        return f"one {_unit(run)} decides this mean, so no interval can be given; {_others(run)} would help"
+        return f"one {_unit(run)} decides this mean, so no interval can be given; {_more_data(run)} would help"
     if low is None:
         return _too_few(run)
-    return f"95 % interval {low:.2f} to {high:.2f} px, which {_others(run)} would narrow"
+    return f"95 % interval {low:.2f} to {high:.2f} px, which {_more_data(run)} would narrow"
 
 
-def _of_several(runs: Mapping[str, Run]) -> str:
+def _several_runs(runs: Mapping[str, Run]) -> str:
     runs = dict(sorted(runs.items(), key=lambda item: (item[1].summary.rcre or 0.0, item[0])))
     (best, best_run), (second, second_run), *_ = ((plain(name), run) for name, run in runs.items())
     first, other = (
@@ -115,7 +115,9 @@ def _difference(runs: Mapping[str, Run]) -> str:
         return _too_few(run)
     if p < 0.05:
         return f"the difference between {best} and {second} is significant (p {p_text(p)}) for scenes like these"
-    return f"the difference between {best} and {second} may be due to chance (p {p_text(p)}); {_others(run)} would help"
+    return (
+        f"the difference between {best} and {second} may be due to chance (p {p_text(p)}); {_more_data(run)} would help"
+    )
 
 
 def enough_to_compare(run: Run) -> bool:
@@ -144,7 +146,7 @@ def _unit(run: Run) -> str:
     return sample_noun(run.benchmark) if clusters == pairs else "sequence"
 
 
-def _others(run: Run) -> str:
+def _more_data(run: Run) -> str:
     return f"more {_unit(run)}s from different scenes"
 
 
@@ -154,6 +156,6 @@ def _counts(run: Run) -> tuple[int, int]:
     return clean["sample"].n_unique(), clean["group"].n_unique()
 
 
-def _by_corruption(run: Run) -> dict[str, float]:
+def _rcre_by_corruption(run: Run) -> dict[str, float]:
     of_each = ((name, run.summary.corruptions[name].rcre) for name in run.summary.averaged_over)
     return {name: rcre for name, rcre in of_each if rcre is not None}

@@ -74,7 +74,7 @@ class Orders:
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     """Group runs of one model whose frames differ only in the seed; None if the runs differ in anything else."""
     seeds = [run.manifest.identity.frames.seed for run in runs]
-    rows, remark = _in_all(runs)
+    rows, remark = _common_rows(runs)
     clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
     if any(len(set(each)) > 1 for each in (list(map(_but_seed, runs)), clean)) or len(set(seeds)) < len(runs):
         return None
@@ -109,7 +109,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     Raises:
         RunError: if fewer than two of the models can be ranked.
     """
-    rows, remark = _in_all(runs)
+    rows, remark = _common_rows(runs)
     parts = [dict(one) for one in measured_in_words(runs)]
     if any((one["corruption"] != CLEAN).any() for one in rows):
         parts = [{name: words for name, words in one.items() if name not in SELECTION} for one in parts]
@@ -163,7 +163,7 @@ def _model_names(runs: Sequence[Run]) -> dict[str, str]:
     return dict(zip(first, named_runs(list(first.values())), strict=True))
 
 
-def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
+def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
     """Select the rows for the (sample, corruption, severity) cells that all runs have in common, and describe in a
     remark what was left out."""
     keys = list(ROW_KEY)

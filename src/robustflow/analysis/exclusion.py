@@ -80,7 +80,7 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
             else "a flow that misses the motion can hardly get worse"
         )
         reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
-    length, moved = clean_flow_length(rows), _moved(rows)
+    length, moved = clean_flow_length(rows), _mean_change(rows)
     error, of_still = (clean_mean(rows, f"photometric_{name}sum", "n_photometric") for name in ("", "still_"))
     if zero_flow_epe(rows) is None and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
         reasons.append(
@@ -114,7 +114,7 @@ def zero_flow_epe(rows: pl.DataFrame) -> float | None:
     return clean_mean(rows, "magnitude_sum", "n_valid")
 
 
-def _moved(rows: pl.DataFrame) -> float | None:
+def _mean_change(rows: pl.DataFrame) -> float | None:
     """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
     clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
     corrupted = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).join(clean, on="sample")

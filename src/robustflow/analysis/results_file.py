@@ -84,12 +84,12 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
             raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
         if twice := [column for column in _WRITTEN if names.count(column) > 1]:
             raise DataError(f"{name}: the column '{twice[0]}' appears twice; remove one of the two")
-        return merged((_one(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
+        return merged((_result_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
 
 
-def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
+def _result_of_line(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
     """Parse one line of the file, which contains one value."""
     if None in line or None in line.values():
         raise DataError(

@@ -186,14 +186,14 @@ def _images(rows: pl.DataFrame) -> pl.DataFrame:
 
 def _scores(images: pl.DataFrame) -> UncoupledScores:
     return UncoupledScores(
-        log_ratio=_of(images["ratio"].mean()),
-        median_log_ratio=_of(images["ratio"].median()),
-        median_cre=_of((images["epe"] - images["before"]).median()),
-        fl_increase=None if images["fl"].null_count() else _of(images["fl"].mean()),
+        log_ratio=_number(images["ratio"].mean()),
+        median_log_ratio=_number(images["ratio"].median()),
+        median_cre=_number((images["epe"] - images["before"]).median()),
+        fl_increase=None if images["fl"].null_count() else _number(images["fl"].mean()),
     )
 
 
-def _of(value: Any) -> float | None:
+def _number(value: Any) -> float | None:
     return None if value is None else float(value)
 
 

@@ -83,17 +83,17 @@ class Models:
             try:
                 model = spec.load()
             except RobustFlowError as error:
-                raise type(error)(_for_the_page(str(error))) from error
+                raise type(error)(_page_message(str(error))) from error
             if not isinstance(model, FlowModel):
                 raise ModelError(f"model '{name}' does not predict from two frames; choose a different model")
             self._loaded = ((name, checkpoint), model)
         return self._loaded[1]
 
 
-def _for_the_page(message: str) -> str:
+def _page_message(message: str) -> str:
     """Reword an error about a command-line option for the page's field.
 
-    >>> _for_the_page("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
+    >>> _page_message("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
     "model 'raft' needs its checkpoint: get it, and give its path in the Checkpoint field"
     """
     return message.replace("as --checkpoint", "in the Checkpoint field").replace("--checkpoint", "the Checkpoint field")

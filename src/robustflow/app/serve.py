@@ -83,7 +83,7 @@ def serve(
     if browser:
         threading.Timer(0.5, webbrowser.open, (_redirect(uploads.path, address).as_uri(),)).start()
     try:
-        _end_after_signal()
+        _exit_on_signal()
         _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the normal way to stop this server
@@ -165,7 +165,7 @@ os.kill(int(sys.argv[1]), signal.SIGKILL)
 """
 
 
-def _end_after_signal() -> None:
+def _exit_on_signal() -> None:
     """Make SIGINT and SIGTERM end this process within `_ENDING_SECONDS`, regardless of what its threads do.
 
     Python runs signal handlers between bytecode instructions, but loading or compiling a model may hold the interpreter

@@ -168,9 +168,9 @@ class Ball:
         if self.moved == "joint":
             change[1] = change[0]
         images: Images = self.clean + change
-        return self.project(self._whole_length(images))
+        return self.project(self._scaled_to_surface(images))
 
-    def _whole_length(self, images: Images) -> Images:
+    def _scaled_to_surface(self, images: Images) -> Images:
         """For "rms", scale the change to the ball's surface, before values are clipped to 0..1."""
         size = self.size_of(images - self.clean)
         if self.norm != "rms" or size == 0:

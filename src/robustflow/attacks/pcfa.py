@@ -145,14 +145,14 @@ class _Search:
         kept = 1 - _INSIDE
         frames = [(torch.tanh(variable) + kept) / (2 * kept) for variable in self.variables]
         change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
-        return self._whole([frame.clamp(0, 1) for frame in frames]), change
+        return self._both_frames([frame.clamp(0, 1) for frame in frames]), change
 
     def _clipped(self) -> tuple[Tensor, Tensor]:
         import torch
 
         frames = [variable.clamp(0, 1) for variable in self.variables]
         change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
-        return self._whole(frames), change
+        return self._both_frames(frames), change
 
     def _joint(self) -> tuple[Tensor, Tensor]:
         import torch
@@ -163,7 +163,7 @@ class _Search:
         change = ((field + high).clamp(0, 1) - high + low).clamp(0, 1) - low
         return images, torch.stack([change, change])
 
-    def _whole(self, frames: list[Any]) -> Tensor:
+    def _both_frames(self, frames: list[Any]) -> Tensor:
         """Stack both frames; frames that are not perturbed stay clean."""
         import torch
 

@@ -69,7 +69,7 @@ class Transfer(Attack):
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
         """See `Attack.training`; the inner attack is trained on the surrogate."""
         inner = self.attack
-        return {self.label: (inner, self._other)} if isinstance(inner, Trained) and inner.train else {}
+        return {self.label: (inner, self._surrogate)} if isinstance(inner, Trained) and inner.train else {}
 
     def with_learned(self, learned: Learned) -> Self:
         """See `Attack.with_learned`."""
@@ -101,14 +101,14 @@ class Transfer(Attack):
     def source(self) -> str:
         """A digest of the surrogate's identity."""
         assert self._spec is not None
-        return digest_of_value([self._spec.identity(self._other), self.attack.source])
+        return digest_of_value([self._spec.identity(self._surrogate), self.attack.source])
 
     @property
     def _spec(self) -> ModelSpec | None:
         return ModelSpec(self.on, self.model_options) if isinstance(self.on, str) else None
 
     @cached_property
-    def _other(self) -> AnyModel:
+    def _surrogate(self) -> AnyModel:
         return self._spec.load() if self._spec else as_model(self.on, "the model of the attack transfer")
 
     def check(self, model: AnyModel) -> None:
@@ -117,15 +117,15 @@ class Transfer(Attack):
         Raises:
             ModelError: the surrogate is not a model of two frames, or has no gradients.
         """
-        if not isinstance(self._other, FlowModel):
+        if not isinstance(self._surrogate, FlowModel):
             raise ModelError("the attack transfer needs a two-frame model as its surrogate")
-        self.attack.check(self._other)
+        self.attack.check(self._surrogate)
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; counts the evaluations of the surrogate."""
         pair = problem.pair
-        clean_flow = predict_checked(self._other, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
-        inner = self.attack.begun(self._other, pair, clean_flow)
+        clean_flow = predict_checked(self._surrogate, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
+        inner = self.attack.begun(self._surrogate, pair, clean_flow)
         images = self.attack.run(inner, pair.stream(self.attack.name))
         problem.charge(inner)
         problem.troubles |= inner.troubles

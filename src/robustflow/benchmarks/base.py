@@ -97,14 +97,14 @@ class Benchmark:
         """
         if limit is not None and not (isinstance(limit, Integral) and limit >= 1):
             raise UsageError(f"--limit {limit} leaves no samples: give a whole number, 1 or more")
-        against = with_controls(_several(attacks or ()))
-        asked = (() if against else self.corruptions) if corruptions is None else _several(corruptions)
+        against = with_controls(_as_iterable(attacks or ()))
+        asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
         chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
                 load_corruption(name)
                 self._refuse_clip_corruption(name)
-        named = self.severities if severities is None else _several(severities)
+        named = self.severities if severities is None else _as_iterable(severities)
         levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             raise UsageError(
@@ -163,7 +163,7 @@ class Benchmark:
         )
 
 
-def _several(given: Any) -> Iterable[Any]:
+def _as_iterable(given: Any) -> Iterable[Any]:
     """Return one or several corruptions or severities as a tuple."""
     return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
 

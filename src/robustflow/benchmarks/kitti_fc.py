@@ -9,7 +9,7 @@ from ..corruptions import IMAGE_PAIR
 from ..errors import DataError, UsageError
 from .base import Benchmark
 from .facts import BenchmarkFacts, QuickSubset
-from .whole import warn_of_part, warn_unless_whole
+from .whole import warn_incomplete, warn_unless_whole
 
 if TYPE_CHECKING:
     from ..datasets.kitti import KittiPairs
@@ -65,7 +65,9 @@ class KittiFC:
             _check_truth(files)
             keys = selected(split, files.keys(), files.name) if split else files.keys()
             if split is None and len(keys) < _PAIRS:
-                warn_of_part("KITTI-FC", f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {files.folder}")
+                warn_incomplete(
+                    "KITTI-FC", f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {files.folder}"
+                )
             return released("kitti-fc", files, keys, KittiFC.facts)
         dataset = Kitti2015(data)
         _check_truth(dataset)

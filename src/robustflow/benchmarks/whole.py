@@ -32,9 +32,9 @@ def warn_unless_whole(title: str, noun: str, wanted: Sequence[str], evaluated: S
             f"{others} of the {len(evaluated)} evaluated {'is' if others == 1 else 'are'} not part of {title}"
         )
     if remarks:
-        warn_of_part(title, ", and ".join(remarks), remedy)
+        warn_incomplete(title, ", and ".join(remarks), remedy)
 
 
-def warn_of_part(title: str, what: str, remedy: str = "") -> None:
+def warn_incomplete(title: str, what: str, remedy: str = "") -> None:
     """Warn that results on these data are not results on a benchmark."""
     warnings.warn(f"{what}; the result is not a {title} result{remedy}", stacklevel=5)

@@ -102,19 +102,19 @@ def gallery(
 
         possible = IMAGE_PAIR if clip is None else PAPER_ORDER
         wanted = [corruption_name(name) for name in with_families(wanted, possible)]
-    shown = _Shown(wanted, severity, severity_scale, seed, output)
+    shown = _GalleryRequest(wanted, severity, severity_scale, seed, output)
     if attacks is not None and model is not None:
         _attacked(shown, _sample_of(frames)[0], names(attacks) or [], model)
         if wanted is None:
             return
     if clip is None:
-        _of_pair(shown, frames, model, depth, focal, still)
+        _write_pair_gallery(shown, frames, model, depth, focal, still)
     else:
-        _of_clip(shown, clip, start, stop, length)
+        _write_clip_gallery(shown, clip, start, stop, length)
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _GalleryRequest:
     """What a gallery shows, and where it is written; `corruptions` is None for all of them."""
 
     corruptions: list[str] | None
@@ -124,8 +124,8 @@ class _Shown:
     output: Path
 
 
-def _of_pair(
-    shown: _Shown,
+def _write_pair_gallery(
+    shown: _GalleryRequest,
     frames: tuple[Path, Path] | None,
     model: str | None,
     depth: Path | None,
@@ -179,7 +179,7 @@ def _depth_of(
     return None if depths is None else depths.depth(sample)
 
 
-def _attacked(shown: _Shown, sample: "Sample", attacks: list[str], model: str) -> None:
+def _attacked(shown: _GalleryRequest, sample: "Sample", attacks: list[str], model: str) -> None:
     from functools import partial
 
     from ..atomic import make_folder, write_bytes
@@ -207,7 +207,7 @@ def _attacked(shown: _Shown, sample: "Sample", attacks: list[str], model: str) -
 
 
 def _write_strip(
-    shown: _Shown,
+    shown: _GalleryRequest,
     sample: "Sample",
     model: str,
     corruptions: list[str],
@@ -228,7 +228,9 @@ def _write_strip(
     typer.echo(str(shown.output / "strip.webp"))
 
 
-def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, length: int | None) -> None:
+def _write_clip_gallery(
+    shown: _GalleryRequest, clip: Path, start: str | None, stop: str | None, length: int | None
+) -> None:
     from tempfile import TemporaryDirectory
 
     from ..progress_bar import ProgressBar
@@ -244,7 +246,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
     title = f"Corruptions of {clip.name}, frames {first} to {last}, {shown.scale} scale"
     at: list[GalleryCell] = []
 
-    def kept(cells: "Iterable[GalleryCell]") -> "Iterator[GalleryCell]":
+    def collect(cells: "Iterable[GalleryCell]") -> "Iterator[GalleryCell]":
         for cell in cells:
             if cell.severity == shown.severity:
                 at.append(cell)
@@ -253,7 +255,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
     with TemporaryDirectory(prefix="robustflow-gallery-") as folder, ProgressBar() as progress:
         cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), shown.seed, key, shown.scale)
         tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
-        slider = gallery_slider(title, frames, kept(tracked), SEVERITIES, shown.severity, first)
+        slider = gallery_slider(title, frames, collect(tracked), SEVERITIES, shown.severity, first)
     which = "middle" if start is None else "first"
     remarks = [
         f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
@@ -265,7 +267,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
         typer.echo(remark, err=True)
 
 
-def _write(shown: _Shown, clean: "Frame", at: "Sequence[GalleryCell]", title: str, page: str) -> None:
+def _write(shown: _GalleryRequest, clean: "Frame", at: "Sequence[GalleryCell]", title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 

@@ -88,7 +88,7 @@ def gopro_fc(
     if not 0 <= cache_gb < float("inf"):
         raise UsageError(f"the cache cannot be limited to {cache_gb:g} GB: give 0 or more")
     limit = round(cache_gb * 1e9)
-    prepare_all = _on_ray(engine, workers, address)
+    prepare_all = _ray_preparation(engine, workers, address)
     sources = find_sources(data, evenly=rate is not None)
     at_once = workers or (1 if prepare_all is None else len(sources))
     estimate = estimate_disk(sources, output, preparation, limit, at_once)
@@ -146,7 +146,7 @@ def digests(
         typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 
 
-def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":
+def _ray_preparation(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":
     if engine not in ("processes", "ray"):
         raise unknown_name("engine", engine, ("processes", "ray"))
     if engine == "processes":

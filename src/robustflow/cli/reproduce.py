@@ -138,7 +138,7 @@ def _measured(
             for each in measure_variants(artefact, choices, output, device, progress=progress, **options):
                 measured.append(each)
     except KeyboardInterrupt:
-        raise stopped(f"{progress.kept()} Run the same command again") from None
+        raise stopped(f"{progress.finished_work()} Run the same command again") from None
     return measured
 
 

@@ -262,7 +262,7 @@ def run(
                     print_result(result, with_seed=runs > 1)
                 results.append(result)
     except KeyboardInterrupt:
-        raise stopped(f"{progress.kept()} Run the same command again") from None
+        raise stopped(f"{progress.finished_work()} Run the same command again") from None
     if as_json:
         typer.echo(as_json_text(results))
     elif len(results) > 1:

@@ -39,11 +39,11 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
         return None
     raise UsageError(
         f"this model needs {window.before + 2 + window.after} frames, but '{dataset.name}' contains only pairs; "
-        f"datasets with clips: {_with_clips()}"
+        f"datasets with clips: {_datasets_with_clips()}"
     )
 
 
-def _with_clips() -> str:
+def _datasets_with_clips() -> str:
     """Return, as text, the names of the datasets with additional frames around their pairs, starting with those that
     always have them."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}

@@ -75,7 +75,7 @@ def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float6
     return out
 
 
-def present(files: list[Path], title: str, parts: str) -> list[Path]:
+def existing(files: list[Path], title: str, parts: str) -> list[Path]:
     """Return the files from which a dataset's depth is read.
 
     Raises:

@@ -31,7 +31,7 @@ from ..flowio.depth import read_depth_png
 from ..layout import by_sequence, choice, following, locate, partner
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
-from .depth import SKY, carried, check_size, depth_of, present, scene_depth
+from .depth import SKY, carried, check_size, depth_of, existing, scene_depth
 from .facts import DatasetFacts
 from .kitti_drives import drive_groups
 from .kitti_sky import sky
@@ -128,7 +128,7 @@ class Kitti2015(KittiSequences):
         flow = self.pair(key).frames[0].name
         files = [self.folder / kind / flow for kind in ("disp_occ_0", "disp_occ_1")]
         files.append(self.folder / "calib_cam_to_cam" / f"{key}.txt")
-        return present(files, "KITTI 2015", "data_scene_flow and data_scene_flow_calib")
+        return existing(files, "KITTI 2015", "data_scene_flow and data_scene_flow_calib")
 
 
 class Kitti2012(KittiSequences):

@@ -75,23 +75,23 @@ class RobustSpring(Samples):
 
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""
-        return self._of(key).load(key)
+        return self._condition(key).load(key)
 
     def files(self, key: str) -> list[Path]:
         """See `Dataset.files`."""
-        return self._of(key).files(key)
+        return self._condition(key).files(key)
 
     def around(self, key: str, reach: int) -> range:
         """See `Clips.around`."""
-        return self._of(key).around(key, reach)
+        return self._condition(key).around(key, reach)
 
     def frame(self, key: str, offset: int) -> Frame:
         """See `Clips.frame`."""
-        return self._of(key).frame(key, offset)
+        return self._condition(key).frame(key, offset)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         """See `Clips.frame_files`."""
-        return self._of(key).frame_files(key, offsets)
+        return self._condition(key).frame_files(key, offsets)
 
     def has_corrupted(self, corruption: str) -> bool:
         """See `PreCorrupted.has_corrupted`."""
@@ -99,23 +99,23 @@ class RobustSpring(Samples):
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """See `PreCorrupted.corrupted`."""
-        clean, *_ = self._of(key).files(key)
+        clean, *_ = self._condition(key).files(key)
         return read_frames((clean, *self.corrupted_files(key, corruption, severity)))[1:]
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """See `PreCorrupted.corrupted_files`."""
-        return [self._under(corruption, severity, path) for path in self.files(key)]
+        return [self._corrupted_file(corruption, severity, path) for path in self.files(key)]
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
         """See `CorruptedClips.corrupted_frame`."""
         (clean,) = self.frame_files(key, [offset])
-        return read_frames((self.files(key)[0], self._under(corruption, severity, clean)))[1]
+        return read_frames((self.files(key)[0], self._corrupted_file(corruption, severity, clean)))[1]
 
-    def _of(self, key: str) -> Condition:
+    def _condition(self, key: str) -> Condition:
         """Return the clean pairs in the direction that a key names."""
         return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
 
-    def _under(self, corruption: str, severity: int, clean: Path) -> Path:
+    def _corrupted_file(self, corruption: str, severity: int, clean: Path) -> Path:
         """Return the corrupted file of a clean frame."""
         if corruption not in self._corrupted or severity != 1:
             raise UsageError(

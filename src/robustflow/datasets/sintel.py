@@ -21,7 +21,7 @@ from ..images.io import read_mask
 from ..layout import consecutive, folders, locate, numbered, partner
 from ..sample import Camera, Mask, Sample, SceneDepth
 from .camera_motion import relative_motion
-from .depth import present, scene_depth
+from .depth import existing, scene_depth
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
@@ -90,7 +90,7 @@ class Sintel(PairDataset):
         training, scene = frames[0].parents[2], frames[0].parent.name
         kinds = (("depth", ".dpt"), ("camdata_left", ".cam"))
         files = [training / kind / scene / f"{frame.stem}{suffix}" for kind, suffix in kinds for frame in frames]
-        return present(files, "MPI-Sintel", "MPI-Sintel-depth-training")
+        return existing(files, "MPI-Sintel", "MPI-Sintel-depth-training")
 
 
 def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:

@@ -25,7 +25,7 @@ from ..flowio.depth import read_dsp5
 from ..layout import choice, consecutive, folders, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
-from .depth import SKY, check_size, depth_of, present, scene_depth, table_of
+from .depth import SKY, check_size, depth_of, existing, scene_depth, table_of
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
@@ -108,7 +108,7 @@ class Spring(PairDataset):
         names = [frame.stem.replace("frame_", "disp1_") for frame in frames]
         maps = [sequence / name.rpartition("_")[0] / f"{name}.dsp5" for name in names]
         files = [*maps, sequence / "cam_data" / "intrinsics.txt"]
-        return present(files, "Spring", "disp1_left/, disp1_right/ and cam_data/")
+        return existing(files, "Spring", "disp1_left/, disp1_right/ and cam_data/")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
         """See `PairDataset.training_truth`."""

@@ -26,7 +26,7 @@ from ..flowio.depth import read_depth_npy, read_npy
 from ..layout import choice, folders, following, locate, numbered, partner, user_path
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import relative_motion
-from .depth import present, scene_depth, table_of
+from .depth import existing, scene_depth, table_of
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
@@ -101,7 +101,7 @@ class TartanAir(PairDataset):
         frames = self.pair(key).frames
         flight = frames[0].parent.parent
         maps = [flight / "depth_left" / f"{frame.stem}_depth.npy" for frame in frames]
-        return present([*maps, flight / "pose_left.txt"], "TartanAir", "depth_left/ and pose_left.txt of the flights")
+        return existing([*maps, flight / "pose_left.txt"], "TartanAir", "depth_left/ and pose_left.txt of the flights")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
         """See `PairDataset.training_truth`."""

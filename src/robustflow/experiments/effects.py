@@ -65,7 +65,7 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
     lines = []
     for name in (name for name in names if name != PLAIN):
         for under, quantities in plain[0].items():
-            about = {"data": dataset, "arm": name, "under": under, "seen": _seen(name, under)}
+            about = {"data": dataset, "arm": name, "under": under, "seen": _trained_on(name, under)}
             for quantity in quantities:
                 before, after = (np.stack([one[under][quantity] for one in scores[which]]) for which in (PLAIN, name))
                 effect = _effect(before, after)
@@ -109,7 +109,7 @@ def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:
     return float(np.mean([one[under]["cre"] for one in scores])) / clean if clean > 0 else math.nan
 
 
-def _seen(arm: str, under: str) -> bool | None:
+def _trained_on(arm: str, under: str) -> bool | None:
     if under == CLEAN:
         return None
     family = under if under in TRAINED else next(name for name in TRAINED if under in members(name))
@@ -122,7 +122,7 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
         epe=pl.col("epe_sum") / pl.col("n_valid"), rcre=pl.col("rcre_all_sum") / pl.col("n_all")
     )
     pairs = sorted(set(rows["sample"]))
-    clean = _by_pair(rows.filter(pl.col("corruption") == CLEAN), "epe", pairs)
+    clean = _values_by_pair(rows.filter(pl.col("corruption") == CLEAN), "epe", pairs)
     scores: dict[str, dict[str, Array]] = {CLEAN: {"epe_clean": clean}}
     for under, names in {
         **{family: members(family) for family in LEFT_OUT},
@@ -133,12 +133,12 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
             raise UsageError(
                 f"{run.path} must contain all of {', '.join(names)}; measure all corruptions of the experiment"
             )
-        epe = _by_pair(part, "epe", pairs)
-        scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _by_pair(part, "rcre", pairs)}
+        epe = _values_by_pair(part, "epe", pairs)
+        scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _values_by_pair(part, "rcre", pairs)}
     return scores
 
 
-def _by_pair(rows: pl.DataFrame, column: str, pairs: list[str]) -> Array:
+def _values_by_pair(rows: pl.DataFrame, column: str, pairs: list[str]) -> Array:
     means = rows.group_by("sample").agg(pl.col(column).mean()).sort("sample")
     if list(means["sample"]) != pairs:
         raise UsageError(f"some pairs have no measured {column}; measure every pair in the runs of an experiment")

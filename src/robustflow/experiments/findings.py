@@ -46,7 +46,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
 
 def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
     """Return one sentence per hypothesis, with Holm's correction for all of them."""
-    tested = [_one(table, each.arm, each.family, each.quantity) for each in hypotheses]
+    tested = [_single_row(table, each.arm, each.family, each.quantity) for each in hypotheses]
     if any(effect["p"] is None for effect in tested):
         few = f"With fewer than {FEWEST_SEEDS} seeds or {FEWEST_PAIRS} pairs there is no test"
         values = (f"{_named(each)} {_change(effect)} px" for each, effect in zip(hypotheses, tested, strict=True))
@@ -87,7 +87,7 @@ def _families(table: pl.DataFrame) -> str:
         for arm, word in ((f"no_{family}", "not trained with it"), (ALL, "trained with all")):
             cells = [family, word]
             for quantity in ("epe", "cre", "crer", "rcre"):
-                effect = _one(table, arm, family, quantity)
+                effect = _single_row(table, arm, family, quantity)
                 cells += [f"{effect['plain']:.2f}", f"{effect['value']:.2f}"]
                 if quantity != "crer":
                     cells.append(_difference(effect))
@@ -97,7 +97,7 @@ def _families(table: pl.DataFrame) -> str:
 
 def _clean(table: pl.DataFrame) -> str:
     arms = table["arm"].unique(maintain_order=True)
-    effects = {arm: _one(table, arm, CLEAN, "epe_clean") for arm in arms}
+    effects = {arm: _single_row(table, arm, CLEAN, "epe_clean") for arm in arms}
     changes = (f"{arm} {effect['value']:.2f} ({_difference(effect)})" for arm, effect in effects.items())
     return f"Clean EPE, px: plain {next(iter(effects.values()))['plain']:.2f}; {'; '.join(changes)}."
 
@@ -108,7 +108,7 @@ def _difference(effect: dict[str, Any]) -> str:
     return f"{effect['difference']:+.2f} [{effect['low']:+.2f}, {effect['high']:+.2f}]"
 
 
-def _one(table: pl.DataFrame, arm: str, under: str, quantity: str) -> dict[str, Any]:
+def _single_row(table: pl.DataFrame, arm: str, under: str, quantity: str) -> dict[str, Any]:
     return table.row(
         by_predicate=(pl.col("arm") == arm) & (pl.col("under") == under) & (pl.col("quantity") == quantity), named=True
     )

@@ -110,7 +110,7 @@ def _launch(x: Any, y: Any, tangent: Any) -> Any:
 
 
 @inner
-def _at_plane(rays: Any) -> Any:
+def _plane_points(rays: Any) -> Any:
     """Return x and y of the points where rays cross the plane z = 0."""
     t = -rays[2] / rays[5]
     return rays[0] + t * rays[3], rays[1] + t * rays[4]
@@ -141,7 +141,7 @@ def aim(
     for step in range(8):
         rays = _launch(x, y, tangent)
         propagate(curvature[:stop], conic, thickness, index, unbounded, rays, no_path)
-        at_x, at_y = _at_plane(rays)
+        at_x, at_y = _plane_points(rays)
         for f in range(4 * fields):
             side = f >= 3 * fields
             miss[f] = (at_x[f] - radius) if side else (at_y[f] - sign[f] * radius)
@@ -180,13 +180,13 @@ def landing(
     no_path = np.empty((0, 3, 0))
     rays = _launch(x, y, np.full(x.size, tangent))
     propagate(curvature[:stop], conic, thickness, index, clear, rays, no_path)
-    at_x, at_y = _at_plane(rays)
+    at_x, at_y = _plane_points(rays)
     weight = np.empty(x.size)
     for i in range(x.size):
         r = np.sqrt(at_x[i] * at_x[i] + at_y[i] * at_y[i]) / radius
         weight[i] = min(max((1.0 + 0.5 * ramp - r) / ramp, 0.0), 1.0)
     propagate(curvature[stop:], conic[stop:], thickness[stop:], index[stop:], clear[stop:], rays, no_path)
-    sx, sy = _at_plane(rays)
+    sx, sy = _plane_points(rays)
     return sx, sy, weight * rays[6], weight
 
 
@@ -224,21 +224,21 @@ def blur_statistics(
             inner[i] = outer[i] * _window(x[i], v)
             c[i], s[i] = _cos_sin_turns(BASE_FREQUENCY * v)
             cs[i], ss[i] = _cos_sin_turns(BASE_FREQUENCY * x[i])
-        all_w, all_1, all_2, total, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        weight_sum, first_moment, second_moment, total, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             v = y[i] - centre
             squared = x[i] * x[i] + v * v
-            all_w += outer[i]
-            all_1 += outer[i] * v
-            all_2 += outer[i] * squared
+            weight_sum += outer[i]
+            first_moment += outer[i] * v
+            second_moment += outer[i] * squared
             total += inner[i]
             first += inner[i] * v
             second += inner[i] * squared
-        total, all_w = max(total, 1e-12), max(all_w, 1e-12)
+        total, weight_sum = max(total, 1e-12), max(weight_sum, 1e-12)
         mean = out_mean[colour] = first / total
         out_rms[colour] = np.sqrt(max(second / total - mean * mean, 0.0))
-        mean = all_1 / all_w
-        unbounded += np.sqrt(max(all_2 / all_w - mean * mean, 0.0))
+        mean = first_moment / weight_sum
+        unbounded += np.sqrt(max(second_moment / weight_sum - mean * mean, 0.0))
         frequency = BASE_FREQUENCY
         for k in range(FREQUENCIES.size):
             re, im, sagittal = 0.0, 0.0, 0.0

@@ -70,7 +70,7 @@ def sparsification(error: Any, confidence: Any) -> Sparsification | None:
     >>> float(curves.by_confidence[0]), float(curves.by_confidence[50]), curves.ause
     (2.5, 1.5, 0.0)
     """
-    errors, sure = _known(error, confidence)
+    errors, sure = _finite_values(error, confidence)
     if not errors.size:
         return None
     return Sparsification(_curve(errors, -sure), _curve(errors, errors))
@@ -112,7 +112,7 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
     >>> confidence_correlation([1.0, 2.0, 3.0], [3, 2, 1]), confidence_correlation([1.0, 2.0], [5, 5])
     (-1.0, None)
     """
-    errors, sure = _known(error, confidence)
+    errors, sure = _finite_values(error, confidence)
     if not errors.size:
         return None
     one, other = _ranks(errors), _ranks(sure)
@@ -169,7 +169,7 @@ def _bilinear(field: Values, x: Values, y: Values) -> Values:
     return mixed
 
 
-def _known(error: Any, confidence: Any) -> tuple[Values, Values]:
+def _finite_values(error: Any, confidence: Any) -> tuple[Values, Values]:
     errors, sure = np.asarray(error, np.float64), np.asarray(confidence, np.float64)
     if errors.shape != sure.shape:
         raise DataError(f"the confidence has shape {sure.shape}, but the errors have shape {errors.shape}")

@@ -16,7 +16,7 @@ class PairNetwork(ABC):
 
     @property
     @abstractmethod
-    def _together(self) -> bool:
+    def _batches_pairs(self) -> bool:
         """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic.
 
         On the CPU, each pair is predicted separately: a batch would not be faster, and it would change the last bits of
@@ -52,7 +52,7 @@ class PairNetwork(ABC):
         return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        if self._together:
+        if self._batches_pairs:
             return self.run(frames1, frames2)
         return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
 

@@ -71,9 +71,9 @@ def tables_of(
         if name in TABLES:
             return [build_table(name, results, seeds)]
         if name == "effective":
-            return _by_sample_set(about, effective_table)
+            return _tables_by_sample_set(about, effective_table)
         if name == "observations":
-            return _by_sample_set(about, observations_table if wanted else _computable_observations)
+            return _tables_by_sample_set(about, observations_table if wanted else _computable_observations)
         if not runs:
             raise UsageError(f"the table '{name}' requires runs: give at least one run")
         if name in ATTACK_TABLES:
@@ -131,7 +131,9 @@ def _computable_observations(results: Sequence[ModelResult]) -> Table:
     return table
 
 
-def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[ModelResult]], Table]) -> list[Table]:
+def _tables_by_sample_set(
+    results: Sequence[ModelResult], make: Callable[[Sequence[ModelResult]], Table]
+) -> list[Table]:
     """Make one table for each set of comparable results with enough models. Its title names the set, and a remark lists
     the runs omitted because they are not ranked. Raise an error if no set has enough models."""
     tables: list[Table] = []

@@ -73,10 +73,12 @@ def choose(
         weights: files in the checkpoint folders.
         random: whether random weights may replace missing ones.
     """
-    return [_chosen(variant, benchmark, weights, random) for variant in variants]
+    return [_runnable_or_missing(variant, benchmark, weights, random) for variant in variants]
 
 
-def _chosen(variant: Variant, benchmark: str, weights: Sequence[FoundWeights], random: bool) -> Runnable | Missing:
+def _runnable_or_missing(
+    variant: Variant, benchmark: str, weights: Sequence[FoundWeights], random: bool
+) -> Runnable | Missing:
     entry = methods()[variant.model]
     if entry.type == "knowledge":
         return Runnable(variant, ModelSpec(variant.model), _GREY if variant.model == "dis" else "", variant.model)

@@ -56,8 +56,8 @@ class SideBySide:
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """Compare a variant's run with the published values over the same corruptions."""
-    measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
-    here = _over(run_results([run], beside_published=True)[0], measured)
+    measured = [name for name in run.summary.corruptions if name in _in_paper(artefact)]
+    here = _values_over(run_results([run], beside_published=True)[0], measured)
     levels = run.manifest.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
@@ -65,7 +65,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
         runnable.weights,
         f"{setting}, not the setting of this row" if differs else "",
         comparison_note(run, beside_published=True),
-        "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same corruptions",
+        "" if len(measured) == len(_in_paper(artefact)) else "the published average is over the same corruptions",
         "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
     )
     published = _published(artefact, runnable.variant, measured)
@@ -74,10 +74,10 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
 
 def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
     """Return a comparison that contains only the paper's values."""
-    return SideBySide(variant, _published(artefact, variant, _of_paper(artefact)), {})
+    return SideBySide(variant, _published(artefact, variant, _in_paper(artefact)), {})
 
 
-def _of_paper(artefact: Artefact) -> tuple[str, ...]:
+def _in_paper(artefact: Artefact) -> tuple[str, ...]:
     return benchmark_facts(artefact.benchmark).paper_corruptions
 
 
@@ -88,14 +88,14 @@ def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) ->
     crer = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting) if cost is not None else None
     if artefact.columns == "crer" and crer is None:
         return {}  # Tab. 3 does not contain the method
-    values = _over(line, measured)
-    if len(measured) < len(_of_paper(artefact)):
+    values = _values_over(line, measured)
+    if len(measured) < len(_in_paper(artefact)):
         return values
     printed = {key: value.number for key, value in line.values.items() if key[1] == AVERAGE}
     return {**values, **printed, **({} if crer is None else {("crer", AVERAGE): crer})}
 
 
-def _over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
+def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
     """Return the values on the clean frames and under some corruptions, with the averages over these corruptions, and
     the CREr of each family as ("crer", FAMILY)."""
     some = replace(line, values={key: value for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)})
@@ -120,7 +120,7 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
     else:
         metric = artefact.columns
         every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
-        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _of_paper(artefact)]
+        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
     shown = [one.here or one.published for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)] or every

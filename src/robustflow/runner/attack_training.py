@@ -82,7 +82,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
                 pattern = _trained(attack, plan, on, severity, batch_size)
                 path = folder.pattern_path(label, severity)
                 path.parent.mkdir(exist_ok=True)
-                write_array(path, pattern, _made_of(plan, label, severity))
+                write_array(path, pattern, _pattern_key(plan, label, severity))
             learned.setdefault(label, {})[severity] = pattern
     return learned
 
@@ -91,11 +91,11 @@ def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, at
     """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
     folder."""
     assert isinstance(attack, Trained)
-    pattern = read_array(folder.pattern_path(label, severity), _made_of(plan, label, severity))
+    pattern = read_array(folder.pattern_path(label, severity), _pattern_key(plan, label, severity))
     return pattern if pattern is not None and attack.fits(pattern) and np.isfinite(pattern).all() else None
 
 
-def _made_of(plan: Plan, label: str, severity: int) -> str:
+def _pattern_key(plan: Plan, label: str, severity: int) -> str:
     return f"{plan.digest()} {label} {severity}"
 
 

@@ -47,9 +47,9 @@ def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
         RunError: the rows differ.
     """
     if any(before[column] != now[column] for column in _FRAMES):
-        raise _other_data(before["sample"], "frames")
+        raise _data_differ(before["sample"], "frames")
     if before["truth_digest"] != now["truth_digest"]:
-        raise _other_data(before["sample"], "ground truth")
+        raise _data_differ(before["sample"], "ground truth")
 
 
 def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
         )
 
 
-def _other_data(key: str, what: str) -> RunError:
+def _data_differ(key: str, what: str) -> RunError:
     return RunError(
         f"sample '{key}' has different {what} than when this run measured it, although the names and sizes "
         "of its files are the same; restore the data, or choose a different folder with --output"

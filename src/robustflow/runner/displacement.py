@@ -126,17 +126,17 @@ def _flows(
             raise RunError(
                 f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the --data of the run"
             )
-        yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)
+        yield _true_flow(benchmark, sample) if model is None else _predicted_flow(model, sample)
         progress(number)
 
 
-def _of_truth(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:
+def _true_flow(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:
     if sample.flow is None or sample.valid is None:
         raise DataError(f"{benchmark.name}, sample '{sample.key}': no ground truth; name a model instead")
     return sample.flow, sample.valid
 
 
-def _of_model(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask]:
+def _predicted_flow(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask]:
     flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
     if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
         where = describe_cell(sample.key, "clean", 0)

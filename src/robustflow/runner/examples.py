@@ -124,11 +124,11 @@ def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
     key, corruption, severity = cell
     matching = rows.filter(sample=key, corruption=corruption, severity=severity)
     if matching.is_empty():
-        raise _no_such_cell(rows, cell)
+        raise _unknown_cell(rows, cell)
     return matching.row(0, named=True)
 
 
-def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
+def _unknown_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
     key, corruption, severity = cell
     of_sample = rows.filter(sample=key)
     if of_sample.is_empty():

@@ -68,7 +68,7 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
     if truth is not None and not truth.any() and np.array_equal(sample.frames[0], sample.frames[1]):
-        return _file(_drawn(panel, _of_still(panel)), form)
+        return _file(_figure(panel, _still_pictures(panel)), form)
     radius = flow_radius(panel.clean_flow) if truth is None else flow_radius(truth, valid)
     pictures: list[tuple[str, Frame | None]] = [
         ("frame 1", sample.frames[0]),
@@ -86,13 +86,13 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         error = thickened(error_colours(errors), ~np.isnan(errors))
         pictures.append(("ground truth (black: unknown)", thickened(flow_colours(truth, radius, valid), valid)))
         pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
-    figure = _drawn(panel, pictures)
+    figure = _figure(panel, pictures)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # characters that the font lacks are shown as boxes
         return _file(figure, form)
 
 
-def _of_still(panel: Panel) -> list[tuple[str, Frame | None]]:
+def _still_pictures(panel: Panel) -> list[tuple[str, Frame | None]]:
     """Return the images for a static scene, in which all flow is phantom motion."""
     radius = flow_radius(panel.flow)
     zero = np.zeros_like(panel.flow)
@@ -106,7 +106,7 @@ def _of_still(panel: Panel) -> list[tuple[str, Frame | None]]:
     ]
 
 
-def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
+def _figure(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
     height, width = panel.sample.shape
     each = min(_WIDTH_IN / 2 * 0.985 * height / width, _TALLEST_IN)
     rows = len(pictures) // 2

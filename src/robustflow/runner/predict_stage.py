@@ -87,9 +87,9 @@ class PredictStage:
         """
         with timed(self._seconds, "predict"):
             if requests[0].draws > 1:
-                answers = list(map(self._over_draws, requests))
+                answers = list(map(self._predict_draws, requests))
             elif self._confidence == OF_MODEL:
-                answers = list(map(self._with_confidence, requests))
+                answers = list(map(self._predict_with_confidence, requests))
             else:
                 answers = self._flows(requests)
             if self._confidence == FORWARD_BACKWARD:
@@ -103,19 +103,19 @@ class PredictStage:
         yield
         self._on_predict(None)
 
-    def _with_confidence(self, request: PredictionRequest) -> Answer:
+    def _predict_with_confidence(self, request: PredictionRequest) -> Answer:
         assert isinstance(self._model, ConfidentModel)
         with self._announced(request):
             return predict_with_confidence_checked(self._model, request.frames, describe_cell(*request.cell))
 
-    def _over_draws(self, request: PredictionRequest) -> Answer:
+    def _predict_draws(self, request: PredictionRequest) -> Answer:
         """Return the flow of the first draw, with the spread over all draws; draws with the same frames as the first
         are not predicted again."""
         count = len(request.frames) // request.draws
         draws = [request.frames[start : start + count] for start in range(0, len(request.frames), count)]
-        first = self._one(replace(request, frames=draws[0]))
+        first = self._predict_once(replace(request, frames=draws[0]))
         flows = [
-            first if all(map(np.array_equal, frames, draws[0])) else self._one(replace(request, frames=frames))
+            first if all(map(np.array_equal, frames, draws[0])) else self._predict_once(replace(request, frames=frames))
             for frames in draws[1:]
         ]
         return with_spread([first, *flows])
@@ -125,7 +125,7 @@ class PredictStage:
             cells = [request.cell for request in requests]
             with self._announced(*requests):
                 return predict_batch_checked(self._model, [request.frames for request in requests], cells)
-        return [self._one(request) for request in requests]
+        return [self._predict_once(request) for request in requests]
 
     def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
         """Predict the flows from frame 2 to frame 1; if the frames are equal, the flow is already known."""
@@ -134,7 +134,7 @@ class PredictStage:
         back = iter(self._flows(asked))
         return [flow if same else next(back) for flow, same in zip(flows, known, strict=True)]
 
-    def _one(self, request: PredictionRequest) -> Flow:
+    def _predict_once(self, request: PredictionRequest) -> Flow:
         with self._announced(request):
             if request.index is not None:
                 assert isinstance(self._model, ClipModel)

@@ -98,7 +98,7 @@ class TerminalProgress:
         asked = f"; {self._evaluations:,} model evaluations by attacks" if self._evaluations else ""
         self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{asked}")
 
-    def kept(self) -> str:
+    def finished_work(self) -> str:
         """Describe the finished work of a stopped run."""
         if self._folder is None:
             return "nothing had been computed."

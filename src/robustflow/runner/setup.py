@@ -106,7 +106,7 @@ def set_up(
         severity_scale=severity_scale,
         window=window,
         common_draws=common_draws,
-        **_of_benchmark(benchmark, benchmark.corruptions, variant),
+        **_benchmark_options(benchmark, benchmark.corruptions, variant),
         attacks=benchmark.attacks,
         own_attacks=own_attacks_among(benchmark.attacks),
         attack_sources=attack_sources,
@@ -253,11 +253,11 @@ def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
         severity_scale=frames.scale,
         common_draws=frames.common_draws,
         attack_sources=frames.attack_sources,
-        **_of_benchmark(benchmark, frames.corruptions, frames.variant),
+        **_benchmark_options(benchmark, frames.corruptions, frames.variant),
     )
 
 
-def _of_benchmark(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:
+def _benchmark_options(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:
     """Return the options that follow from a benchmark and the names of the corruptions."""
     of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
     names = tuple(corruptions)

@@ -157,7 +157,7 @@ def write_submission(
         written = {key for key in each.keys if targets[key].exists()}
         frames = file_digests({key: each.pairs.files(key) for key in each.keys})
         for key in sorted(written, key=each.keys.index):
-            moved = _moved(read_flow(targets[key])[0], folder, each.condition, key)
+            moved = _flow_change(read_flow(targets[key])[0], folder, each.condition, key)
             yield Submitted(each.condition, key, False, digest_of_value(frames[key]), moved)
         for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
             if not np.isfinite(flow).all():
@@ -167,7 +167,7 @@ def write_submission(
                 )
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)
-            moved = _moved(flow, folder, each.condition, key)
+            moved = _flow_change(flow, folder, each.condition, key)
             yield Submitted(each.condition, key, True, digest_of_value(frames[key]), moved)
 
 
@@ -184,7 +184,7 @@ def _claim(folder: Path, settings: dict[str, Any]) -> None:
     write_json(record, settings)
 
 
-def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:
+def _flow_change(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:
     if condition == CLEAN:
         return None
     clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")

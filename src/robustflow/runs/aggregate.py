@@ -123,7 +123,7 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
     if absent:
         raise RunError(f"rows lack the column '{absent[0]}': they have a different schema; run the benchmark again")
     where = RowPlaces.of(rows)
-    samples, conditions, count = where.present()
+    samples, conditions, count = where.row_counts()
     if (count > 1).any():
         sample, (corruption, severity) = min(
             (list(samples)[one], list(conditions)[other]) for one, other in np.argwhere(count > 1).tolist()
@@ -146,7 +146,7 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
 
 def _missing(where: RowPlaces, planned: Iterable[Cell] | None) -> list[MissingCells]:
     """Return the planned cells without a row; by default every sample is planned under every condition in the rows."""
-    samples, conditions, count = where.present()
+    samples, conditions, count = where.row_counts()
     if planned is None:
         planned = ((sample, *condition) for sample in samples for condition in {(CLEAN, 0), *conditions})
     return _units(

@@ -152,7 +152,7 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
         rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
     except RunError as error:
         titles = {name: _title(run) for name, run in runs.items()}
-        if len(set(titles.values())) > 1 and not _in_common(runs):
+        if len(set(titles.values())) > 1 and not _share_cells(runs):
             (first, title), *others = titles.items()
             of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
             raise RunError(f"{of}, which have no frames in common; compare runs on the same benchmark") from None
@@ -168,7 +168,7 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
 
 
-def _in_common(runs: Mapping[str, Run]) -> bool:
+def _share_cells(runs: Mapping[str, Run]) -> bool:
     keys = [set(run.rows.select(ROW_KEY).iter_rows()) for run in runs.values()]
     return bool(set.intersection(*keys))
 

@@ -186,7 +186,7 @@ def read_manifest(path: Path) -> Manifest | None:
         raise _damaged(path, " ".join(str(error).split())) from error
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
-        raise _other_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
+        raise _unreadable_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
     if not isinstance(content, dict) or schema is None:
         raise _damaged(path, "it is not the manifest of a run")
     if _too_deep(content):
@@ -201,9 +201,9 @@ def read_manifest(path: Path) -> Manifest | None:
         raise _changed(path, "its identity does not match its stored digest")
     measuring = manifest.identity.measuring
     if measuring.rows != ROW_SCHEMA_VERSION:
-        raise _other_version(path, f"version {measuring.rows} of the rows", ROW_SCHEMA_VERSION)
+        raise _unreadable_version(path, f"version {measuring.rows} of the rows", ROW_SCHEMA_VERSION)
     if measuring.version != IDENTITY_VERSION:
-        raise _other_version(path, f"version {measuring.version} of the identity", IDENTITY_VERSION)
+        raise _unreadable_version(path, f"version {measuring.version} of the identity", IDENTITY_VERSION)
     return manifest
 
 
@@ -214,7 +214,7 @@ def _changed(path: Path, why: str) -> RunError:
     )
 
 
-def _other_version(path: Path, what: str, here: int) -> RunError:
+def _unreadable_version(path: Path, what: str, here: int) -> RunError:
     return RunError(
         f"{path} was written with {what}, but this version reads {here}; choose another folder "
         "with --output, or use the version that wrote it"

@@ -63,7 +63,7 @@ class RowPlaces:
                 out[corruption, severity] = mine[severities[mine] == severity]
         return cls(samples, sample_of, out)
 
-    def present(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
+    def row_counts(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
         """Return the index of each sample and condition, and the number of rows of each sample under each condition."""
         count = np.zeros((len(self.samples), len(self.places)), np.int32)
         for number, mine in enumerate(self.places.values()):

@@ -39,7 +39,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "choose another folder with --output"
         )
     depths = _depths_read(plan, old)
-    files = {key: _files(plan, key, depths) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
+    files = {key: _files(plan, key, depths) for key in (*plan.benchmark.keys, *_unplanned_samples(folder, plan, old))}
     samples = {key: tuple((name, stat.st_size) for name, stat in _stats(paths)) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
@@ -83,7 +83,7 @@ def _empty(plan: Plan, identity: Identity) -> Manifest:
     )
 
 
-def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
+def _unplanned_samples(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
     """Return the samples of a run that are not in the plan, if the data can be recognised only by their files, because
     the frames of all clips have the same names.
 

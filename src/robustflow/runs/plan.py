@@ -137,7 +137,7 @@ class Plan:
             frames=FrameIdentity(
                 benchmark=self.benchmark.name,
                 dataset=self.benchmark.dataset.name,
-                protocol=_as_json(self.benchmark.protocol),
+                protocol=_json_types(self.benchmark.protocol),
                 seed=options.seed,
                 variant=options.variant,
                 streams=STREAM_VERSION,
@@ -149,7 +149,7 @@ class Plan:
                 **options.sources,
             ),
             model=ModelIdentity(
-                settings=_as_json(self.model_identity),
+                settings=_json_types(self.model_identity),
                 window=options.window.record() if options.window else None,
             ),
             measuring=Measuring(
@@ -192,7 +192,7 @@ def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
     return f"the calibrated scale has no {each}"
 
 
-def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:
+def _json_types(value: Mapping[str, Any]) -> dict[str, Any]:
     """Convert values to the form in which they are read from a manifest: lists for tuples, strings for types that JSON
     lacks."""
     out: dict[str, Any] = json.loads(json.dumps(dict(value), default=str))

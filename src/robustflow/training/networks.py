@@ -78,7 +78,9 @@ class TrainedNetwork(nn.Module):
         self.corrector: nn.Module | None = None
         if isinstance(recipe.objective, BrightflowObjective):
             self.corrector = _seeded_corrector(seed).to(model.device)
-        other = next((name for name, value in self._inner.state_dict().items() if not isinstance(value, Tensor)), None)
+        other = next(
+            (name for name, value in self._network.state_dict().items() if not isinstance(value, Tensor)), None
+        )
         if other is not None:
             raise UsageError(
                 f"model '{model.name}' cannot be trained: '{other}' in its state_dict is not a tensor; remove it"
@@ -87,7 +89,7 @@ class TrainedNetwork(nn.Module):
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Set training or evaluation mode; normalisation layers frozen by the recipe remain in evaluation mode."""
         super().train(mode)
-        self._inner.train(mode)  # a user's module, whose mode is not set by its wrapper
+        self._network.train(mode)  # a user's module, whose mode is not set by its wrapper
         if self._norms == "batchnorm":
             freeze_batchnorm(self.net)
         elif self._norms == "all":
@@ -133,7 +135,7 @@ class TrainedNetwork(nn.Module):
             UsageError: the module returned no loss, or does not support this crop.
         """
         first, second = self._exact(batch.image1, batch.image2)
-        module: Any = self._inner
+        module: Any = self._network
         return checked_loss(module.loss({"image1": first, "image2": second, "flow": batch.flow, "valid": batch.valid}))
 
     def _exact(self, image1: Tensor, image2: Tensor) -> tuple[Tensor, Tensor]:
@@ -151,7 +153,7 @@ class TrainedNetwork(nn.Module):
     def weights(self) -> dict[str, Tensor]:
         """Return the network's state with the parameter names of its authors' files, which `run --checkpoint` can
         read."""
-        state = self._inner.state_dict()
+        state = self._network.state_dict()
         if self.corrector is not None:
             state |= {f"{_CORRECTOR}{name}": value for name, value in self.corrector.state_dict().items()}
         return {name: value.detach().cpu() for name, value in state.items()}
@@ -163,10 +165,10 @@ class TrainedNetwork(nn.Module):
             rest = {name.removeprefix(_CORRECTOR): weights[name] for name in weights.keys() - own.keys()}
             self.corrector.load_state_dict(rest)
             weights = own
-        self._inner.load_state_dict(weights)
+        self._network.load_state_dict(weights)
 
     @property
-    def _inner(self) -> nn.Module:
+    def _network(self) -> nn.Module:
         if not self._labelled:
             return self.net
         wrapped: Any = getattr(self.net, "model", None) or getattr(self.net, "module", None)

@@ -63,7 +63,7 @@ def _changes(recipe: Recipe, original: Recipe) -> list[str]:
     """Return one line for each of the user's changes."""
     pairs = ((name, getattr(original, name), getattr(recipe, name)) for name in Recipe.model_fields)
     return [
-        f"changed: {name.replace('_', ' ')} {_written(value)} instead of {_written(before)}"
+        f"changed: {name.replace('_', ' ')} {_value_text(value)} instead of {_value_text(before)}"
         for name, before, value in pairs
         if value != before and name != "extra_update"  # determined by `steps`
     ]
@@ -76,7 +76,7 @@ def _corrupted(data: DataPlan) -> list[str]:
     return [f"changed: {100 * data.probability:g} % of the pairs are corrupted: {', '.join(data.corruptions)}"]
 
 
-def _written(value: object) -> str:
+def _value_text(value: object) -> str:
     if value is None:
         return "none"
     return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)

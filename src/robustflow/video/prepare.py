@@ -146,10 +146,10 @@ def prepare_clip(
     )
     make_folder(folder / KEY_FRAMES)
     with locked(folder.with_name(f".{folder.name}.lock")):
-        return _finished(folder, wanted) or _made(source, folder, wanted, interpolator, progress)
+        return _finished(folder, wanted) or _write_clip(source, folder, wanted, interpolator, progress)
 
 
-def _made(
+def _write_clip(
     source: Source, folder: Path, wanted: ClipManifest, interpolator: Interpolator | None, progress: Progress
 ) -> PreparedClip:
     """Write the clip in a locked folder."""

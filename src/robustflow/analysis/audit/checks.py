@@ -67,13 +67,13 @@ def below_change(epe: Values, corruption: str, rcre: Value) -> bool:
 
 def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """Check that CRE = EPE - clean EPE."""
-    compared, findings = list(_beside_epe(results, "cre")), []
+    compared, findings = list(_changes_in_epe(results, "cre")), []
     for line, corruption, given, expected in compared:
         values = line.values
         if misfits_change(values, corruption, given):
             epe, clean = values["epe", corruption].number, values["epe", CLEAN].number
             message = (
-                f"{_where(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
+                f"{_location(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
                 f"{expected:.2f}"
             )
             numbers = (given.number, expected, change_tolerance(values, corruption, given))
@@ -108,7 +108,7 @@ def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Findi
         if all(misfits(given.number, *mean) for mean in means):
             mean, tolerance = means[0]
             message = (
-                f"{_where(line, AVERAGE)}: {METRIC_LABELS[metric]} {given.number:.2f}, but the mean over "
+                f"{_location(line, AVERAGE)}: {METRIC_LABELS[metric]} {given.number:.2f}, but the mean over "
                 f"{counted(len(parts), 'corruption')} is {mean:.3f}"
             )
             numbers = (given.number, mean, tolerance)
@@ -131,7 +131,7 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
             low, high = ratio_range((epe.number - clean.number, epe.half + clean.half), (clean.number, clean.half))
             tolerance = given.half + max(high - ratio, ratio - low)
             if misfits(given.number, ratio, tolerance):
-                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but its EPE implies {ratio:.3f}"
+                message = f"{_location(line, corruption)}: CREr {given.number:.2f}, but its EPE implies {ratio:.3f}"
                 numbers = (given.number, ratio, tolerance)
                 findings.append(finding("crer", line, "crer", corruption, message, numbers))
     return "crer", count, findings
@@ -139,11 +139,11 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
 
 def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """Check that RCRE >= |EPE - clean EPE|, which follows from the triangle inequality."""
-    compared, findings = list(_beside_epe(results, "rcre")), []
+    compared, findings = list(_changes_in_epe(results, "rcre")), []
     for line, corruption, given, expected in compared:
         if below_change(line.values, corruption, given):
             message = (
-                f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change in EPE of "
+                f"{_location(line, corruption)}: RCRE {given.number:.2f} is impossible with a change in EPE of "
                 f"{expected:+.2f}; RCRE must be at least as large"
             )
             numbers = (given.number, abs(expected), change_tolerance(line.values, corruption, given))
@@ -151,7 +151,7 @@ def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
     return "bound", len(compared), findings
 
 
-def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[ModelResult, str, Value, float]]:
+def _changes_in_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[ModelResult, str, Value, float]]:
     """Yield line, corruption, value and change in EPE for each value of a metric that can be compared with EPE. If a
     model did not predict all pixels, its clean and its corrupted EPE are over different pixels."""
     for line in results:
@@ -206,7 +206,7 @@ def _marked_columns(line: ModelResult, metric: str) -> list[str]:
     return [name for (of, name), value in line.values.items() if of == metric and value.marked is not None]
 
 
-def _where(line: ModelResult, corruption: str) -> str:
+def _location(line: ModelResult, corruption: str) -> str:
     return f"{line.setting} {line.name}, {corruption}"
 
 

@@ -27,7 +27,7 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
         crossed = _misfitting(one, two) + _misfitting(two, one)
         if crossed:
             continue
-        cells = len(_both(one, two))
+        cells = len(_comparable_names(one, two))
         rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped relative to their EPE rows"
         message = (
             f"the CRE {rows}: all {cells} values of each match the other's EPE; {len(wrong[first])} and "
@@ -82,13 +82,13 @@ def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool
     )
 
 
-def _both(epe: Values, cre: Values) -> list[str]:
+def _comparable_names(epe: Values, cre: Values) -> list[str]:
     return [name for name in expected_cre(epe) if ("cre", name) in cre]
 
 
 def _misfitting(epe: Values, cre: Values) -> list[str]:
     """List the corruptions for which the CRE of one row is inconsistent with the EPE of another."""
-    return [name for name in _both(epe, cre) if misfits_change(epe, name, cre["cre", name])]
+    return [name for name in _comparable_names(epe, cre) if misfits_change(epe, name, cre["cre", name])]
 
 
 def _impossible(epe: Values, rcre: Values) -> int:

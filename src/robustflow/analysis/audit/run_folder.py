@@ -48,9 +48,11 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
         if path == ("run",):
             continue
         count += 1
-        if not _same(left, right):
+        if not _equal_values(left, right):
             where = ".".join(path)
-            message = f"summary.json: {where} is {_shown(left)}, but according to the rows it is {_shown(right)}"
+            message = (
+                f"summary.json: {where} is {_value_text(left)}, but according to the rows it is {_value_text(right)}"
+            )
             findings.append(
                 Finding(
                     check="summary",
@@ -97,7 +99,7 @@ def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tupl
         yield path, left, right
 
 
-def _same(left: Any, right: Any) -> bool:
+def _equal_values(left: Any, right: Any) -> bool:
     one, two = _number(left), _number(right)
     if one is not None and two is not None:
         return math.isclose(one, two, rel_tol=_CLOSE, abs_tol=_CLOSE)
@@ -114,7 +116,7 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if value is _ABSENT:
         return "missing"
     return f"{value:.6g}" if _number(value) is not None else str(value)[:80]

@@ -92,7 +92,7 @@ def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
         if not is_flowbench(content):
             raise DataError(f"{path} is not a metrics_DATASET.json of FlowBench, which contains a list 'experiments'")
         attacks = entries(content, path, STORED_ATTACKS)
-        rows += [_row(entry, where) for entry, where in attacks if not _by_iteration(entry)]
+        rows += [_row(entry, where) for entry, where in attacks if not _has_iterations(entry)]
     if len(rows) > _MOST_ROWS:
         raise DataError(f"{len(rows)} attack rows exceed the limit of {_MOST_ROWS}; give fewer files")
     return _compared(rows)
@@ -123,7 +123,7 @@ def audit_stored_attacks(rows: Sequence[StoredAttack], audited: str) -> Audit:
     return Audit(audited=audited, checked={"budget": len(known)} if known else {}, findings=findings)
 
 
-def _by_iteration(entry: dict[str, Any]) -> bool:
+def _has_iterations(entry: dict[str, Any]) -> bool:
     metrics = entry.get("metrics")
     return isinstance(metrics, dict) and "epe" not in metrics and any(str(name).endswith("_i1") for name in metrics)
 

@@ -13,7 +13,7 @@ from .verdict import UNKNOWN, Observation, Statement, Verdict, part, unknown
 
 def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
     """Check observation 4: the CREr of supervised models rises from OOD to ID."""
-    pairs = _both_settings(evidence)
+    pairs = _ood_id_pairs(evidence)
     title = "The relative robustness of supervised methods drop in ID scenario"
     claim = "CREr rises from OOD to ID"
     if not pairs:
@@ -44,7 +44,7 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
 
 def weather_is_why(evidence: Evidence) -> Observation:
     """Check observation 5: from OOD to ID, the CREr of the Weather family rises most."""
-    pairs = _both_settings(evidence)
+    pairs = _ood_id_pairs(evidence)
     title = "Relative robustness drop from OOD to ID is mainly from the instability in Weather conditions"
     rises: dict[ModelInSetting, dict[str, float]] = {}
     for ood, entry in pairs:
@@ -106,7 +106,7 @@ def _csflow_increase(evidence: Evidence) -> list[Statement]:
     return [part(claim, verdict, message, numbers=increase)]
 
 
-def _both_settings(evidence: Evidence) -> list[tuple[ModelInSetting, ModelInSetting]]:
+def _ood_id_pairs(evidence: Evidence) -> list[tuple[ModelInSetting, ModelInSetting]]:
     """Return the (OOD, ID) pair of every supervised model that was measured in both settings."""
     ood = set(evidence.discussed("OOD", "supervised"))
     return [(("OOD", m), (s, m)) for s, m in evidence.discussed("ID", "supervised") if ("OOD", m) in ood]

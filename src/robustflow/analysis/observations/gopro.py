@@ -93,14 +93,14 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
         part(
             claim,
             than_flowformer.verdict if than_flowformer else THIN,
-            f"{message}; mean of SAMFlow - FlowFormer {_in_px(than_flowformer)}",
+            f"{message}; mean of SAMFlow - FlowFormer {_pixels_text(than_flowformer)}",
             True,
         ),
         part(
             "SAMFlow has a higher average RCRE than most CNN-based models",
             than_cnn.verdict if than_cnn else THIN,
             f"best SAMFlow {best:.2f}, median of {len(cnn)} CNN-based models {middle:.2f}; mean of SAMFlow - median "
-            f"{_in_px(than_cnn)}",
+            f"{_pixels_text(than_cnn)}",
             True,
             {"best_samflow": best, "middle_cnn": middle},
         ),
@@ -108,7 +108,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     return Observation(number=10, title=title, parts=parts)
 
 
-def _in_px(margin: Margin | None) -> str:
+def _pixels_text(margin: Margin | None) -> str:
     return "unknown, because the models have no corruption in common" if margin is None else margin.in_px
 
 

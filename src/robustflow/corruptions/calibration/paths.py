@@ -37,11 +37,11 @@ class Segment(NamedTuple):
         (12, 3.5, True)
         """
         if isinstance(self.start, tuple):
-            return tuple(_between(a, b, share) for a, b in zip(self.start, self.end, strict=True))
-        return _between(self.start, self.end, share)
+            return tuple(_interpolated(a, b, share) for a, b in zip(self.start, self.end, strict=True))
+        return _interpolated(self.start, self.end, share)
 
 
-def _between(start: Any, end: Any, share: float) -> Any:
+def _interpolated(start: Any, end: Any, share: float) -> Any:
     if isinstance(start, bool):
         return start
     value = start + (end - start) * share

@@ -77,7 +77,7 @@ class MotionBlur3d(DepthCorruption):
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:
         """Return the state with the known camera path, or a random one."""
-        path = motion_of(depth.camera) or _drawn(rng, depth)
+        path = motion_of(depth.camera) or _draw_motion(rng, depth)
         return MotionBlurState(path, float(self.parameter(severity)), depth.camera, depth.maps)
 
     def apply(self, frame: Frame, state: MotionBlurState, index: int) -> Frame:
@@ -94,7 +94,7 @@ class MotionBlur3d(DepthCorruption):
         return out
 
 
-def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
+def _draw_motion(rng: Rng, depth: SceneDepth) -> Motion:
     while True:
         x, y, z = (rng.uniform(-1.0, 1.0) for _ in range(3))
         squared = x * x + y * y + z * z
@@ -271,7 +271,7 @@ def _nearer(
 
 
 @inner
-def _shown(
+def _visible_sums(
     packed: Any,
     depths: Any,
     width: int,
@@ -362,7 +362,7 @@ def _average(
                     if views != count:
                         dx, dy = dx * count // views, dy * count // views
                     other = np.int64(np.float64(fx) * shares[views]), np.int64(np.float64(fy) * shares[views])
-                    front, fronts, back, backs = _shown(
+                    front, fronts, back, backs = _visible_sums(
                         packed, depths, width, height, x, y, (dx, dy), other, views, nearest, found
                     )
                     mean(front, fronts, back, backs, views, out[y, x])

@@ -160,7 +160,7 @@ def _uniform(key: Any, place: int) -> Any:
 
 
 @inner
-def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
+def _in_view(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
     """Return whether a position is within the region in which particles are sampled for one camera."""
     if z < NEAREST or z > box[4] * diameter:
         return False
@@ -202,7 +202,7 @@ def _draw(
                 x = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0] * dz - FRAME_INTERVAL * vx
                 y = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1] * dz - FRAME_INTERVAL * vy
                 z = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2] * dz - FRAME_INTERVAL * vz
-                if _seen(x, y, z, diameter, box, lenses[0]):
+                if _in_view(x, y, z, diameter, box, lenses[0]):
                     continue
             row = out[kept]
             row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, vx, vy, vz

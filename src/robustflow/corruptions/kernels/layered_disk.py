@@ -205,7 +205,7 @@ def _unpack(word: Any, total: Any) -> None:
 
 
 @inner
-def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
+def _add_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
     """Add a layer behind the previous ones; return whether any pixel is not yet fully covered."""
     covers, open_ = total[3], np.float32(0)
     for channel in range(3):
@@ -219,10 +219,10 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 
 
 @inner
-def _put_sharp_behind(
+def _add_sharp_behind(
     packed: Any, layers: Any, packed_behind: Any, behind: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Add an unblurred layer behind the previous ones, like `_put_behind`."""
+    """Add an unblurred layer behind the previous ones, like `_add_behind`."""
     mask, left = _U((1 << _FIELD) - 1), False
     for j in range(free.shape[0]):
         for i in range(free.shape[1]):
@@ -284,7 +284,7 @@ def _blur(
                 if not _is_near(present, k, y0 - r, y0 + rows + r, x0 - r, x0 + columns + r, height, width):
                     continue
                 if r == 0:
-                    if not _put_sharp_behind(packed, layers, packed_behind, behind, k, y0, x0, free, colours):
+                    if not _add_sharp_behind(packed, layers, packed_behind, behind, k, y0, x0, free, colours):
                         break
                     continue
                 n = columns + 2 * r + 1
@@ -298,7 +298,7 @@ def _blur(
                 left = False
                 for j in range(rows):
                     _sum_row(sums, j + r, r, widths[k], word, total)
-                    left = _put_behind(total, areas[k], free[j], colours[j]) or left
+                    left = _add_behind(total, areas[k], free[j], colours[j]) or left
                 if not left:
                     break
             for j in range(rows):

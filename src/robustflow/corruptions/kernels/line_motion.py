@@ -48,15 +48,15 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
 
 def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
     """Blur an image, uint8 (H, W, C), along a line; return a new uint8 array, rounded once."""
-    return _moved(np.left_shift(frame, 8, dtype=np.uint16), kernel)
+    return _blurred(np.left_shift(frame, 8, dtype=np.uint16), kernel)
 
 
 def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
     """Blur one channel along a line: uint16 (H, W) in 1/256 grey levels, at most 65280; return uint8 (H, W)."""
-    return _moved(plane, kernel)
+    return _blurred(plane, kernel)
 
 
-def _moved(image: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
+def _blurred(image: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
     """Blur an image in 1/256 grey levels, uint16 (H, W) or (H, W, C)."""
     (up, left), (down, right) = np.minimum(kernel.offsets.min(axis=0), 0), np.maximum(kernel.offsets.max(axis=0), 0)
     padded = cv2.copyMakeBorder(np.ascontiguousarray(image), -up, down, -left, right, cv2.BORDER_REPLICATE)

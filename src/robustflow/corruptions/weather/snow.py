@@ -86,8 +86,8 @@ class Snow(Corruption):
             level.mean,
             level.deviation * UNIT,
             level.threshold,
-            *_between(len(flakes), rows),
-            *_between(flakes.shape[1], columns),
+            *_linear_positions(len(flakes), rows),
+            *_linear_positions(flakes.shape[1], columns),
             flakes,
         )
         layer = move_plane(flakes, state.motion)
@@ -96,7 +96,7 @@ class Snow(Corruption):
         return out.reshape(frame.shape)
 
 
-def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
+def _linear_positions(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
     """Locate `long` points among `short` points that span the same range: (left index, weight of the right
     neighbour).
     """

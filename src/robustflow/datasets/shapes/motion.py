@@ -93,12 +93,12 @@ def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
     if t == 1.0:
         px, py = backward(m, x, y)
     elif t != 0.0:
-        px, py = _between(m, t, x, y)
+        px, py = _newton_time(m, t, x, y)
     return px, py
 
 
 @inner
-def _between(m: Any, t: Any, x: Any, y: Any) -> Any:
+def _newton_time(m: Any, t: Any, x: Any, y: Any) -> Any:
     """Compute `from_time` by Newton's method."""
     px, py = x - t * m[2], y - t * m[3]
     for _ in range(_STEPS):

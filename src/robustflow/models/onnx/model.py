@@ -103,7 +103,7 @@ class OnnxModel(PairNetwork):
         return self._identity
 
     @property
-    def _together(self) -> bool:
+    def _batches_pairs(self) -> bool:
         return self._in_batches
 
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
@@ -160,7 +160,7 @@ def serve_network(pipe: Connection, path: Path, options: dict[str, Any], memory:
 
     limit_memory(2 * _GIB + 4 * path.stat().st_size)
     network = OnnxNetwork(path, **options)
-    pipe.send(("loaded", (network.identity(), network.convention, network._together)))
+    pipe.send(("loaded", (network.identity(), network.convention, network._batches_pairs)))
     while True:
         frames1, frames2 = pipe.recv()
         pixels = frames1[0].shape[0] * frames1[0].shape[1]

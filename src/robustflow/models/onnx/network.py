@@ -88,7 +88,7 @@ class OnnxNetwork(PairNetwork):
         }
 
     @property
-    def _together(self) -> bool:
+    def _batches_pairs(self) -> bool:
         return self._batched and self.device != "cpu"
 
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:

@@ -40,7 +40,7 @@ class PtlflowNet(nn.Module):
         Raises:
             ModelError: the network does not return its intermediate flows.
         """
-        return self._in_training(image1, image2)[0]
+        return self._training_outputs(image1, image2)[0]
 
     def matched_predictions(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
         """Return the flow after every iteration and GMFlowNet's matching confidence between pixels of the two frames at
@@ -49,12 +49,12 @@ class PtlflowNet(nn.Module):
         Raises:
             ModelError: the network has no matching step.
         """
-        flows, outputs = self._in_training(image1, image2)
+        flows, outputs = self._training_outputs(image1, image2)
         if "soft_corr_map" not in outputs:
             raise ModelError("this ptlflow network has no matching step before its iterations; use the loss 'sequence'")
         return flows, outputs["soft_corr_map"]
 
-    def _in_training(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
+    def _training_outputs(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
@@ -93,10 +93,10 @@ class FlowFormerPlusPlusNet(PtlflowNet):
             if hasattr(module, "context_proj"):
                 module.register_forward_pre_hook(_with_own_context)
 
-    def _in_training(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
+    def _training_outputs(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
         padded_to, self.model.output_stride = self.model.output_stride, _STRIDE
         try:
-            return super()._in_training(image1, image2)
+            return super()._training_outputs(image1, image2)
         finally:
             self.model.output_stride = padded_to
 

@@ -195,15 +195,15 @@ def _silence() -> Iterator[None]:
         yield
 
 
-def _of_the_paper(name: str) -> partial[NetworkModel]:
+def _paper_model(name: str) -> partial[NetworkModel]:
     return partial(ptlflow_model, name, name, iterations=12)
 
 
-raft = _of_the_paper("raft")
-gma = _of_the_paper("gma")
-csflow = _of_the_paper("csflow")
-skflow = _of_the_paper("skflow")
-gmflownet = _of_the_paper("gmflownet")
-craft = _of_the_paper("craft")
-flowformer = _of_the_paper("flowformer")
-flowformer_pp = _of_the_paper("flowformer_pp")
+raft = _paper_model("raft")
+gma = _paper_model("gma")
+csflow = _paper_model("csflow")
+skflow = _paper_model("skflow")
+gmflownet = _paper_model("gmflownet")
+craft = _paper_model("craft")
+flowformer = _paper_model("flowformer")
+flowformer_pp = _paper_model("flowformer_pp")

@@ -76,13 +76,13 @@ class NetworkModel(PairNetwork):
         }
 
     @property
-    def _together(self) -> bool:
+    def _batches_pairs(self) -> bool:
         return self.device.type != "cpu"
 
     @property
     def batched_gradients(self) -> bool:
         """Whether attacks evaluate several pairs in one call, as in `predict_batch`."""
-        return self._together
+        return self._batches_pairs
 
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
         """Compute the flow as described in `Differentiable`.

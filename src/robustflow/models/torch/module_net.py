@@ -62,7 +62,7 @@ class ModuleNet(nn.Module):
         returned = self.returned(image1, image2)
         if isinstance(returned, dict) or self.output not in (None, -1):
             chosen_output(returned, self.output)  # raises an error for an output that is not a flow
-            returned = _chosen(returned, self.output)[1]
+            returned = _named_output(returned, self.output)[1]
         several = returned if isinstance(returned, list | tuple) and returned else [returned]
         return [as_flow(chosen_output(one, None), image1) for one in several]
 
@@ -130,7 +130,7 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
         UsageError: the network has no output with this index or key.
         ModelError: the output is not a tensor.
     """
-    name, flow = _chosen(returned, output)
+    name, flow = _named_output(returned, output)
     while isinstance(flow, list | tuple) and flow:
         flow = flow[-1]
     if not isinstance(flow, Tensor):
@@ -141,7 +141,7 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
     return flow
 
 
-def _chosen(returned: Any, output: Any) -> tuple[str, Any]:
+def _named_output(returned: Any, output: Any) -> tuple[str, Any]:
     """Return the name and value of the chosen output; None if there are no outputs to choose from."""
     outputs = outputs_of(returned)
     names = list(outputs)

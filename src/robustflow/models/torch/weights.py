@@ -44,10 +44,10 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
     """
     wanted = dict(net.state_dict())
-    inside = dict(_in_scope(checkpoint.weights, scope))
+    inside = dict(_weights_in_scope(checkpoint.weights, scope))
     as_named = inside.keys() == wanted.keys()  # a network's own names may start with a wrapper's prefix
     own = {key if as_named else bare_name(key): key for key in wanted}
-    by_name = inside if as_named else _by_bare_name(checkpoint, inside)
+    by_name = inside if as_named else _weights_by_bare_name(checkpoint, inside)
     _refuse_other_names(checkpoint, model, by_name, wanted, own)
     casts = set()
     weights = {}
@@ -67,14 +67,14 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
     return ", ".join(sorted(casts)) or None
 
 
-def _in_scope(weights: Mapping[str, Tensor], scope: str | None) -> Mapping[str, Tensor]:
+def _weights_in_scope(weights: Mapping[str, Tensor], scope: str | None) -> Mapping[str, Tensor]:
     if scope is None:
         return weights
     inside = {key: value for key, value in weights.items() if key.removeprefix("module.").startswith(scope)}
     return inside or weights
 
 
-def _by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def _weights_by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
     by_name: dict[str, Tensor] = {}
     for key, value in weights.items():
         name = bare_name(key)

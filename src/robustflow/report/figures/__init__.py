@@ -19,11 +19,11 @@ from .files import FILE_FORMATS, figure_bytes, write_figures
 from .marks import MarkedFigure
 from .relations import relations
 from .severity_curves import severity_curves
-from .styles import Looks
+from .styles import FigureStyles
 
 __all__ = [
     "FILE_FORMATS",
-    "Looks",
+    "FigureStyles",
     "all_figures",
     "clean_against_cre",
     "crer_by_family",
@@ -36,11 +36,11 @@ __all__ = [
     "write_figures",
 ]
 
-_DRAWN: dict[str, Callable[[Sequence[ModelResult], Looks, bool], MarkedFigure]] = {
-    "clean_against_cre": lambda results, looks, together: clean_against_cre(results, looks, together=together),
-    "crer_by_family": lambda results, looks, together: crer_by_family(results, None, looks),
-    "relations": lambda results, looks, together: relations(results, looks, together=together),
-    "effective_trend": lambda results, looks, together: effective_trend(results, looks, together=together),
+_DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles, bool], MarkedFigure]] = {
+    "clean_against_cre": lambda results, styling, together: clean_against_cre(results, styling, together=together),
+    "crer_by_family": lambda results, styling, together: crer_by_family(results, None, styling),
+    "relations": lambda results, styling, together: relations(results, styling, together=together),
+    "effective_trend": lambda results, styling, together: effective_trend(results, styling, together=together),
 }
 
 
@@ -67,7 +67,7 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
 
 
 def figures_by_sample_set(
-    results: Iterable[ModelResult], looks: Looks | None = None
+    results: Iterable[ModelResult], styling: FigureStyles | None = None
 ) -> dict[str, dict[str, MarkedFigure]]:
     """Draw the figures of results, by name, for each sample set of a benchmark with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
@@ -75,7 +75,7 @@ def figures_by_sample_set(
         figures[frames] = {}
         for name, draw in _DRAWN.items():
             with suppress(UsageError):  # Some sets of results lack the data for some figures.
-                figures[frames][name] = draw(part, looks or Looks(), not _by_setting(part))
+                figures[frames][name] = draw(part, styling or FigureStyles(), not _by_setting(part))
     return figures
 
 

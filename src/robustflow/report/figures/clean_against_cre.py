@@ -25,7 +25,7 @@ from .canvas import (
 )
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
-from .styles import Looks, kind_key
+from .styles import FigureStyles, kind_key
 
 _AREA = 260.0
 """Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
@@ -35,7 +35,7 @@ _LARGEST = 1000.0
 
 @default_style()
 def clean_against_cre(
-    results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
+    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
 ) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes.
 
@@ -44,14 +44,14 @@ def clean_against_cre(
 
     Args:
         results: results with a clean EPE and an average CRE (`ModelResult.cre`).
-        looks: styles of the models, and whether to draw the legend.
+        styling: styles of the models, and whether to draw the legend.
         together: whether to draw all models in one panel, including knowledge-driven ones.
 
     Raises:
         UsageError: no model has both a clean and an average EPE.
     """
-    looks = looks or Looks()
-    without, styles = not_discussed(results), looks.of(results)
+    styling = styling or FigureStyles()
+    without, styles = not_discussed(results), styling.of(results)
     panels: dict[str, list[tuple[ModelResult, float, float]]] = {}
     for setting in settings_in_order(line.setting for line in results):
         for line in results:
@@ -95,7 +95,7 @@ def clean_against_cre(
     for panel in axes:
         panel.set_xlim(fair_limits(reached[0], room=0.15))
         panel.set_ylim(fair_limits(reached[1], room=0.15))
-    figure.explain(kind_key(line.name for line, _, _ in drawn) if of_paper(results) else [], looks.legend)
+    figure.explain(kind_key(line.name for line, _, _ in drawn) if of_paper(results) else [], styling.legend)
     figure.caption = (
         "CRE against clean EPE; the area of a bubble is CREr, which is printed next to the name. A small bubble at "
         "the lower left is best." + (f" {WITH_INTERVALS}" if any_interval else "")

@@ -17,7 +17,7 @@ from ...text import name_text
 from ..leaderboard import by_error
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
-from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
+from .styles import MODEL_STYLES, OTHER, FigureStyles, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
@@ -26,7 +26,7 @@ LEAST_CRER = 0.5
 
 @default_style()
 def crer_by_family(
-    results: Sequence[ModelResult], models: tuple[str, ...] | None = None, looks: Looks | None = None
+    results: Sequence[ModelResult], models: tuple[str, ...] | None = None, styling: FigureStyles | None = None
 ) -> MarkedFigure:
     """Draw bars of CREr per family, on one axis.
 
@@ -37,12 +37,12 @@ def crer_by_family(
         results: results with EPE per corruption.
         models: model names; by default the paper's representative models (Fig. 5) if the results include published
             values, otherwise all models. Of more than eight models, the eight with the lowest error are drawn.
-        looks: styles of the models.
+        styling: styles of the models.
 
     Raises:
         UsageError: none of the models has a clean EPE, or there is only one bar.
     """
-    looks, crer = looks or Looks(), {line: line.family_crer for line in results if line.family_crer}
+    styling, crer = styling or FigureStyles(), {line: line.family_crer for line in results if line.family_crer}
     published = of_paper(results)
     if models is None:
         models = REPRESENTATIVE if published else tuple(line.name for line in crer)
@@ -57,9 +57,9 @@ def crer_by_family(
             "one corruption class and one model give only one bar: add corruptions or models, or use the table"
         )
     if published:
-        styles = looks.of(results)
+        styles = styling.of(results)
     else:
-        by_name = distinct_styles({line.name: looks.styles.get(line) for line in lines})
+        by_name = distinct_styles({line.name: styling.styles.get(line) for line in lines})
         styles = {line: by_name[line.name] for line in lines}
     by_setting = published or len(lines) > len(shown)
     reached: list[float] = []
@@ -91,7 +91,7 @@ def crer_by_family(
         panel.set_ylabel("CREr")
     if any(("crer", family) in line.intervals for line in lines for family in families):
         figure.caption += f" {WITH_INTERVALS}"
-    figure.explain(legend, looks.legend)
+    figure.explain(legend, styling.legend)
     return figure
 
 

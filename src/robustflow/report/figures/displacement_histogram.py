@@ -47,7 +47,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
         # wide lines first, so that a hidden line remains visible on both sides of the line above it
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
-        edges = [*lows, _end(table)]
+        edges = [*lows, _right_edge(table)]
         axes.stairs(shares, edges, color=colour, linestyle=dash, linewidth=width, baseline=None, label=name_text(label))
         filled = [index for index, share in enumerate(shares) if share > 0]
         centres = [(edges[index] + edges[index + 1]) / 2 for index in filled]
@@ -66,7 +66,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     return figure
 
 
-def _end(table: pl.DataFrame) -> float:
+def _right_edge(table: pl.DataFrame) -> float:
     """Return the right edge of the last bin."""
     low, high = float(table["low"][-1]), float(table["high"][-1])
     if math.isfinite(high):

@@ -17,12 +17,12 @@ from ...text import name_text, plain
 from .canvas import LONGEST_NAME, WITH_INTERVALS, ends_text, new_figure, set_heading, spread_labels, whiskers
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
-from .styles import Looks, kind_key
+from .styles import FigureStyles, kind_key
 
 
 @default_style()
 def effective_trend(
-    results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
+    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
 ) -> MarkedFigure:
     """Plot one panel per setting, all with the same axes. The factor printed for a model is its EPE divided by the EPE
     predicted from the trend of the other models.
@@ -32,9 +32,9 @@ def effective_trend(
     Raises:
         UsageError: there are too few models, see `effective_robustness`.
     """
-    looks = looks or Looks()
+    styling = styling or FigureStyles()
     panels = effective_robustness(results, by_setting=not together)
-    styles = looks.of(results)
+    styles = styling.of(results)
     figure, axes = new_figure(4.6, 4.2, len(panels))
     any_interval = False
     reached: tuple[list[float], list[float]] = ([], [])
@@ -73,7 +73,7 @@ def effective_trend(
         panel.set_xlim(_log_limits(reached[0]))
         panel.set_ylim(_log_limits(reached[1]))
     names = [one.line.name for models in panels.values() for one in models]
-    figure.explain(kind_key(names) if of_paper(results) else [], looks.legend)
+    figure.explain(kind_key(names) if of_paper(results) else [], styling.legend)
     figure.caption = (
         "Corrupted against clean EPE on logarithmic axes, with the trend through the models. Models below the line "
         "are more robust than their clean error predicts. The printed factor is the EPE divided by the EPE predicted "

@@ -15,7 +15,7 @@ from ...figure_style import default_style
 from ...text import name_text
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, whiskers
 from .marks import Mark, MarkedFigure
-from .styles import OTHER, Looks, kind_key, model_key
+from .styles import OTHER, FigureStyles, kind_key, model_key
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
 _OF = {
@@ -27,7 +27,9 @@ _OF = {
 
 
 @default_style()
-def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+def relations(
+    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
+) -> MarkedFigure:
     """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE. A
     quantity has the same axis range in every panel.
 
@@ -38,8 +40,8 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     Raises:
         UsageError: fewer than `LEAST_MODELS` models have all four metrics.
     """
-    looks = looks or Looks()
-    without, styles = not_discussed(results), looks.of(results)
+    styling = styling or FigureStyles()
+    without, styles = not_discussed(results), styling.of(results)
     points: dict[str, dict[ModelResult, dict[str, float]]] = {}
     for line in results:
         values = {name: line.cre.get(AVERAGE) if name == "CRE" else line.number(*key) for name, key in _OF.items()}
@@ -85,7 +87,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
         key = kind_key(line.name for line in drawn) + [(setting, OTHER, setting != "ID") for setting in points]
     else:
         key = model_key({line.name: styles[line] for line in drawn})
-    figure.explain(key, looks.legend)
+    figure.explain(key, styling.legend)
     figure.caption = (
         "Corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with one point per model, Pearson's r "
         "and Spearman's rho."

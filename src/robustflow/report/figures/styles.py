@@ -68,7 +68,7 @@ OTHER = Style("#666666")
 
 
 @dataclass(frozen=True)
-class Looks:
+class FigureStyles:
     """Styling options of a figure.
 
     Attributes:

@@ -18,7 +18,7 @@ from ...analysis.security_curves import security_curves
 from ...errors import UsageError
 from ...runs.run import Run
 from ...text import plain
-from ..figures import Looks, displacement_figure, figures_by_sample_set, severity_curves
+from ..figures import FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.displacement_histogram import MOST_LINES
 from ..figures.marks import MarkedFigure
 from ..figures.security_curves import security_figure
@@ -85,7 +85,7 @@ class FigureGroup:
 def page_figures(content: Content) -> list[FigureGroup]:
     """Draw the figures of each sample set that the page is about, including the severity curves of its runs and the
     flow magnitudes of their frames. A model has the same colour in all figures."""
-    looks = page_looks(content)
+    styling = page_looks(content)
     groups = []
     count = 0
     for benchmark, frames in dict.fromkeys((line.benchmark, line.frames) for line in content.focus):
@@ -94,9 +94,9 @@ def page_figures(content: Content) -> list[FigureGroup]:
         part = ranked(line for line in of_frames if line.benchmark == benchmark)
         excluded = [plain(line.name) for line in of_frames if line.excluded]
         note = f"Not drawn because not ranked: {', '.join(excluded)}. " if excluded else ""
-        for figures in figures_by_sample_set(part, looks).values():
+        for figures in figures_by_sample_set(part, styling).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
-        drawn += _of_runs(frames, content, looks)
+        drawn += _row_figures(frames, content, styling)
         pages = {line.name: page for line, page in content.pages.items() if line.frames == frames}
         made = []
         for name, figure, note in drawn:
@@ -116,7 +116,7 @@ def attack_figure(number: int, run: Run) -> PageFigure | None:
     return _page_figure(f"attacks-{number}", "security_curves", security_figure(points), "", {})
 
 
-def page_looks(content: Content) -> Looks:
+def page_looks(content: Content) -> FigureStyles:
     """Assign a distinct style to each model name, the same in every sample set."""
     places: dict[tuple[str, int], int] = {}
     styles: dict[ModelResult, Style] = {}
@@ -127,16 +127,16 @@ def page_looks(content: Content) -> Looks:
             place = places.setdefault((name, seen[name]), len(places))
             styles[line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
             seen[name] += 1
-    return Looks(styles, legend=False)
+    return FigureStyles(styles, legend=False)
 
 
-def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str, MarkedFigure, str]]:
+def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterable[tuple[str, MarkedFigure, str]]:
     """Yield the figures that need rows, as (name, figure, sentences about omitted runs)."""
     of_frames = {line.name: line.run for line in content.lines if line.frames == frames and line.run is not None}
-    styles = {line.name: looks.styles[line] for line in content.lines if line.frames == frames and line.run}
+    styles = {line.name: styling.styles[line] for line in content.lines if line.frames == frames and line.run}
     runs = _best_runs(list(of_frames), frames, content)
     try:
-        curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=looks.legend)
+        curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=styling.legend)
     except UsageError:
         pass  # runs without valid pixels have no curve
     else:

@@ -49,9 +49,9 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
             sentences += [*_phantom(lines), PHANTOM]
         elif len(lines) == 1:
             reasons = [f"Not evidence of robustness: {reason}." for reason in not_ranked(lines)]
-            sentences += _alone(lines[0]) + reasons
+            sentences += _single_model(lines[0]) + reasons
         else:
-            sentences += _of_own(lines, content)
+            sentences += _measured_models(lines, content)
     if published and not content.alone:
         sentences.append(
             f"Among the published models, {'; '.join(published)}. The paper prints means but no values per image, so "
@@ -90,7 +90,7 @@ def _in_order(lines: Iterable[ModelResult], key: ValueKey) -> list[ModelResult]:
     return sorted(known, key=lambda line: (line.values[key].number, plain(line.name)))
 
 
-def _alone(line: ModelResult) -> list[str]:
+def _single_model(line: ModelResult) -> list[str]:
     where = on_benchmark(plain(line.name), line.benchmark)
     clean, whole, cre = (_text(line, key) for key in (_CLEAN, _EPE, _CRE))
     if not clean or not whole:
@@ -117,7 +117,7 @@ def _alone(line: ModelResult) -> list[str]:
     return [f"{sentence}; 95 % interval of the CRE {interval[0]:.2f} to {interval[1]:.2f} px: {significant}."]
 
 
-def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
+def _measured_models(lines: Sequence[ModelResult], content: Content) -> list[str]:
     """Return sentences about the ranked models. The most robust one has a significantly lower EPE under corruption than
     the second, and no other is significantly more accurate on the clean frames: a flow that is too short has a low CRE
     and RCRE, so these only explain an error."""
@@ -126,7 +126,7 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     sound = ranked(lines)
     order = _in_order(sound, _EPE)
     if len(order) < 2:
-        return [sentence for line in sound for sentence in _alone(line)] + left_out
+        return [sentence for line in sound for sentence in _single_model(line)] + left_out
     best, second = order[:2]
     start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
     tied = [plain(line.name) for line in order if line.values[_EPE].number == best.values[_EPE].number]
@@ -138,20 +138,19 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     sure, evidence = _lead(order, content)
     accurate = next((line for line in _in_order(order, _CLEAN) if _is_more_accurate(line, best)), None)
     if not sure:
-        verdict = (
-            f"none can be called the most robust: the lead of {_shown(best)} over {_shown(second)} may be due to chance"
-        )
+        lead = f"the lead of {_scored(best)} over {_scored(second)}"
+        verdict = f"none can be called the most robust: {lead} may be due to chance"
     elif accurate is not None:
         verdict = (
-            f"none can be called the most robust: {_shown(best)} has the lowest error under corruption, and "
-            f"{_shown(accurate)} a lower one on the clean frames"
+            f"none can be called the most robust: {_scored(best)} has the lowest error under corruption, and "
+            f"{_scored(accurate)} a lower one on the clean frames"
         )
     else:
-        verdict = f"the most robust is {_shown(best)}, followed by {_shown(second)}"
+        verdict = f"the most robust is {_scored(best)}, followed by {_scored(second)}"
     return [f"{start}{verdict}.", *evidence, *left_out]
 
 
-def _shown(line: ModelResult) -> str:
+def _scored(line: ModelResult) -> str:
     """Name a model with its errors and the share of predicted pixels, which are needed to interpret them."""
     keys = ((_EPE, "EPE"), (_CLEAN, "clean EPE"), (_CRE, "CRE"))
     texts = [f"{label} {line.values[key].text} px" for key, label in keys if key in line.values]

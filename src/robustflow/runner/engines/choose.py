@@ -77,8 +77,8 @@ def choose_engine(
         unasked = workers is None and timeout is None
         light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
         if unasked and light and not devices:
-            return _spread(_kept_here(model, others))
-        why = _kept_here(model, others) if unasked and devices else ""
+            return _spread(_reason_for_one_process(model, others))
+        why = _reason_for_one_process(model, others) if unasked and devices else ""
         asked = (workers or 1) > 1 or timeout is not None
         name = "processes" if asked or (devices and not why) else "serial"
     if name not in ENGINES:
@@ -153,7 +153,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
     return Engine(describe, lambda job, units: staged(job, units, *parts(units), timeout))
 
 
-def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
+def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:
     """Return the reason why a run cannot use several processes by default; empty if it can."""
     if multiprocessing.parent_process() is not None:
         return " (this process is itself a worker)"

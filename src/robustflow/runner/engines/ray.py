@@ -157,7 +157,7 @@ class _Crew:
         except exceptions.RayError as error:
             if isinstance(error, exceptions.RayTaskError) or "creation task" in str(error):
                 raise _cannot_start(error) from error
-            self._lost(member, error)
+            self._remove_actor(member, error)
             return None
         if member.host is None:
             host, theirs = answer
@@ -188,7 +188,7 @@ class _Crew:
             raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", trace)
         return value
 
-    def _lost(self, member: _Member, error: Exception) -> None:
+    def _remove_actor(self, member: _Member, error: Exception) -> None:
         """Remove a lost actor; its unit is computed again."""
         self._members.remove(member)
         member.kill()

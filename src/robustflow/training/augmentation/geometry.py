@@ -145,7 +145,7 @@ def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, in
     column, or outside the frame, are lost, as in the original."""
     if geometry.scale is not None:
         width, height = scaled_size(flow.shape[:2], geometry.scale)
-        flow, valid = _moved(np.ascontiguousarray(flow), valid, *geometry.scale, height, width)
+        flow, valid = _resized_sparse_flow(np.ascontiguousarray(flow), valid, *geometry.scale, height, width)
     return _turned(_placed(flow, geometry, crop), geometry), np.ascontiguousarray(_placed(valid, geometry, crop))
 
 
@@ -165,7 +165,7 @@ def _turned(flow: Flow, geometry: Geometry) -> Flow:
 
 
 @njit(cache=True, nogil=True)
-def _moved(flow: Any, valid: Any, x: Any, y: Any, height: Any, width: Any) -> Any:
+def _resized_sparse_flow(flow: Any, valid: Any, x: Any, y: Any, height: Any, width: Any) -> Any:
     moved = np.zeros((height, width, 2), np.float32)
     known = np.zeros((height, width), np.bool_)
     for row in range(flow.shape[0]):

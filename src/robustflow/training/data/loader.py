@@ -194,13 +194,13 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
         flow,
         valid,
         tuple(pair.name for pair in pairs),
-        whole=_whole([pair.whole for pair in pairs if pair.whole is not None]),
-        plain=_whole([pair.plain for pair in pairs if pair.plain is not None]),
+        whole=_stacked_whole_frames([pair.whole for pair in pairs if pair.whole is not None]),
+        plain=_stacked_whole_frames([pair.plain for pair in pairs if pair.plain is not None]),
         changed=(both[0], both[1]) if both else None,
     )
 
 
-def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
+def _stacked_whole_frames(frames: Sequence[Whole]) -> WholeFrames | None:
     if not frames:
         return None
     sizes = [one.frame1.shape[1:] for one in frames]
@@ -219,7 +219,7 @@ def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
 
 def _start_worker(number: int) -> None:
     # PyTorch notices only a parent that ends after this call, so a worker would outlive one that was killed before.
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     # Ctrl-C and a scheduler's signals reach every process of a training run; the main process decides when to stop.
     for sent in _STOP_SIGNALS:
         signal.signal(sent, signal.SIG_IGN)
@@ -227,7 +227,7 @@ def _start_worker(number: int) -> None:
     torch.set_num_threads(1)
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)

@@ -106,7 +106,7 @@ class TrainingPairs:
             DataError: the pair cannot be read; the message contains its name and files.
         """
         for attempt in range(_ATTEMPTS):
-            part, key = self._at(self.order.place(position, attempt))
+            part, key = self._part_of(self.order.place(position, attempt))
             try:
                 return self._augmented(position, part, key)
             except DataError as error:
@@ -118,7 +118,7 @@ class TrainingPairs:
                 warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {error}", stacklevel=2)
         raise DataError(f"{_ATTEMPTS} consecutive pairs cannot be read, the last one being '{key}'; check the data")
 
-    def _at(self, place: int) -> tuple[OpenPart, str]:
+    def _part_of(self, place: int) -> tuple[OpenPart, str]:
         for part in self.parts:
             if place < len(part):
                 return part, part.keys[place % len(part.keys)]
@@ -155,10 +155,10 @@ class TrainingPairs:
         flow, valid = augmented_truth(flow, valid, drawn)
         (height, width), top, left = drawn.crop, drawn.geometry.top, drawn.geometry.left
         cut = [frame[top : top + height, left : left + width] for frame in whole]
-        around = None if isinstance(self.objective, ArflowObjective) else _whole(whole, (left, top))
+        around = None if isinstance(self.objective, ArflowObjective) else _uncropped(whole, (left, top))
         plain = None
         if isinstance(self.objective, BrightflowObjective):
-            plain = _whole(augmented_whole(frames, replace(drawn, jitters=(), rectangles=())), (left, top))
+            plain = _uncropped(augmented_whole(frames, replace(drawn, jitters=(), rectangles=())), (left, top))
         return TrainingPair(
             _channels_first(cut[0]),
             _channels_first(cut[1]),
@@ -167,10 +167,10 @@ class TrainingPairs:
             name,
             around,
             plain,
-            self._of_second_pass(position, cut),
+            self._second_pass(position, cut),
         )
 
-    def _of_second_pass(
+    def _second_pass(
         self, position: int, crops: Sequence[Frame]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None:
         objective = self.objective
@@ -212,7 +212,7 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
     return (first, second), flow, valid
 
 
-def _whole(frames: tuple[Frame, Frame], corner: tuple[int, int]) -> Whole:
+def _uncropped(frames: tuple[Frame, Frame], corner: tuple[int, int]) -> Whole:
     return Whole(_channels_first(frames[0]), _channels_first(frames[1]), corner)
 
 

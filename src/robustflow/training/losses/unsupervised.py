@@ -80,7 +80,7 @@ def unsupervised_loss(
         size = tuple(there.shape[2:])
         first, second = (F.interpolate(image, size, mode="area") for image in (image1, image2))
         if seen is None:
-            seen = _seen(there, back, weights)
+            seen = _visibility_masks(there, back, weights)
         directions = [(first, second, there, F.interpolate(seen[0], size, mode="nearest"))]
         if weights.both:
             directions.append((second, first, back, F.interpolate(seen[1], size, mode="nearest")))
@@ -94,7 +94,7 @@ def unsupervised_loss(
     return UnsupervisedTerms(photometric, smooth, seen[0])
 
 
-def _seen(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tensor, Tensor]:
+def _visibility_masks(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tensor, Tensor]:
     """Return the masks of both frames; no gradient is propagated through them."""
     there, back = there.detach(), back.detach()
     if weights.splat:
