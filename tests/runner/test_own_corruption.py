@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.errors import RobustFlowError
+from robustflow.errors import RobustFlowError, UsageError
 from robustflow.testing import ZeroFlow
 from tests.corruptions.rain import forget
 
@@ -83,3 +83,38 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_
     assert "rain_module" not in sys.modules
     robustflow.prints("examples", "run", "--own-corruption", "rain_module:Rain")
     assert (rain_package / "run" / "examples" / "worst.jpg").is_file()
+
+
+class Flicker:
+    """Draws random numbers from NumPy's global generator, in `draw` or in `apply`."""
+
+    severities = (1, 2, 3, 4, 5)
+
+    def __init__(self, where):
+        self.where = where
+
+    def draw(self, rng, severity, shape):
+        return int(np.random.randint(100)) if self.where == "draw" else 0  # noqa: NPY002
+
+    def apply(self, frame, state, index):
+        change = state + int(np.random.randint(100) if self.where == "apply" else 0)  # noqa: NPY002
+        return (frame // 2 + change).astype(np.uint8)
+
+
+@pytest.mark.parametrize("where", ["draw", "apply"])
+@pytest.mark.parametrize("workers", [None, 2])
+def test_corruption_with_frames_that_cannot_be_repeated_stops_the_run(tmp_path, where, workers):
+    with pytest.raises(UsageError, match="flicker"):
+        rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=[Flicker(where)], severities=[1], workers=workers)
+
+
+def test_corruption_of_a_run_is_repeated_once_and_not_for_every_cell(tmp_path):
+    class Dim(Flicker):
+        calls = 0
+
+        def apply(self, frame, state, index):
+            Dim.calls += 1
+            return frame // 2
+
+    rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=[Dim("")], severities=[1, 2, 3])
+    assert Dim.calls == 2 * 3 + 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import ModelError
+from robustflow.errors import ModelError, UsageError
 from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 
@@ -187,3 +187,12 @@ def test_model_that_returns_its_flow_in_a_wrong_format_is_refused(name):
 
 def test_model_that_underestimates_the_motion_a_little_is_accepted():
     check_model(Changed(lambda flow: 0.9 * flow))
+
+
+@pytest.mark.parametrize(("attribute", "value"), [("trained_on", ""), ("trained_on", "none"), ("name", "a\nb")])
+def test_declaration_that_a_run_refuses_is_refused(tmp_path, attribute, value):
+    model = ZeroFlow()
+    setattr(model, attribute, value)
+    for use in (check_model, lambda model: rf.evaluate(model, "demo", output=tmp_path, corruptions="contrast")):
+        with pytest.raises(UsageError):
+            use(model)

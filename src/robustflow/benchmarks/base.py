@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Integral
 from typing import Any
 
 from ..attacks.api import AnyAttack, with_controls
@@ -17,6 +16,7 @@ from ..datasets.own_depth import OwnDepth
 from ..datasets.still import Still
 from ..errors import UsageError, unknown_name
 from ..layout import VIDEO_SUFFIXES
+from ..models.option_checks import check_count
 from ..severity import check_severity
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
 
@@ -95,8 +95,8 @@ class Benchmark:
         Raises:
             UsageError: a corruption or attack is unknown, a severity is outside 1 to 5, or the limit is below 1.
         """
-        if limit is not None and not (isinstance(limit, Integral) and limit >= 1):
-            raise UsageError(f"--limit {limit} leaves no samples: give a whole number, 1 or more")
+        if limit is not None:
+            check_count("--limit", limit)
         against = with_controls(_as_iterable(attacks or ()))
         asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
         chosen = corruption_names(with_families(asked, self.corruptions))

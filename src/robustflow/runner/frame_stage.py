@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import chain
 
+import numpy as np
+
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
 from ..corruptions.own import register_custom
+from ..corruptions.registry import SHIPPED
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..datasets.own import load_checked
-from ..errors import DataError
+from ..errors import DataError, UsageError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
 from ..models.base import describe_cell
@@ -65,6 +68,8 @@ class FrameStage:
         for made in options.own:
             register_custom(made)
         self._corruptions: dict[str, Corruption] = {}
+        self._repeated: set[str] = set()
+        """The user's corruptions and stacks that are known to return the same frames on every call."""
         self._last_depth: tuple[str, SceneDepth] | None = None
 
     def load(self, key: str) -> Loaded:
@@ -104,13 +109,25 @@ class FrameStage:
                     name, self._options.variant, self._options.severity_scale, self._options.classes
                 )
             corruption = self._corruptions[name]
-            common = self._options.common_draws
-            if self._context is not None:
-                return self._context.corrupt(sample, corruption, severity, seed, common)
-            depth = self._depth(sample) if corruption.needs_depth else None
-            return tuple(
-                corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common, depth=depth)
-            )
+            frames = self._applied(sample, corruption, severity, seed)
+            if name not in SHIPPED and name not in self._repeated:
+                self._repeated.add(name)
+                again = self._applied(sample, corruption, severity, seed)
+                if not all(map(np.array_equal, frames, again)):
+                    raise UsageError(
+                        f"corruption '{name}' returns different frames on every call, so the results could not be "
+                        "repeated: draw all random numbers from `rng`"
+                    )
+            return frames
+
+    def _applied(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+        common = self._options.common_draws
+        if self._context is not None:
+            return self._context.corrupt(sample, corruption, severity, seed, common)
+        depth = self._depth(sample) if corruption.needs_depth else None
+        return tuple(
+            corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common, depth=depth)
+        )
 
     def _depth(self, sample: Sample) -> SceneDepth | None:
         """Return the depth of a sample; the depth of the latest sample is cached."""

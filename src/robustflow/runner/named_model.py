@@ -11,7 +11,8 @@ from ..errors import UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup, given_name, model_identity
 from ..models.construct import as_model
-from ..models.provenance import DECLARED
+from ..models.option_checks import check_count
+from ..models.provenance import DECLARED, Training, training_of
 
 
 @dataclass(frozen=True)
@@ -32,14 +33,18 @@ class NamedModel:
     declared: str | None
     name: str | None = None
 
+    @property
+    def training(self) -> Training:
+        """Return the model's training sets; raise a UsageError if a declared set is unknown."""
+        return training_of(self.identity, self.declared)
+
     def check_batch_size(self, size: int) -> None:
         """Raise if the model does not support a batch size.
 
         Raises:
             UsageError: the batch size is below 1, or above 1 for a model that predicts one pair or clip at a time.
         """
-        if size < 1:
-            raise UsageError(f"the batch size must be at least 1; got {size}")
+        check_count("--batch-size", size)
         if size > 1 and isinstance(self.model, ClipModel):
             raise UsageError("a multi-frame model predicts one clip at a time; omit --batch-size")
         if size > 1 and not isinstance(self.model, BatchedFlowModel):

@@ -23,7 +23,7 @@ from ..errors import RobustFlowError, RunError, UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
-from ..models.provenance import training_of
+from ..models.option_checks import check_count
 from ..random.rng import check_seed
 from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
 from ..runs.plan import Plan, RunOptions, left_out_sentence
@@ -113,9 +113,8 @@ def set_up(
         confidence=confidence,
         draws=draws,
     )
-    training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
-    provenance = Provenance.of(training, benchmark.name, benchmark.keys, benchmark.protocol)
+    provenance = Provenance.of(named.training, benchmark.name, benchmark.keys, benchmark.protocol)
     plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
@@ -126,8 +125,7 @@ def set_up(
 
 
 def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
-    if type(draws) is not int or draws < 1:
-        raise UsageError(f"the number of draws must be at least 1; got {draws}")
+    check_count("draws", draws)
     if draws > 1 and benchmark.closed:
         raise UsageError("these frames were corrupted beforehand, with one draw; omit --seeds")
     if draws > 1 and confidence is not None:

@@ -15,8 +15,9 @@ from ..errors import ModelError
 from ..metrics.flow_reading import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
-from ..models.construct import as_model
 from ..models.window import window_of
+from ..runner.named_model import name_model
+from ..runs.identity import checked_name
 from ..sample import Flow, Frame, described_array
 
 _SHAPES = ((128, 160), (121, 147))
@@ -148,11 +149,15 @@ def check_model(model: Any, seed: int = 0) -> str:
 
     Raises:
         ModelError: a check failed; the message states the problem and the frame size.
+        UsageError: the model declares an unknown training set, or a name that cannot be used.
 
     >>> check_model(ConstantFlow(1, 0))
     'ConstantFlow'
     """
-    made = as_model(model, f"the model {model!r}")
+    named = name_model(model)
+    made, _ = named.model, named.training
+    if named.name:
+        checked_name(named.name)
     rng = np.random.default_rng(seed)
     for shape in _SHAPES:
         where = f"on frames of {shape[0]}x{shape[1]}"

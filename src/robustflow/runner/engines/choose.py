@@ -13,6 +13,7 @@ from ...child import may_have_children
 from ...errors import UsageError, unknown_name
 from ...extras import require
 from ...models.devices import devices_of
+from ...models.option_checks import check_count, check_positive
 from ...runs.plan import Unit
 from ...text import counted
 from ...threads import available_processors
@@ -58,10 +59,10 @@ def choose_engine(
         UsageError: the name is unknown, or the engine does not support the given workers or timeout.
         AssetError: Ray is not installed.
     """
-    if workers is not None and workers < 1:
-        raise UsageError(f"--workers must be at least 1; got {workers}")
-    if timeout is not None and not timeout > 0:  # also NaN
-        raise UsageError(f"the timeout must be positive; got {timeout:g} s")
+    if workers is not None:
+        check_count("--workers", workers)
+    if timeout is not None:
+        check_positive("--timeout", timeout)
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
         raise UsageError("--address applies only to the ray engine; add --engine ray, or omit --address")
