@@ -230,7 +230,8 @@ def test_means_without_intervals_say_why(base):
     title, remark = remark_of(6)
     assert title == "Means with intervals"
     assert remark.endswith("or over sequences if pairs belong to sequences.")
-    assert remark_of(3, 6)[1] == f"{remark} Means without an interval are averages over fewer than {why}"
+    without = f"Means without an interval are over fewer than {why[:-1]}, or one of these decides the mean."
+    assert remark_of(3, 6)[1] == f"{remark} {without}"
 
 
 @pytest.fixture

@@ -49,13 +49,12 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
         )
         if not all(known):
             remark += f" Means without an interval are over fewer than {needed}, or one of these decides the mean."
-        remark += (
-            " sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over these images or sequences. Up "
-            "to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, they may be too narrow."
-        )
+    about = "sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over images or sequences."
+    if any(known):
+        about += " Up to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, perhaps in fewer."
     title = "Means with intervals" if any(known) else "Means"
     columns = tuple(map(Column, (*MEANS.values(), "sd(ln)")))
-    return Table("means", title, columns, (Section("Runs", tuple(lines)),), (remark,))
+    return Table("means", title, columns, (Section("Runs", tuple(lines)),), (remark, about))
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:
