@@ -10,9 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import pickletools
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +19,7 @@ from ...atomic import make_folder, write_bytes
 from ...cache import cache_folder
 from ...errors import AssetError, DataError
 from ...extras import require
+from ...pickle_scan import scan_torch_file
 from ...psf.psf_field import SHAPE, PsfField
 from ...sealed import sealed_bytes, unsealed_bytes
 
@@ -95,43 +93,11 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
     require("torch", f"reading {path} for the first time")
     import torch
 
-    _check_declared(path, data)
     try:
+        scan_torch_file(io.BytesIO(data))
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
         raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
         raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
     return np.asarray(tensor.numpy(), np.float32)
-
-
-def _check_declared(path: Path, data: bytes) -> None:
-    """Reject small files that declare large contents, before memory is allocated for them.
-
-    Raises:
-        DataError: the size of an archive entry, or an element count in its index, exceeds that of a PSF stack.
-    """
-    try:
-        if zipfile.is_zipfile(io.BytesIO(data)):
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                entries = archive.infolist()
-                largest = sum(entry.file_size for entry in entries)
-                small = [entry for entry in entries if entry.filename.endswith(".pkl")] if largest <= LARGEST else []
-                numbers = [number for entry in small for number in _numbers(io.BytesIO(archive.read(entry)))]
-        else:  # format before PyTorch 1.6: five pickles, the first of which is a magic number, followed by the values
-            stream, largest = io.BytesIO(data), len(data)
-            numbers = [number for place in range(5) for number in _numbers(stream) if place]
-    except (zipfile.BadZipFile, ValueError, RuntimeError, NotImplementedError, EOFError, zlib.error) as error:
-        raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
-    largest = max([largest, *numbers])
-    if largest > LARGEST:
-        raise DataError(f"{path} declares {largest} bytes or elements, but a PSF stack has 2.9 million bytes")
-
-
-def _numbers(stream: io.BytesIO) -> list[int]:
-    """Return the absolute values of the integers in the next pickle of a stream, without executing the pickle.
-
-    Older versions of PyTorch store the numbers that identify storages as text, so these are not returned.
-    """
-    whole = ("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4")
-    return [abs(arg) for code, arg, _ in pickletools.genops(stream) if code.name in whole and isinstance(arg, int)]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import warnings
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,8 +13,8 @@ from torch import Tensor
 
 from ...errors import ModelError
 from ...layout import user_path
+from ...pickle_scan import IGNORED, RefusedError, scan_torch_file
 from ..model_file import damaged, opened
-from .pickle_scan import IGNORED, RefusedError, scan_pickle
 
 
 class _Unread:
@@ -115,45 +113,16 @@ def _load_safetensors(path: Path, file: BinaryIO) -> dict[str, Tensor]:
 
 def _check(path: Path, file: BinaryIO) -> None:
     """Raise unless PyTorch can read the file at a cost that its size bounds, and without running code."""
-    zipped = file.read(2) == b"PK"
-    file.seek(0)
     try:
-        if zipped:
-            scan_pickle(_pickle_of_archive(path, file))
-        else:  # the format before PyTorch 1.6: the content is the fourth of five pickles
-            for _ in range(5):
-                scan_pickle(file)
+        scan_torch_file(file)
     except RefusedError as error:
         raise ModelError(
             f"{path}: not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run "
             "code or exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict "
             "with torch.save"
         ) from None
-    except ModelError:
-        raise
     except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
         raise damaged(path, error) from None
-    file.seek(0)
-
-
-def _pickle_of_archive(path: Path, file: BinaryIO) -> BinaryIO:
-    size = path.stat().st_size
-    with zipfile.ZipFile(file) as archive:
-        records = archive.infolist()
-        declared = sum(record.file_size for record in records)
-        if declared > size:
-            # torch.save does not compress, so the contents cannot be larger than the file.
-            raise ModelError(
-                f"{path}: its {size} bytes would unpack to {declared}; torch.save does not compress, so this is not a "
-                "genuine checkpoint"
-            )
-        if (changed := archive.testzip()) is not None:
-            raise ValueError(f"checksum mismatch in {changed[:60]}")
-        # PyTorch searches names regardless of case, in the folder of the first record
-        names = [record.filename.lower() for record in records]
-        if len(set(names)) < len(names):
-            raise ValueError("two records have the same name")
-        return io.BytesIO(archive.read(records[0].filename.partition("/")[0] + "/data.pkl"))
 
 
 def _load(path: Path, file: BinaryIO) -> Any:

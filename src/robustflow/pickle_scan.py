@@ -1,4 +1,4 @@
-"""Check the pickle of a checkpoint before PyTorch reads it: only what a state dict needs, at a bounded cost.
+"""Check a file of tensors before PyTorch reads it: only what a state dict needs, at a cost that its size bounds.
 
 PyTorch's `weights_only` runs no code, but calls `bytearray` with any number, and hashes nested tuples for as long as it
 takes. The scan follows the opcodes without calling anything.
@@ -6,12 +6,12 @@ takes. The scan follows the opcodes without calling anything.
 
 from __future__ import annotations
 
+import io
 import pickletools
+import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, BinaryIO
-
-import torch
 
 LARGEST = 4 * 2**20
 """Maximum size of a pickle, bytes; the tensors are stored outside it, and one entry takes about 150 bytes."""
@@ -29,6 +29,13 @@ _STORAGES = tuple(
     for kind in (
         *("Float", "Double", "Half", "BFloat16", "Long", "Int", "Short", "Char", "Byte", "Bool"),
         *("ComplexFloat", "ComplexDouble"),
+    )
+)
+_DTYPES = tuple(
+    f"torch.{kind}"
+    for kind in (
+        *("float16", "bfloat16", "float32", "float64", "complex64", "complex128"),
+        *("bool", "uint8", "int8", "int16", "int32", "int64"),
     )
 )
 _REBUILT = ("torch._utils._rebuild_tensor", "torch._utils._rebuild_tensor_v2")
@@ -54,7 +61,7 @@ _ADDED = {"APPEND": 1, "SETITEM": 2, "APPENDS": None, "SETITEMS": None}
 
 
 class RefusedError(Exception):
-    """A pickle contains more than a state dict needs; the message names the part."""
+    """A file contains more than a state dict needs; the message names the part."""
 
 
 @dataclass(slots=True)
@@ -69,26 +76,64 @@ class _Pickled:
     shared: bool = False
 
 
-def scan_pickle(file: BinaryIO) -> None:
-    """Read one pickle of a file without creating its objects, up to its end.
+def scan_torch_file(file: BinaryIO) -> None:
+    """Check a file written by `torch.save`; afterwards, the file is positioned at its start.
 
     Raises:
-        RefusedError: it contains more than weights, numbers, strings, and lists, tuples and dicts of these.
-        Exception: it is damaged.
-
-    >>> import io, pickle
-    >>> scan_pickle(io.BytesIO(pickle.dumps({"lr": [0.1, 2]}, protocol=2)))
-    >>> scan_pickle(io.BytesIO(pickle.dumps(bytearray(9), protocol=2)))
-    Traceback (most recent call last):
-    robustflow.models.torch.pickle_scan.RefusedError: builtins.bytearray
+        RefusedError: it contains more than weights, numbers, strings, and lists, tuples and dicts of these, or claims
+            to contain more bytes than it has.
+        Exception: it is damaged; the parsers of zip files and pickles raise any exception.
     """
-    begin, size = file.tell(), 0
+    size = file.seek(0, 2)
+    file.seek(0)
+    zipped = file.read(2) == b"PK"
+    file.seek(0)
+    if zipped:
+        scan_pickle(_pickle_of_archive(file, size), size)
+    else:  # the format before PyTorch 1.6: the content is the fourth of five pickles
+        for _ in range(5):
+            scan_pickle(file, size)
+    file.seek(0)
+
+
+def _pickle_of_archive(file: BinaryIO, size: int) -> BinaryIO:
+    with zipfile.ZipFile(file) as archive:
+        records = archive.infolist()
+        declared = sum(record.file_size for record in records)
+        if declared > size:  # torch.save does not compress, so the contents cannot be larger than the file
+            raise RefusedError(f"its {size} bytes would unpack to {declared}")
+        if (changed := archive.testzip()) is not None:
+            raise ValueError(f"checksum mismatch in {changed[:60]}")
+        # PyTorch searches names regardless of case, in the folder of the first record
+        names = [record.filename.lower() for record in records]
+        if len(set(names)) < len(names):
+            raise ValueError("two records have the same name")
+        return io.BytesIO(archive.read(records[0].filename.partition("/")[0] + "/data.pkl"))
+
+
+def scan_pickle(file: BinaryIO, size: int) -> None:
+    """Read one pickle of a file without creating its objects, up to its end.
+
+    Args:
+        file: file positioned at the pickle.
+        size: maximum number of values of a tensor.
+
+    Raises:
+        RefusedError, Exception: see `scan_torch_file`.
+
+    >>> import pickle
+    >>> scan_pickle(io.BytesIO(pickle.dumps({"lr": [0.1, 2]}, protocol=2)), 0)
+    >>> scan_pickle(io.BytesIO(pickle.dumps(bytearray(9), protocol=2)), 0)
+    Traceback (most recent call last):
+    robustflow.pickle_scan.RefusedError: builtins.bytearray
+    """
+    begin, read = file.tell(), 0
     stack: list[_Pickled] = []
     marks: list[int] = []
     memo: dict[Any, _Pickled] = {}
     for opcode, argument, _ in pickletools.genops(file):
-        size = file.tell() - begin
-        if size > LARGEST:
+        read = file.tell() - begin
+        if read > LARGEST:
             raise RefusedError(f"a pickle of more than {LARGEST >> 20} MiB")
         name = opcode.name
         if name in _CONSTANTS:
@@ -120,10 +165,10 @@ def scan_pickle(file: BinaryIO) -> None:
                 _add(stack[-1], [_Pickled("constant", ""), state], "dict")
         elif name == "BINPERSID":
             (identifier,) = _popped(stack, 1)
-            stack.append(_storage(identifier))
+            stack.append(_storage(identifier, size))
         elif name not in ("PROTO", "STOP"):
             raise RefusedError(f"opcode {name}")
-    if stack[-1].parts > _MOST_SHARED * size + 100:
+    if stack[-1].parts > _MOST_SHARED * read + 100:
         raise RefusedError(f"{stack[-1].parts} parts, most of them the same")
 
 
@@ -158,8 +203,7 @@ def _add(whole: _Pickled, items: list[_Pickled], kind: str) -> None:
 
 def _allowed(name: str) -> str:
     name = name.replace("__builtin__", "builtins")
-    is_dtype = isinstance(getattr(torch, name.removeprefix("torch."), None), torch.dtype)
-    if name not in _CALLED and name not in _STORAGES and not is_dtype:
+    if name not in _CALLED and name not in _STORAGES and name not in _DTYPES:
         raise RefusedError(name)
     return name
 
@@ -185,8 +229,10 @@ def _called(called: _Pickled, arguments: _Pickled) -> _Pickled:
     return _with(_Pickled(_CALLED[name], name), values)
 
 
-def _storage(identifier: _Pickled) -> _Pickled:
+def _storage(identifier: _Pickled, size: int) -> _Pickled:
     values = [part.value for part in identifier.value or []] if identifier.kind == "tuple" else []
-    if len(values) < 2 or values[0] != "storage" or values[1] not in _STORAGES:
+    if len(values) < 5 or values[0] != "storage" or values[1] not in _STORAGES:
         raise RefusedError("reference to something other than values of a tensor")
+    if not isinstance(values[4], int) or not 0 <= values[4] <= size:
+        raise RefusedError(f"tensor of {values[4]} values in {size} bytes")
     return _Pickled("storage")
