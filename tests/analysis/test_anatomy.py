@@ -29,14 +29,14 @@ def test_families_share_the_error():
     assert (weather.broken, noise.broken) == pytest.approx((10, 2))
 
 
-def test_slopes():
+def test_slope_of_a_corruption_is_the_growth_of_its_epe_per_severity():
     rows = [_row(epe=1.0), _row("spatter", 1, epe=7.0)]
     for s in range(1, 6):
         rows += [_row("fog", s, epe=1 + 0.5 * s), _row("snow", s, epe=s**2), _row("frost", s, epe=7 - s)]
     assert severity_slopes(_summary(*rows), "epe") == pytest.approx({"fog": 0.5, "snow": 6, "frost": -1})
 
 
-def test_regions():
+def test_region_shares_and_scores_equal_hand_computed_values():
     clean, fog = (
         {"n_d0_10": 10, "epe_sum_d0_10": 10 * epe, "rcre_sum_d0_10": 0.0, "fl_count_d0_10": 5} for epe in (4.0, 20.0)
     )
@@ -59,7 +59,7 @@ def test_outliers_are_not_compared_with_those_of_other_pixels_or_images(lacking)
     assert [part.broken for part in error_parts(summary)] == [None]
 
 
-def test_without_ground_truth_nothing_is_made_up():
+def test_error_parts_without_ground_truth_are_none():
     rows = rows_frame([_row(epe=2.0), _row("fog", 1, epe=8.0)])
     of_truth = ("n_valid", "epe_sum", "rcre_sum", "fl_count")
     blind = summarize(rows.with_columns(pl.lit(None, rows.schema[name]).alias(name) for name in of_truth))

@@ -52,7 +52,7 @@ def test_flowdiffuser_disagrees_in_both_settings():
     assert counts == {"OOD": 19, "ID": 15}
 
 
-def test_both_numbers_are_given():
+def test_finding_gives_the_printed_and_the_recomputed_value():
     """One value of each kind, copied from the paper's tables by hand."""
     contrast = _of("cre", model="BrightFlow", corruption="contrast")[0]
     assert (contrast.given, round(contrast.recomputed, 2), round(contrast.tolerance, 3)) == (3.70, 0.20, 0.015)
@@ -76,7 +76,7 @@ def test_cre_against_exact_decimal_arithmetic():
     assert {(f.setting, f.model, f.corruption) for f in _of("cre")} == expected
 
 
-def test_what_fits_is_not_reported():
+def test_consistent_values_are_not_reported():
     assert not _of("average")
     assert not _of("rank")
     assert {(f.setting, f.model) for f in _of("cre")} == {
@@ -121,7 +121,7 @@ _ERRORS = st.lists(st.floats(0.5, 60, allow_nan=False), min_size=6, max_size=6)
 
 @given(errors=st.dictionaries(st.sampled_from(["A", "B", "C"]), _ERRORS, min_size=1), decimals=st.integers(1, 5))
 @settings(max_examples=60, deadline=None)
-def test_an_honest_table_fits_however_it_was_rounded(errors, decimals):
+def test_consistent_table_has_no_finding_at_any_rounding(errors, decimals):
     assert not audit_results(_csv(_consistent(errors, decimals))).findings
 
 
@@ -174,7 +174,7 @@ def test_swapped_rows_are_found_in_any_table():
     assert "A and B" in messages[0]
 
 
-def test_a_wrong_mark_is_found_and_a_shared_one_is_not():
+def test_wrong_best_mark_is_reported_and_a_tied_one_is_not():
     values = {("A", "epe", "fog"): "1.00", ("B", "epe", "fog"): "1.00", ("C", "epe", "fog"): "2.00"}
     both = {("A", "epe", "fog"), ("B", "epe", "fog")}
     assert not audit_results(_csv(values, both)).findings
@@ -195,7 +195,7 @@ def run(tmp_path_factory):
     return evaluate("farneback", "shapes", output=tmp_path_factory.mktemp("audit"), data_options=pairs, **options)
 
 
-def test_a_run_folder_fits(run):
+def test_unchanged_run_folder_has_no_finding(run):
     found = audit(run.path)
     assert not found.findings
     assert found.checked["summary"] > 100
@@ -262,7 +262,7 @@ def test_impossible_rows_are_found(folder):
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "[" * 100_000])
-def test_a_summary_that_is_none(folder, text):
+def test_invalid_summary_file_is_refused(folder, text):
     (folder / "summary.json").write_text(text)
     with pytest.raises(RunError, match="robustflow show"):
         audit(folder)

@@ -96,7 +96,7 @@ def test_several_runs_say_which_changes_least(runs):
     assert text.endswith(CAVEAT)
 
 
-def test_a_blind_model_is_not_the_one_that_changes_least(runs):
+def test_model_that_ignores_the_frames_is_not_named_as_changing_least(runs):
     (text,) = conclusions(run_results(runs))
     assert runs[2].summary.rcre == 0
     assert f"{runs[2].name} changes least" not in text
@@ -118,7 +118,7 @@ def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     assert "is significant" not in text
 
 
-def test_nothing_is_measured_against_the_paper(runs):
+def test_runs_without_ground_truth_are_not_compared_with_the_paper(runs):
     for run in runs:
         note = comparison_note(run)
         assert note.startswith("3 pairs of your own frames; average over contrast and gaussian noise")
@@ -143,7 +143,7 @@ def test_pages_tables_and_the_terminal_conclude(runs, frames, tmp_path, monkeypa
     assert CAVEAT in capsys.readouterr().out
 
 
-def test_with_ground_truth_nothing_of_this_is_said(runs):
+def test_run_with_ground_truth_has_no_conclusion_about_rcre(runs):
     errors = np.ones((4, 3))
     run = made_run(runs[0], rows_of(np.ones(4), 1 + errors, errors))
     assert not without_truth(run)

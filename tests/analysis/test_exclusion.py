@@ -70,7 +70,7 @@ def test_reason_on_small_motion_names_the_motion():
     ],
     ids=["just below half of zero flow", "just above", "changes by just over 0.1 %", "by just under"],
 )
-def test_exclusion_at_its_thresholds(rows, start):
+def test_exclusion_applies_from_its_thresholds_on(rows, start):
     assert [reason.startswith(start or "-") for reason in reasons_from_rows(rows)] == [True] * bool(start)
 
 

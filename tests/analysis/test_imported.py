@@ -111,7 +111,7 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in lines[0].frames
 
 
-def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
+def test_imported_results_survive_a_round_trip_through_csv(tmp_path):
     files = [_experiment(name, 3, 2.5) for name in ("motion_blur", "zoom_blur", "brightness", "fog")]
     lines = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
     again = parse_results(results_csv(lines), "results.csv", "file")
@@ -153,13 +153,13 @@ def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
         ({"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]}, "no severity in common"),
     ],
 )
-def test_a_wrong_file_is_one_sentence(tmp_path, content, says):
+def test_wrong_results_file_is_refused_in_one_sentence(tmp_path, content, says):
     with refused(DataError, says) as error:
         read_imported([_write(tmp_path, content)])
     assert "\x1b" not in str(error.value)
 
 
-def test_a_file_that_is_not_there_or_too_large(tmp_path):
+def test_missing_or_too_large_file_is_refused(tmp_path):
     with pytest.raises(DataError, match="No such file"):
         read_imported([tmp_path / "results.json"])
     path = tmp_path / "large.json"
@@ -263,6 +263,6 @@ def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, robustflo
         (_pcfa("x"), "'x' is not a number"),
     ],
 )
-def test_a_wrong_row_of_an_attack_is_one_sentence(tmp_path, row, says):
+def test_wrong_row_of_an_attack_is_refused_in_one_sentence(tmp_path, row, says):
     with refused(DataError, says):
         read_stored_attacks([_write(tmp_path, {"experiments": [row]})])

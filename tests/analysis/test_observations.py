@@ -119,13 +119,13 @@ def _verdicts(results: Sequence[ModelResult], methods=None) -> dict[int, str]:
     return {o.number: o.verdict for o in observations(results, methods)}
 
 
-def test_nothing_can_be_computed_from_nothing():
+def test_verdicts_without_results_are_that_nothing_can_be_computed():
     verdicts = _verdicts([])
     assert set(verdicts.values()) == {"cannot be computed"}
     assert list(verdicts) == list(range(1, 11))
 
 
-def test_the_verdicts_turn_with_the_numbers():
+def test_verdicts_reverse_when_the_numbers_are_reversed():
     """Accuracy and robustness correlate positively or negatively; either dark or bright frames are worse."""
     for sign, verdict in ((1, "holds"), (-1, "does not hold")):
         worse, milder = ("low_light", "over_exposure"), ("high_light", "under_exposure")
@@ -163,7 +163,7 @@ def _with_worst_cost(*names):
     ]
 
 
-def test_cost_needs_costs():
+def test_observation_about_cost_needs_costs():
     without = [replace(line, printed_cost=None) for line in published_results()]
     assert _verdicts(without)[6] == "cannot be computed"
     assert _verdicts(_with_worst_cost("ARFlow"))[6] == "too little evidence", "one of three unsupervised is last"

@@ -20,7 +20,7 @@ def test_ranks_are_those_of_scipy_bit_for_bit(values):
     assert middle_ranks(values) == rankdata(values).tolist()
 
 
-def test_values_that_are_not_numbers_have_no_ranks():
+def test_ranks_of_nan_are_nan():
     with pytest.raises(ValueError, match="cannot be ranked"):
         competition_ranks({"a": 1.0, "b": float("nan")})
     assert all(rank != rank for rank in middle_ranks([1.0, float("nan")]))

@@ -46,7 +46,7 @@ def test_the_share_of_pixels_that_errors_cover_is_kept():
 
 
 @pytest.mark.parametrize("number", [0.0, 0.5, 12.0, 1e-5, 0.1 + 0.2, 1e8 + 0.125])
-def test_a_number_that_was_never_rounded_comes_back_as_such_however_short_it_is(number):
+def test_unrounded_number_with_few_digits_stays_unrounded_after_a_round_trip(number):
     (line,) = parse_results(f"{_HEAD}OOD,Mine,rcre,fog,1.00\n", "mine.csv", "mine")
     (again,) = parse_results(results_csv([replace(line, values={("rcre", "fog"): Value(number)})]), "mine.csv", "mine")
     assert again.values["rcre", "fog"] == Value(number)
@@ -75,12 +75,12 @@ def test_a_number_that_was_never_rounded_comes_back_as_such_however_short_it_is(
         ("setting,model,metric,corruption,value,marked\nOOD,A,epe,fog,1,maybe\n", "'marked' must be"),
     ],
 )
-def test_a_wrong_file_is_one_sentence(text, says):
+def test_wrong_results_file_is_refused_in_one_sentence(text, says):
     with refused(DataError, says):
         parse_results(text, "r.csv", "x")
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_unreadable_results_file_is_refused(tmp_path):
     with pytest.raises(DataError, match="No such file"):
         read_results(tmp_path / "none.csv")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")

@@ -217,7 +217,7 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(r
             assert any(values.items() <= shown.items() for shown in marks), name
 
 
-def test_settings_and_notes(runs):
+def test_lines_of_runs_state_setting_and_notes(runs):
     assert [run_setting(run) for run in runs] == ["knowledge", "own", "ID"]
     note = "1 pair of the demo; average over JPEG compression and contrast; severities 1 and 3 only"
     assert [comparison_note(run) for run in runs] == [note] * 3
@@ -291,7 +291,7 @@ def test_every_table_in_every_format(runs):
         assert format in ("terminal", "csv") or not any("<img" in text for text in texts)
 
 
-def test_runs_alone(runs):
+def test_tables_and_figures_without_published_rows_show_runs_only(runs):
     names = {table.name for table in tables_of(runs, published=False)}
     assert {"epe", "cre", "rcre", "cost", "means", "anatomy"} <= names
     with pytest.raises(UsageError, match="gopro"):
@@ -304,7 +304,7 @@ def test_runs_alone(runs):
     assert {"severity_rcre", "severity_epe"} <= set(figures)
 
 
-def test_results_of_both(runs):
+def test_results_of_runs_and_the_paper_are_grouped_by_frames(runs):
     both = by_frames(results_of(runs, published=True))
     assert set(both) == {"paper", sample_set(runs[0])}
     assert [value.decimals for line in both[sample_set(runs[0])] for value in line.values.values()] == [None] * 3 * 13

@@ -145,7 +145,7 @@ def test_an_order_without_a_difference_has_no_tau():
     )
 
 
-def test_seeds_on_the_command_line(tmp_path):
+def test_command_line_shows_the_spread_over_seeds(tmp_path):
     """Each seed's folder equals that of a run with only this seed; `compare` shows how the order of models changes."""
     cli, folders = CliRunner(), []
     common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]

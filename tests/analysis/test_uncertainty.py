@@ -283,7 +283,7 @@ def test_log_deviation_is_that_of_the_mean_errors_of_groups():
     assert found["cre", "average"] is None
 
 
-def test_an_interval_leans_to_where_the_tail_is():
+def test_interval_of_skewed_errors_extends_further_towards_the_tail():
     """The true mean of skewed errors may be much higher than the estimate but hardly lower; percentile intervals are
     skewed in the opposite direction.
     """
@@ -345,13 +345,13 @@ def test_without_ground_truth_there_is_rcre_alone():
     assert intervals(rows.clear()).is_empty()
 
 
-def test_a_level_and_resamples_that_cannot_be_meant():
+def test_impossible_level_or_number_of_resamples_is_refused():
     for options in ({"level": 95}, {"level": 0.2}, {"level": 1.0}, {"resamples": 10}):
         with pytest.raises(UsageError):
             intervals(_rows(5), **options)
 
 
-def test_a_higher_level_is_wider():
+def test_interval_at_a_higher_level_is_wider():
     rows = _rows(40)
     wide, narrow = intervals(rows, level=0.99), intervals(rows, level=0.8)
     assert (wide["low"] < narrow["low"]).all()
@@ -366,7 +366,7 @@ def test_a_model_does_not_differ_from_itself():
     assert all("No difference" in sentence for sentence in found["sentence"])
 
 
-def test_a_constant_shift_is_certain():
+def test_constant_difference_has_an_interval_without_width():
     found = compare_rows(_rows(20), _rows(20, shift=0.5), ("A", "B"))
     line = found.filter(metric="epe", corruption="average").row(0, named=True)
     assert line["difference"] == pytest.approx(-0.5)
@@ -378,7 +378,7 @@ def test_a_constant_shift_is_certain():
     assert clean["p"] == 1
 
 
-def test_pairing_is_what_makes_it_sharp():
+def test_paired_test_finds_a_difference_where_single_intervals_overlap():
     """A small improvement on every image is detected, although the intervals of the two means overlap widely."""
     rng = np.random.default_rng(3)
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
@@ -390,7 +390,7 @@ def test_pairing_is_what_makes_it_sharp():
     assert two["high"] > one["low"]
 
 
-def test_p_and_interval_say_the_same():
+def test_p_value_and_interval_agree_on_significance():
     for seed in range(12):
         rng = np.random.default_rng(seed)
         clean, corrupted = Truth().draw(rng, np.ones(25, int))
@@ -456,7 +456,7 @@ def test_differences_that_cancel_have_a_p_value_of_1():
     assert bootstrap({0: Statistic([Term(mean)])}, 10)[0].p == 1
 
 
-def test_other_frames_are_not_compared():
+def test_runs_on_different_frames_are_not_compared():
     with pytest.raises(RunError, match=r"different frames in the same cell \(sample '00000', clean; 20 of 20"):
         compare_rows(_rows(5), _rows(5, digest="e"))
     with pytest.raises(RunError, match="no sample, corruption and severity in common"):

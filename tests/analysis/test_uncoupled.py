@@ -94,7 +94,7 @@ def test_the_partial_correlation_is_that_of_what_the_motion_leaves():
     assert abs(found.given_motion) < abs(found.rho)
 
 
-def test_what_cannot_be_computed_is_none():
+def test_undefined_scores_are_none():
     rows = _rows(1, 6)
     no_truth = rows.with_columns(pl.lit(None, dtype=rows.schema[name]).alias(name) for name in ("n_valid", "epe_sum"))
     assert uncoupled(no_truth).overall == UncoupledScores()

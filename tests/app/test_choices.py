@@ -7,7 +7,7 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 
 
-def test_what_needs_a_file_is_offered_only_with_one():
+def test_model_that_needs_a_file_is_offered_only_with_one():
     offered = Models([]).names
     assert offered[:2] == ["dis", "farneback"]
     assert not {"onnx", "torch_export", "precomputed"} & set(offered)

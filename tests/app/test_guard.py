@@ -102,7 +102,7 @@ def test_a_post_from_elsewhere_is_refused(app, path, origin):
 
 
 @pytest.mark.parametrize("path", ["/", "/app.js", "/results.js", "/app.css", "/choices", "/missing"])
-def test_every_answer_is_locked_down(app, path):
+def test_every_answer_has_security_headers(app, path):
     _, body, headers = app.ask("GET", path)
     policy = headers["content-security-policy"]
     assert "default-src 'none'" in policy
@@ -117,14 +117,14 @@ def test_every_answer_is_locked_down(app, path):
         assert b"http" not in body.replace(b"http-equiv", b""), "no address of another server"
 
 
-def test_methods_that_have_no_meaning(app):
+def test_unsupported_http_methods_are_refused(app):
     for method in ("PUT", "DELETE", "PATCH", "OPTIONS"):
         assert app.ask(method, "/preview")[0] == 405
     assert app.ask("GET", "/preview")[0] == 405
 
 
 @pytest.mark.parametrize(("stop", "predicting"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
-def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predicting):
+def test_interrupted_app_ends_without_a_message(tmp_path, monkeypatch, stop, predicting):
     scratch = tmp_path / "scratch"
     monkeypatch.setenv("TMPDIR", str(scratch))
     scratch.mkdir()
@@ -147,7 +147,7 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predictin
         assert not list(scratch.iterdir())
 
 
-def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
+def test_uploads_of_a_killed_app_are_removed_by_the_next_app(tmp_path, monkeypatch):
     """The next app removes its uploads, but not those of an app that is still running."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     running = UploadFolder()
@@ -184,7 +184,7 @@ def test_half_sent_requests_are_closed_and_do_not_delay_others(tmp_path):
                 assert one.recv(4096) == b""
 
 
-def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
+def test_interrupt_ends_the_app_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
     """While the model holds the interpreter lock, no Python code runs, not even a signal handler."""
     model = "models_for_app:HoldsTheLock"
     limit = "from robustflow.app import serve as s; s._WATCH = s._WATCH.replace(str(s._ENDING_SECONDS), '1.0')"
@@ -210,7 +210,7 @@ def refusal(capsys, monkeypatch):
     return start
 
 
-def test_a_port_that_is_taken(refusal):
+def test_port_in_use_is_refused(refusal):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -226,7 +226,7 @@ def test_a_port_that_is_taken(refusal):
         (("-O", "preset=fast"), "preset is a model option"),
     ],
 )
-def test_what_cannot_be_served(refusal, arguments, says):
+def test_invalid_arguments_of_the_app_are_refused(refusal, arguments, says):
     assert says in refusal(*arguments)
 
 

@@ -91,7 +91,7 @@ def _picture(address: str) -> np.ndarray:
         ({"page": None}, "page"),
     ],
 )
-def test_what_cannot_be_meant_is_one_line(app, changed, says):
+def test_impossible_request_is_refused_in_one_line(app, changed, says):
     status, (answer,) = app.preview(**changed)
     assert status == 400
     assert says in answer["error"]
@@ -105,23 +105,23 @@ def test_what_cannot_be_meant_is_one_line(app, changed, says):
         ({"index": 1}, "pair 2 of Motorcycle (Middlebury 2014) does not exist"),
     ],
 )
-def test_what_shows_in_the_middle_is_one_line_too(app, changed, says):
+def test_error_after_the_first_message_is_one_line(app, changed, says):
     _, messages = app.preview(**changed)
     assert says in messages[-1]["error"]
 
 
 @pytest.mark.parametrize("body", ["", "[]", "null", "{", '{"a": NaN}', "[" * 10000, '"\\ud800"', b"\xff\xfe"])
-def test_what_is_not_a_request(app, body):
+def test_malformed_request_body_is_refused(app, body):
     status, answer, _ = app.ask("POST", "/preview", body)
     assert status == 400
     assert list(json.loads(answer)) == ["error"]
 
 
-def test_a_request_of_many_bytes(app):
+def test_too_large_request_is_refused(app):
     assert app.ask("POST", "/preview", b" " * 20000)[0] == 413
 
 
-def test_a_model_that_fails_is_one_line(app):
+def test_failing_model_is_reported_in_one_line(app):
     with app.model_does("fail"):
         error = app.preview(model=SCRIPTED)[1][-1]["error"]
     assert error.startswith("the model raised ValueError on sample 'motorcycle', ")
@@ -166,13 +166,13 @@ def test_the_page_is_served_while_a_model_works(app):
         assert b'"result"' in response.read()
 
 
-def test_a_checkpoint_for_a_model_without_weights(app):
+def test_checkpoint_for_a_model_without_weights_is_refused(app):
     status, (answer,) = app.preview(checkpoint="things")
     assert status == 400
     assert "dis has no weights" in answer["error"]
 
 
-def test_choices(app):
+def test_choices_list_models_and_corruptions_of_pairs(app):
     found = json.loads(app.ask("GET", "/choices")[1])
     models = {model["name"]: model for model in found["models"]}
     assert next(iter(models)) == SCRIPTED

@@ -54,7 +54,7 @@ def test_numbers_of_an_uploaded_pair_are_those_of_the_library(app, with_truth):
     assert result["truth"] is with_truth
 
 
-def test_every_pair_of_a_clip(app, tmp_path):
+def test_preview_offers_every_pair_of_an_uploaded_clip(app, tmp_path):
     path = clips.clip(tmp_path / "drive.mp4", 6).path
     status, found = app.upload(clip=("drive.mp4", path.read_bytes()))
     assert (status, found["pairs"]) == (200, 5)
@@ -98,7 +98,7 @@ def _claims(width: int, height: int) -> bytes:
         ({"clip": ("c.mp4", b"")}, "give two frames"),
     ],
 )  # fmt: skip
-def test_what_is_not_taken_is_one_line(app, files, says):
+def test_unusable_upload_is_refused_in_one_line(app, files, says):
     status, answer = app.upload(**(_pair(truth=("gt.flo", b"")) if "more" in files else _pair()) | files)
     assert status == 400
     assert says in answer["error"]
@@ -108,7 +108,7 @@ def test_what_is_not_taken_is_one_line(app, files, says):
 
 
 @pytest.mark.parametrize("files", [{}, {"frame1": ("a.png", _png(FRAME))}, {"clip": ("c.mp4", b"not a video")}])
-def test_too_little_or_no_video(app, files):
+def test_upload_without_two_frames_or_a_video_is_refused(app, files):
     status, answer = app.upload(**files)
     assert status == 400
     assert answer["error"]
@@ -121,12 +121,12 @@ def test_upload_with_a_name_longer_than_a_file_system_allows_is_read(app):
 
 
 @pytest.mark.parametrize("name", ["../../../etc/cron.d/x.png", "C:\\windows\\x.png", "/abs/x.png", "..\\..\\x.png"])
-def test_a_name_is_not_a_path(app, name):
+def test_upload_with_a_path_as_name_keeps_only_the_file_name(app, name):
     status, found = app.upload(frame1=(name.replace("\\", "\\\\"), _png(FRAME)), frame2=("b.png", _png(OTHER)))
     assert (status, found["name"]) == (200, "x.png, b.png")
 
 
-def test_a_body_that_announces_too_much_is_refused_unread(app):
+def test_upload_with_a_too_large_length_is_refused_unread(app):
     size = str(MAX_BYTES + 1)
     status, body, _ = app.ask(
         "POST", "/upload", b"", content_length=size, content_type="multipart/form-data; boundary=b"
@@ -135,7 +135,7 @@ def test_a_body_that_announces_too_much_is_refused_unread(app):
     assert b"more than 64 MB" in body
 
 
-def test_a_body_that_announces_nothing_is_cut_off(app):
+def test_upload_without_a_length_is_refused(app):
     connection = http.client.HTTPConnection(app.host, timeout=60)
     connection.putrequest("POST", "/upload", skip_host=True)
     headers = {"Host": app.host, "X-Token": app.token, "Origin": f"http://{app.host}", "Transfer-Encoding": "chunked"}
@@ -155,7 +155,7 @@ def test_a_body_that_announces_nothing_is_cut_off(app):
     assert app.ask("GET", "/choices")[0] == 200
 
 
-def test_the_oldest_upload_makes_room(app):
+def test_oldest_upload_is_removed_when_the_space_is_full(app):
     sources = [app.upload(**_pair())[1]["source"] for _ in range(KEPT + 1)]
     assert "no longer kept" in app.preview(source=sources[0])[1][-1]["error"]
     assert "result" in app.preview(source=sources[1])[1][-1]

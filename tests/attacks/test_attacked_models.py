@@ -30,7 +30,7 @@ def test_the_clean_pair_is_predicted_twice_to_know_whether_the_answers_differ():
     assert len(asked) == 3  # the clean pair twice, and the attacked pair
 
 
-def test_attacks_count_what_they_ask_for():
+def test_attacks_count_their_evaluations():
     costs = {name: attacked_pair(name)[1] for name in ON_SMALL_PAIRS}
 
     assert {name: (one.evaluations, one.gradients) for name, one in costs.items()} == {
@@ -107,7 +107,7 @@ def test_a_flow_that_becomes_nan_is_never_the_best_and_one_that_is_nan_is_no_gai
         assert "nothing_gained" in attacked.warnings
 
 
-def test_the_room_and_square_need_no_torch():
+def test_attack_registry_and_square_work_without_torch():
     code = (
         "import sys; sys.modules['torch'] = None\n"
         "import numpy as np, robustflow as rf\n"

@@ -147,7 +147,7 @@ def test_an_instance_of_a_subclass_of_attack_is_registered_for_a_run():
         (type("Bad", (), {"run": lambda *_: 0, "__init__": lambda self, size: None}), "'bad' cannot be built"),
     ],
 )
-def test_what_is_no_attack_is_refused_in_one_line(made, message):
+def test_object_that_is_not_an_attack_is_refused_in_one_line(made, message):
     with refused(UsageError, message):
         load_attack(made)
 
@@ -163,7 +163,7 @@ def test_what_is_no_attack_is_refused_in_one_line(made, message):
         (lambda problem, rng: 1 / 0, "'wrong' failed: ZeroDivisionError"),
     ],
 )
-def test_a_mistake_of_an_own_attack_stops_with_a_sentence(run, message):
+def test_error_in_an_own_attack_ends_the_run_with_one_sentence(run, message):
     wrong = type("Wrong", (), {"needs_gradients": False, "run": staticmethod(run)})
 
     with refused(UsageError, message):
@@ -198,7 +198,7 @@ def test_an_attack_that_overwrites_its_images_keeps_the_best_pair():
     assert rf.attack(*FRAMES, model, InOneArray, 3).linf == 4
 
 
-def test_what_leaves_the_budget_is_brought_back():
+def test_frames_outside_the_budget_are_projected_into_it():
     far = type("Outside", (), {"needs_gradients": False, "run": lambda self, problem, rng: 1 - problem.ball.clean})
 
     attacked = rf.attack(*FRAMES, _model, far, 3)
@@ -224,7 +224,7 @@ class Unseeded(Noise):
         return problem.ball.project(problem.ball.clean + noise)
 
 
-def test_the_checker_passes_what_keeps_the_contract():
+def test_check_attack_accepts_an_attack_that_keeps_the_contract():
     assert check_attack(Noise) == "noise"
 
 
@@ -236,12 +236,12 @@ def test_the_checker_passes_what_keeps_the_contract():
         (Unseeded, "different bytes on the second call"),
     ],
 )
-def test_the_checker_says_what_is_wrong(made, message):
+def test_check_attack_names_attack_severity_size_and_fault(made, message):
     with pytest.raises(UsageError, match=rf"attack '\w+' at severity [12] on 32x40 pixels .*{message}"):
         check_attack(made)
 
 
-def test_the_attacks_of_this_package_pass_the_checker():
+def test_check_attack_accepts_every_shipped_attack():
     pytest.importorskip("torch", reason="needs the torch extra")
     for name in ("random_gauss", "fgsm", "apgd:steps=5", "square:queries=5"):
         assert check_attack(name) == name.partition(":")[0]

@@ -55,7 +55,7 @@ from .smooth_net import Given, random_pair, smooth_model  # noqa: E402
         ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no valid pixels"),
     ],
 )
-def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
+def test_invalid_frames_or_options_are_refused_in_one_line(change, error, message):
     with refused(error, message):
         rf.attack(*random_pair(), smooth_model(), **{"name": "pgd", **change})
 

@@ -149,7 +149,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
     assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
 
 
-def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
+def test_run_with_a_changed_surrogate_is_refused(tmp_path, monkeypatch):
     name, model = "transfer:tiny:attack=fgsm:device=cpu", TINY.load()
     run(tmp_path / "run", model, attacks=name, severities=3, count=1)
     monkeypatch.setattr("robustflow.attacks.transfer.ModelSpec.identity", lambda spec, model: {"weights": "new"})
@@ -166,7 +166,7 @@ def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
         ({"attacks": [], "corruptions": []}, "give at least one corruption or attack"),
     ],
 )
-def test_what_cannot_be_run_is_refused_in_one_line(tmp_path, options, message):
+def test_invalid_attacks_of_a_run_are_refused_in_one_line(tmp_path, options, message):
     with refused(UsageError, message):
         run(tmp_path / "run", **options)
 
@@ -178,7 +178,7 @@ def test_the_norm_of_each_attack_is_that_of_its_class():
     assert with_controls(["pgd"]) == ("random_sign", "random_gauss", "pgd")
 
 
-def test_an_attack_that_finds_nothing_says_so_and_a_control_does_not():
+def test_attack_without_gain_warns_and_a_control_does_not():
     frames = TexturePairs(1).load("0").frames
     truth = np.ones((*frames[0].shape[:2], 2), np.float32)
     square, noise = (

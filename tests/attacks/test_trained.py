@@ -158,7 +158,7 @@ def test_a_trained_patch_beats_stripes_and_random_colours_on_pairs_and_places_it
     assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
 
 
-def test_a_patch_is_put_elsewhere_and_turned_in_every_step_of_its_training(monkeypatch):
+def test_patch_is_moved_and_rotated_in_every_training_step(monkeypatch):
     places, given = [], smooth_model()
     paste = patch.paste
     monkeypatch.setattr(
@@ -248,14 +248,14 @@ def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(trained, tmp_
     assert _column(_run(tmp_path / "run", WORST), WORST, "epe_sum") == worst, "requested alone"
 
 
-def test_a_trained_attack_inside_another_can_be_drawn_again(trained):
+def test_example_of_a_trained_attack_inside_another_can_be_drawn_again(trained):
     setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(trained.attacks)))
     for name in (INSIDE, WORST):
         learned = with_attack(setup, trained, name, 5).plan.options.learned
         assert [pattern.shape for levels in learned.values() for pattern in levels.values()] == [(2, 3, 40, 48)]
 
 
-def test_a_random_patch_is_what_patches_are_compared_with_and_not_with_itself(trained):
+def test_patches_are_compared_with_a_random_patch_which_has_no_comparison(trained):
     scores = {one.attack: one for one in attack_scores(trained)}
 
     noise, learned = scores["random_patch"], scores[PATCH]
@@ -263,7 +263,7 @@ def test_a_random_patch_is_what_patches_are_compared_with_and_not_with_itself(tr
     assert learned.gain == pytest.approx(learned.epe - noise.epe)
 
 
-def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not(trained, monkeypatch):
+def test_stored_perturbation_is_reused_if_intact_and_trained_again_if_damaged(trained, monkeypatch):
     before, asked = _rows(trained), []
     for kind in (Universal, patch.Patch):
         monkeypatch.setattr(kind, "learn", lambda *given, learn=kind.learn: asked.append(1) or learn(*given))
@@ -298,13 +298,13 @@ def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
     assert {name: levels[5].shape for name, levels in learned.items()} == names
 
 
-def test_processes_are_given_what_was_trained(trained, tmp_path):
+def test_worker_processes_use_the_perturbation_that_was_trained_once(trained, tmp_path):
     spread = _run(tmp_path / "run", TRAINED, engine="processes", workers=1)
 
     assert _rows(spread).equals(_rows(trained))
 
 
-def test_what_a_run_trained_can_be_given_as_a_file_to_a_model_without_gradients(trained, tmp_path):
+def test_perturbation_file_of_a_run_works_on_a_model_without_gradients(trained, tmp_path):
     (path,) = (trained.path / "attacks").glob("universal*")
     name = f"universal:file={path}"
 
@@ -324,6 +324,6 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_other_training_samples_are_another_run(trained):
+def test_run_with_changed_training_samples_is_refused(trained):
     with pytest.raises(RunError, match=r"the attack .* has changed since"):
         _run(trained.path, TRAINED, keys=DATA.keys()[2:])

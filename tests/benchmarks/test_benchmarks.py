@@ -160,7 +160,7 @@ def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
     assert re.search(says, str(warning.message))
 
 
-def test_whole_kitti_fc_and_gopro_fc_are_opened_without_a_word(tmp_path, recwarn):
+def test_complete_kitti_fc_and_gopro_fc_are_opened_without_a_note(tmp_path, recwarn):
     assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path / "kitti", ALL)).keys == tuple(THE_80)
     for folder in ("clean", "contrast_1"):
         for sequence in ("374_11_02", "379_11_00", "384_11_02", "385_11_00", "386_11_00"):
@@ -170,7 +170,7 @@ def test_whole_kitti_fc_and_gopro_fc_are_opened_without_a_word(tmp_path, recwarn
     assert not recwarn.list
 
 
-def test_narrowing_and_still_scenes(kitti):
+def test_narrowed_benchmark_has_the_requested_corruptions_severities_and_pairs(kitti):
     benchmark = load_benchmark("kitti-fc", kitti)
     narrow = benchmark.narrowed(["snow", "fog", "snow"], [5, 1], 2)
     assert (narrow.corruptions, narrow.severities, narrow.keys) == (("snow", "fog"), (1, 5), benchmark.keys[:2])
@@ -198,7 +198,7 @@ def test_a_limit_takes_pairs_of_the_whole_course_and_a_larger_one_only_adds(coun
 
 
 @pytest.mark.parametrize("name", ["kitti-fc", "folder"])
-def test_data_is_asked_for_where_it_is_needed(name):
+def test_benchmark_without_its_data_asks_for_the_data_option(name):
     with pytest.raises(UsageError, match="--data"):
         load_benchmark(name)
 
@@ -215,7 +215,7 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
         load_benchmark("sintl", kitti)
 
 
-def test_ground_truth_without_a_valid_pixel(kitti, tmp_path):
+def test_pair_without_a_valid_pixel_is_refused(kitti, tmp_path):
     shutil.copytree(kitti / "training", tmp_path / "training")
     nothing = np.zeros((64, 128), bool)
     for path in tmp_path.glob("training/flow_*/000000_10.png"):
@@ -256,7 +256,7 @@ def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(
         assert "looks like" not in str(caught.value)
 
 
-def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
+def test_unusable_paths_are_refused_in_one_line(tmp_path):
     (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
     for path, match in (
         ("x" * 5000, "not a valid path"),
@@ -317,7 +317,7 @@ def test_means_over_the_quick_subset_are_estimates_until_more_is_measured(tmp_pa
     assert sample_set(more) != measured
 
 
-def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsys):
+def test_estimated_mean_is_marked_in_the_terminal_and_in_tables(tmp_path, capsys):
     quick = benchmark_facts("kitti-fc").quick
     base = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     (clean,) = base.rows.filter(corruption="clean").to_dicts()
@@ -356,7 +356,7 @@ def test_judging_the_training_of_a_run_again_repeats_no_note(sets, benchmark, ke
         ({"subset": "quick", "corruptions": "fog"}, "a subset defines its own corruptions"),
     ],
 )
-def test_a_subset_that_cannot_be_is_refused_before_anything_runs(tmp_path, options, says):
+def test_impossible_subset_is_refused_before_the_run_starts(tmp_path, options, says):
     with pytest.raises(UsageError, match=says):
         rf.evaluate("dis", "demo", output=tmp_path / "run", **options)
     assert not (tmp_path / "run").exists()

@@ -154,13 +154,13 @@ def test_frames_that_were_not_exported_are_neither_kept_nor_claimed(one, tmp_pat
     assert load_benchmark("kitti-fc", tmp_path).protocol == {"frames": "released"}
 
 
-def test_keys_that_cannot_be_files_leave_no_folder(one, tmp_path):
+def test_export_with_keys_that_are_no_file_names_leaves_no_folder(one, tmp_path):
     with pytest.raises(DataError, match="sample 'a/0' cannot be written"):
         list(export(replace(one, keys=("a/0",)), tmp_path / "fc"))
     assert not (tmp_path / "fc").exists()
 
 
-def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
+def test_released_folder_has_only_the_conditions_that_it_contains(kitti, tmp_path):
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
     released = load_benchmark("kitti-fc", tmp_path / "fc")
     assert (released.corruptions, released.severities) == (("contrast",), (1, 3))

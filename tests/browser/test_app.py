@@ -113,7 +113,7 @@ def test_the_file_that_the_browser_opens_leads_to_the_page_and_no_other_port_get
     _clean(seen, app)
 
 
-def test_the_page_without_a_token_says_where_it_is(visit, app):
+def test_page_opened_without_a_token_says_where_to_get_it(visit, app):
     page = visit().page
     page.goto(f"http://{app.host}/")
     page.evaluate("sessionStorage.clear()")
@@ -163,7 +163,7 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, scripted):
         expect(page.locator("#numbers")).to_be_empty()
 
 
-def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
+def test_two_models_are_shown_side_by_side_and_saved(opened, app, tmp_path):
     """The second model's numbers do not depend on the first, and the saved image is as tall as its contents."""
     seen = opened()
     page = seen.page
@@ -194,7 +194,7 @@ def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
     _clean(seen, app)
 
 
-def test_a_stack_and_the_five_severities(opened, app):
+def test_stack_of_corruptions_is_shown_at_five_severities(opened, app):
     seen = opened()
     page = seen.page
     page.get_by_role("button", name="Measure all five severities").click()
@@ -211,7 +211,7 @@ def test_a_stack_and_the_five_severities(opened, app):
     _clean(seen, app)
 
 
-def test_own_frames_and_ground_truth(opened, app, tmp_path):
+def test_uploaded_frames_and_ground_truth_give_the_error(opened, app, tmp_path):
     seen = opened()
     page = seen.page
     rng = np.random.default_rng(1)
@@ -236,7 +236,7 @@ def test_own_frames_and_ground_truth(opened, app, tmp_path):
     _clean(seen, app)
 
 
-def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
+def test_text_file_named_as_an_image_is_refused_in_one_line(opened, app):
     seen = opened()
     page = seen.page
     page.get_by_text("Your own frames: drop files, or choose them").click()
@@ -260,7 +260,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     assert refused == [], "the browser logs only the refused request"
 
 
-def test_frames_dropped_on_the_page_are_in_natural_order(opened, app):
+def test_dropped_frames_are_in_natural_order(opened, app):
     seen = opened()
     page = seen.page
     frame = np.random.default_rng(2).integers(0, 255, (64, 96, 3)).astype(np.uint8)
@@ -286,7 +286,7 @@ def test_a_narrow_page_does_not_scroll_sideways(opened, app):
     _clean(seen, app)
 
 
-def test_keyboard_alone(opened, app):
+def test_app_works_by_keyboard_only(opened, app):
     seen = opened()
     page = seen.page
     page.locator("body").click(position={"x": 2, "y": 2})
@@ -298,7 +298,7 @@ def test_keyboard_alone(opened, app):
     _clean(seen, app)
 
 
-def test_no_serious_barrier(opened, serious_violations):
+def test_app_has_no_serious_accessibility_violation(opened, serious_violations):
     page = opened(bypass_csp=True).page  # axe injects a script into the page
     page.get_by_text("Your own frames: drop files, or choose them").click()
     page.get_by_role("button", name="Add another corruption").click()

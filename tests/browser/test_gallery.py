@@ -86,7 +86,7 @@ def test_a_clip_plays_and_steps_by_keyboard(visit, clip_page):
     assert seen.complaints == []
 
 
-def test_axe_has_nothing_serious_to_say(visit, serious_violations, clip_page):
+def test_gallery_has_no_serious_accessibility_violation(visit, serious_violations, clip_page):
     page = visit().page
     page.goto(clip_page.as_uri())
     for scheme, width in (("light", 1440), ("dark", 1440), ("dark", 390), ("light", 390)):

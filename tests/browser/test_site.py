@@ -64,7 +64,7 @@ def test_sorting_orders_numbers_and_keeps_what_is_missing_last(opened):
     assert names == sorted(names, key=str.lower)
 
 
-def test_filters_search_and_their_state_in_the_address(opened):
+def test_filters_and_search_are_kept_in_the_address(opened):
     page = opened("leaderboard")
     _kitti(page)
     assert page.locator(".count:visible").inner_text() == "29 of 29 rows"
@@ -121,7 +121,7 @@ def test_a_phone_shows_model_epe_and_cre_and_the_column_it_sorts_by(opened):
     assert page.locator("th[aria-sort]:visible").count() == 1
 
 
-def test_words_and_legends_are_whole_on_a_phone(opened):
+def test_words_and_legends_are_not_cut_on_a_phone(opened):
     """No word in a table is split across lines, and no legend extends beyond the screen."""
     page = opened("report", width=390, height=844)
     broken = page.locator("article:visible th[scope=row]").evaluate_all(
@@ -143,7 +143,7 @@ def test_words_and_legends_are_whole_on_a_phone(opened):
     assert page.locator(".key:visible").count() >= 1
 
 
-def test_marks_are_the_papers(opened):
+def test_marks_equal_those_of_the_paper(opened):
     page = opened("leaderboard")
     _kitti(page)
     best = page.locator(".board:visible tr[data-setting=OOD]:has-text('SAMFlow-H') td:visible b").all_inner_texts()
@@ -156,7 +156,7 @@ def _printed(model: str, corruption: str) -> list[str]:
     return [f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(metric=metric).to_dicts()]
 
 
-def test_a_model_page_and_back(opened):
+def test_page_of_a_model_opens_and_returns(opened):
     page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf")
     row = page.locator(".board:visible tbody a:visible").first
     row.click()
@@ -189,7 +189,7 @@ def test_a_model_page_begins_at_its_top_at_once(opened):
     assert at == 0
 
 
-def test_everything_by_keyboard(opened):
+def test_site_works_by_keyboard_only(opened):
     """The skip link, a chip, a sort button, a row's link, the back link and a figure's marks work without a pointer."""
     page = opened("leaderboard", "#benchmark=KITTI-FC")
     keys = page.keyboard
@@ -240,7 +240,7 @@ def test_pointing_at_a_mark_names_it(opened):
     assert not page.locator("#tip").is_visible()
 
 
-def test_the_slider_over_example_pictures(opened):
+def test_slider_moves_over_example_pictures(opened):
     page = opened("report")
     slider = page.locator("#slider-severity")
     shown = page.locator(".slider [data-corruption]:visible img")
@@ -370,7 +370,7 @@ def test_a_long_name_of_a_corruption_does_not_run_into_its_numbers(visit, small_
         assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
-def test_on_paper_every_row_and_no_control(opened):
+def test_printed_page_has_every_row_and_no_control(opened):
     page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf", color_scheme="dark")
     page.emulate_media(media="print")
     assert page.locator(".board:visible tbody tr[data-page]:visible").count() == 29

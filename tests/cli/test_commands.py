@@ -22,7 +22,7 @@ from ..video import clips
 from .conftest import WHOLE_DEMO, write_frames
 
 
-def test_run_then_show(robustflow):
+def test_show_prints_a_run(robustflow):
     out = robustflow.prints("run", "--model", "dis", "-c", "contrast,jpeg_compression", "-s", "1,5", "-o", "run")
     assert "jpeg_compression" in out
     assert "CREr" in out
@@ -100,7 +100,7 @@ def test_the_first_command_prints_what_the_readme_shows(robustflow, monkeypatch)
     assert [line for line in _table_of_readme() if line not in printed] == []  # in this order
 
 
-def test_several_models_one_after_the_other(robustflow):
+def test_several_models_run_one_after_the_other(robustflow):
     few = ("-c", "contrast", "-s", "1", "--no-examples")
     out = robustflow.prints("run", "-m", "dis", "-m", "farneback", "-o", "both", *few)
     runs = [load_run(f"both/{name}") for name in ("dis", "farneback")]
@@ -126,14 +126,14 @@ def run_of_named(tmp_path_factory):
     return rf.evaluate(_Named(), "demo", output=run, corruptions=["contrast"], severities=[1], examples=False).path
 
 
-def test_show_says_what_speaks_against_a_model(robustflow, run_of_named):
+def test_show_states_why_a_model_is_excluded(robustflow, run_of_named):
     out = robustflow.prints("show", run_of_named)
     (line,) = (line for line in out.splitlines() if line.startswith("Not a measure of robustness: "))
     assert "is at least half of the 11.44 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
 
-def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
+def test_show_prints_log_ratios_on_request(robustflow, tmp_path):
     options = {"corruptions": ["fog"], "severities": [1, 5], "examples": False}
     run = rf.evaluate("dis", "demo", output=tmp_path / "dis", **options)
     ratios = [math.log(epe / run.epe_clean) for epe in run.summary.corruptions["fog"].by_severity["epe"]]
@@ -147,14 +147,14 @@ def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
 
 
 @pytest.mark.parametrize("metric", ["all", "rcre"])
-def test_a_name_or_folder_is_not_markup_and_steers_no_terminal(robustflow, run_of_named, metric):
+def test_names_with_markup_or_control_characters_are_shown_as_text(robustflow, run_of_named, metric):
     code, out, err = robustflow("show", run_of_named, "--metric", metric)
     assert (code, err) == (0, "")
     assert "[/red][b]\ufffd\ufffd[3m" in out
     assert "r[/blue]" in out
 
 
-def test_names_of_frames_and_folders_steer_no_terminal_while_a_run_goes_on(robustflow):
+def test_progress_shows_control_characters_of_names_as_text(robustflow):
     for path in write_frames(Path("frames")):
         path.rename(path.with_stem(f"{path.stem}\x1b[31m"))
     command = "run -m dis -d frames -c contrast -s 1 --no-examples"
@@ -165,13 +165,13 @@ def test_names_of_frames_and_folders_steer_no_terminal_while_a_run_goes_on(robus
     assert "\x1b" not in out + error
 
 
-def test_what_a_file_says_steers_no_terminal_from_an_error(robustflow):
+def test_errors_show_control_characters_of_names_as_text(robustflow):
     error = robustflow.refuses("run", "--model", "no\x1b[31m\u202esuch")
     assert "unknown model 'no\ufffd[31m\ufffdsuch'" in error
     assert not {"\x1b", "\u202e"} & set(error)
 
 
-def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
+def test_model_that_returns_only_nan_has_no_result(robustflow, tmp_path):
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), np.nan, np.float32)\n"
     (tmp_path / "not_a_number.py").write_text(source)
     with pytest.warns(UserWarning, match="no measured pixel, so there is no worst sample"):
@@ -211,7 +211,7 @@ def walk(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["video", "pictures", "folders of images"])
-def test_own_frames_need_no_benchmark(robustflow, tmp_path, walk, kind):
+def test_run_of_own_frames_works_without_a_benchmark(robustflow, tmp_path, walk, kind):
     if kind != "video":
         write_frames(tmp_path / "data" / ("a" if "folders" in kind else ""))
     data = walk if kind == "video" else tmp_path / "data"
@@ -238,7 +238,7 @@ def test_gallery_shows_a_corruption_of_ones_own(robustflow, walk, tmp_path, monk
         assert "Dusk" in Path("gallery/gallery.html").read_text()
 
 
-def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
+def test_corrupt_writes_the_frames_of_the_library(robustflow, tmp_path):
     first, second = write_frames(tmp_path)
     out = robustflow.prints("corrupt", first, second, "-c", "impulse_noise", "-s", "2,4", "--seed", 3, "-o", "out")
     assert out.split() == ["out/impulse_noise_2", "out/impulse_noise_4"]

@@ -18,7 +18,7 @@ from robustflow.cli.main import app
         ("robustflow run --output=~no-such-user/x --benchmark kitti", {"kitti-fc"}),
     ],
 )
-def test_a_tab_in_bash(typed, offered):
+def test_tab_in_bash_completes_commands_and_names(typed, offered):
     words = typed.split()
     asked = {"_ROBUSTFLOW_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
     answer = CliRunner().invoke(app, env=asked, prog_name="robustflow")

@@ -30,7 +30,7 @@ def _stills(folder, grey):
     return folder
 
 
-def test_a_run_keeps_that_of_its_own_frames(robustflow, runs, tmp_path):
+def test_displacement_is_stored_in_a_run_of_the_same_frames_only(robustflow, runs, tmp_path):
     path = shutil.copytree(runs[1], "run")
     out = robustflow.prints("displacement", "demo", "--model", "dis", "--into", path)
     assert out == "run/displacement.json\n"
@@ -40,7 +40,7 @@ def test_a_run_keeps_that_of_its_own_frames(robustflow, runs, tmp_path):
     assert "contains 1 pair from demo, but these options select 2 from folder" in robustflow.refuses(*other)
 
 
-def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path, real_pictures):
+def test_page_of_a_run_shows_the_displacement_at_once(robustflow, tmp_path, real_pictures):
     data = _stills(tmp_path / "data", 40)
     with real_pictures():
         run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
@@ -49,7 +49,7 @@ def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path, real_pictures)
     assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
 
 
-def test_other_frames_of_the_same_names_are_refused(robustflow, tmp_path):
+def test_displacement_of_different_frames_with_the_same_names_is_refused(robustflow, tmp_path):
     data, other = _stills(tmp_path / "data", 40), _stills(tmp_path / "other", 60)
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
     error = robustflow.refuses("displacement", "folder", "--data", other, "-m", "dis", "--into", run.path, code=1)
@@ -57,6 +57,6 @@ def test_other_frames_of_the_same_names_are_refused(robustflow, tmp_path):
     assert read_displacement(run) is None
 
 
-def test_a_record_holds_none(robustflow, tmp_path):
+def test_displacement_cannot_be_stored_in_a_record(robustflow, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(b"PK")
     assert "stored in a run folder" in robustflow.refuses("displacement", "demo", "--into", tmp_path / "a.robustflow")

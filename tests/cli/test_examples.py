@@ -32,7 +32,7 @@ def measured(tmp_path_factory):
     return evaluate(model, output=folder, corruptions=["contrast"], severities=[1, 3]).path
 
 
-def test_no_examples_then_one_cell(robustflow, measured, real_pictures):
+def test_examples_of_one_cell_are_drawn_after_a_run_without_examples(robustflow, measured, real_pictures):
     shutil.copytree(measured, "run")
     cell = ("--sample", "motorcycle", "-c", "contrast", "-s", 3)
     with real_pictures():
@@ -55,11 +55,11 @@ def test_no_examples_then_one_cell(robustflow, measured, real_pictures):
         (("-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line(robustflow, measured, arguments, code, says):
+def test_example_that_cannot_be_drawn_is_refused_in_one_line(robustflow, measured, arguments, code, says):
     assert says in robustflow.refuses("examples", measured, *arguments, code=code)
 
 
-def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
+def test_examples_from_moved_data_work_and_from_changed_data_are_refused(robustflow, tmp_path):
     write_frames(tmp_path / "frames")
     (tmp_path / "mine_for_examples.py").write_text(
         "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), a.mean() / 50, np.float32)\n"

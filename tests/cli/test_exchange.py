@@ -46,7 +46,7 @@ def records(packed, tmp_path):
 
 
 @pytest.mark.parametrize("format", ["csv", "parquet"])
-def test_rows_come_back_as_they_were(robustflow, run, format):
+def test_exported_rows_are_unchanged_after_reading(robustflow, run, format):
     assert robustflow.prints("export", run, "--format", format).strip() == f"rows.{format}"
     data = Path(f"rows.{format}").read_bytes()
     reader = pl.read_parquet if format == "parquet" else pl.read_csv
@@ -113,7 +113,7 @@ def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow
     robustflow.refuses("leaderboard", "site", "--supersede")
 
 
-def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_path):
+def test_no_record_is_added_if_one_does_not_verify(records, tmp_path):
     site = tmp_path / "site"
     altered = bytearray(records[1].read_bytes())
     altered[len(altered) // 2] ^= 1
@@ -132,7 +132,7 @@ def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_p
         (lambda text: "{", "not a list of records"),
     ],
 )
-def test_a_list_that_was_tampered_with(records, tmp_path, change, says):
+def test_altered_list_of_records_is_refused(records, tmp_path, change, says):
     add_records(tmp_path / "site", records)
     path = tmp_path / "site" / LIST
     before = path.read_text()
@@ -142,7 +142,7 @@ def test_a_list_that_was_tampered_with(records, tmp_path, change, says):
         collected(tmp_path / "site")
 
 
-def test_a_record_that_was_exchanged_or_is_gone(records, tmp_path):
+def test_replaced_or_missing_record_is_refused(records, tmp_path):
     (copy,) = add_records(tmp_path / "site", records[:1]).copies
     copy.write_bytes(records[1].read_bytes())
     with pytest.raises(DataError, match="not the file listed"):
@@ -174,13 +174,13 @@ def test_record_of_an_earlier_version_is_left_out_of_the_leaderboard_alone(robus
         add_records(Path("site"), [old])
 
 
-def test_a_page_is_written_into_one_folder(robustflow, records):
+def test_records_are_added_to_exactly_one_folder(robustflow, records):
     for arguments in (["--add", records[0]], ["a", "b", "--add", records[0]], ["a", "--add", records[0], "-o", "b"]):
         assert "one folder of records" in robustflow.refuses("leaderboard", *arguments)
 
 
 @pytest.mark.slow
-def test_the_page_of_a_folder_of_records(robustflow, records):
+def test_folder_of_records_gets_a_page(robustflow, records):
     assert robustflow.prints("leaderboard", "site", "--add", records[0], "--no-published").strip() == "site/index.html"
     results = Path("site/results.csv").read_text()
     assert "Farneback" in results

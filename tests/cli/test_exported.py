@@ -12,7 +12,7 @@ import robustflow as rf
 from ..models import onnx_graphs as graphs
 
 
-def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
+def test_onnx_file_gives_the_same_rows_as_model_or_as_checkpoint(robustflow, tmp_path):
     graphs.channels(tmp_path / "net.onnx")
     run = ["run", "-c", "contrast", "-s", "1,2", "-O", "scaling=-1-1", "-O", "order=bgr", "--batch-size", "2"]
     for i, model in enumerate((["--model", "net.onnx"], ["--model", "onnx", "--checkpoint", "net.onnx"])):
@@ -23,7 +23,7 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
     assert one.name == "onnx:net"
 
 
-def test_the_network_given_twice(robustflow):
+def test_onnx_file_given_as_model_and_checkpoint_is_refused(robustflow):
     Path("net.onnx").write_bytes(b"a network")
     assert "'net.onnx' is itself the network; omit the checkpoint" in robustflow.refuses(
         "run", "--model", "net.onnx", "--checkpoint", "net.onnx"

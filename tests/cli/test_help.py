@@ -20,7 +20,7 @@ def _texts(command, path: str) -> Iterator[tuple[str, str]]:
         yield from _texts(child, f"{path} {name}")
 
 
-def test_nothing_is_taken_for_markup():
+def test_help_texts_contain_no_markup():
     texts = dict(_texts(typer.main.get_command(app), "robustflow"))
     assert len(texts) > 300
     assert [where for where, text in texts.items() if Text.from_markup(text).plain != text] == []

@@ -19,14 +19,14 @@ def run(runs):
     return runs[0]
 
 
-def test_the_published_results_alone(robustflow, monkeypatch):
+def test_leaderboard_without_runs_shows_the_published_results(robustflow, monkeypatch):
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     assert robustflow.prints("leaderboard", "-o", "site") == "site/index.html\n"
     assert sorted(path.name for path in Path("site").iterdir()) == ["index.html", "results.csv"]
     assert values_frame(read_results("site/results.csv")).equals(values_frame(published_results()))
 
 
-def test_runs_and_files_beside_them(robustflow, run):
+def test_leaderboard_shows_runs_and_files_beside_published_results(robustflow, run):
     Path("mine.csv").write_text(_RESULTS)
     robustflow.prints("leaderboard", run, "mine.csv", "-o", "site")
     page = Path("site/index.html").read_text()
@@ -68,12 +68,12 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     assert "neither a results.json of the reference code nor" in error
 
 
-def test_what_cannot_be_shown(robustflow):
+def test_leaderboard_without_results_is_refused(robustflow):
     assert "nothing to show" in robustflow.refuses("leaderboard", "--no-published")
     assert "cannot be read" in robustflow.refuses("leaderboard", "absent.csv", code=1)
 
 
-def test_report_as_a_page(robustflow, run):
+def test_report_as_a_page_has_all_tables(robustflow, run):
     page = ("report", run, "--format", "page")
     assert robustflow.prints(*page, "-o", "report.html") == "report.html\n"
     assert "<!doctype html>" in Path("report.html").read_text()

@@ -13,7 +13,7 @@ LISTED = {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kit
 
 
 @pytest.mark.parametrize("kind", [*LISTED, "all"])
-def test_list(robustflow, kind):
+def test_list_prints_every_kind_of_name(robustflow, kind):
     out = robustflow.prints("list", kind)
     first_words = {line.split()[0].rstrip(":") for line in out.splitlines() if line}
     for name, listed in LISTED.items():

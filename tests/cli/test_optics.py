@@ -35,7 +35,7 @@ def test_render_says_that_the_psfs_are_as_shipped(robustflow):
     assert robustflow.prints("optics", "render", "--severity", 2) == "severity 2: as shipped\n"
 
 
-def test_render_of_an_own_prescription(robustflow, monkeypatch):
+def test_own_prescription_is_rendered(robustflow, monkeypatch):
     psfs = {shipped_lens(severity): shipped_field(severity) for severity in (1, 2)}
     monkeypatch.setattr("robustflow.lenses.render.render_psfs", psfs.get)  # the test above renders
     Path("lens.json").write_text(shipped_lens(2).model_dump_json())
@@ -54,5 +54,5 @@ def test_render_of_an_own_prescription(robustflow, monkeypatch):
         ("show --severities=", 2, "--severity is empty: give a value"),
     ],
 )
-def test_wrong_arguments_are_one_line(robustflow, arguments, code, says):
+def test_wrong_arguments_are_refused_in_one_line(robustflow, arguments, code, says):
     assert says in robustflow.refuses("optics", *arguments.split(), code=code)

@@ -20,7 +20,7 @@ def pair(tmp_path):
     return paths
 
 
-def test_two_frames(robustflow, pair):
+def test_flow_of_two_frames_is_written(robustflow, pair):
     assert robustflow.prints("predict", *pair, "-o", "flows") == "flows\n"
     flow, valid = rf.read_flow("flows/a.flo")
     expected = rf.load_model("dis").predict(*map(read_image, pair))
@@ -30,14 +30,14 @@ def test_two_frames(robustflow, pair):
     assert read_image("flows/a.colours.png").shape == (80, 120, 3)
 
 
-def test_nothing_is_overwritten(robustflow, pair):
+def test_existing_output_is_not_overwritten(robustflow, pair):
     robustflow.prints("predict", *pair, "-o", "flows")
     assert "--overwrite" in robustflow.refuses("predict", *pair, "-o", "flows", "-m", "farneback")
     np.testing.assert_array_equal(rf.read_flow("flows/a.flo")[0], rf.load_model("dis").predict(*map(read_image, pair)))
     robustflow.prints("predict", *pair, "-o", "flows", "-m", "farneback", "--overwrite")
 
 
-def test_a_clip_as_a_video(robustflow, tmp_path):
+def test_flow_of_a_clip_is_written_as_a_video(robustflow, tmp_path):
     clip = clips.clip(tmp_path / "clip.mp4", 4).path
     arguments = ("predict", clip, "--video", "flow.mp4", "--no-pictures", "--format", "png", "-o", "flows")
     assert robustflow.prints(*arguments) == "flows\nflow.mp4\n"
@@ -62,5 +62,5 @@ def test_a_clip_as_a_video(robustflow, tmp_path):
         ("a.png gone.png", 1, "gone.png"),
     ],
 )
-def test_bad_input_is_one_line(robustflow, pair, arguments, code, says):
+def test_bad_input_is_refused_in_one_line(robustflow, pair, arguments, code, says):
     assert says in robustflow.refuses("predict", *arguments.split(), code=code)

@@ -50,7 +50,7 @@ def test_predictions_are_made_again(robustflow, records):
     assert "--model" in robustflow.refuses("verify", records[0], "-O", "preset=fast")
 
 
-def test_another_run_s_record_is_not_overwritten(robustflow, runs, records):
+def test_record_of_a_different_run_is_not_overwritten(robustflow, runs, records):
     before = records[0].read_bytes()
     assert "is not a record of this run" in robustflow.refuses("pack", runs[1], "-o", records[0], code=1)
     assert records[0].read_bytes() == before
@@ -73,20 +73,20 @@ def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, rec
     assert found["checks"][0]["status"] == "failed"
 
 
-def test_a_record_is_shown_and_nothing_is_written(robustflow, records, runs):
+def test_showing_a_record_writes_nothing(robustflow, records, runs):
     there = sorted(Path().iterdir())
     of_run = robustflow.prints("show", runs[0])
     assert robustflow("show", records[0]) == (0, of_run[: of_run.index("report:")], "")
     assert sorted(Path().iterdir()) == there
 
 
-def test_frames_that_need_data_which_are_not_there(robustflow, records):
+def test_verify_frames_without_the_data_is_refused(robustflow, records):
     code, out, _ = robustflow("verify", records[0], "--data", "nowhere")
     assert code == 1
     assert "failed       frames" in out
 
 
-def test_records_where_runs_are_read(robustflow, runs, records):
+def test_records_are_accepted_where_runs_are_read(robustflow, runs, records):
     def same(*arguments):
         command, *options = arguments
         assert robustflow.prints(command, *runs, *options) == robustflow.prints(command, *records, *options)
@@ -105,7 +105,7 @@ def test_records_where_runs_are_read(robustflow, runs, records):
         ("report text.robustflow", 1, "neither a run folder nor a record"),
     ],
 )
-def test_bad_input_is_one_line(robustflow, runs, arguments, code, says):
+def test_bad_input_is_refused_in_one_line(robustflow, runs, arguments, code, says):
     shutil.copytree(runs[0], "run")
     Path("text.robustflow").write_text("no record")
     assert says in robustflow.refuses(*arguments.split(), code=code)

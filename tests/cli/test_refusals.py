@@ -71,7 +71,7 @@ def test_a_missing_extra_is_refused_before_anything_is_announced(
     assert not (tmp_path / "made").exists()
 
 
-def test_verify_of_what_is_no_record_is_one_line(robustflow, tmp_path):
+def test_verify_of_an_invalid_record_is_refused_in_one_line(robustflow, tmp_path):
     (tmp_path / "text").write_text("not a zip")
     for name, why in (("nowhere", "No such file"), ("text", "not a record"), (".", "not a file")):
         code, out, _ = robustflow("verify", name)
@@ -224,16 +224,16 @@ def test_an_option_without_effect_is_refused(robustflow, runs, arguments, says):
 
 
 @pytest.mark.parametrize("arguments", ["run", "run --no-such-option", "nonsense"])
-def test_usage_errors_of_the_command_line_itself(robustflow, arguments):
+def test_usage_errors_exit_with_status_2(robustflow, arguments):
     assert robustflow(*arguments.split())[0] == 2
 
 
-def test_a_folder_that_cannot_be_written(robustflow, tmp_path):
+def test_output_folder_below_a_file_is_refused(robustflow, tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert "file/run" in robustflow.refuses("run", "-m", "dis", "-c", "contrast", "-o", "file/run", code=1)
 
 
-def test_a_read_only_file_system(robustflow, runs, tmp_path):
+def test_read_only_file_system_is_refused_in_one_line(robustflow, runs, tmp_path):
     place = tmp_path / "read-only"
     place.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)], capture_output=True).returncode:
@@ -246,7 +246,7 @@ def test_a_read_only_file_system(robustflow, runs, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk(robustflow, monkeypatch):
+def test_full_disk_ends_a_run_in_one_line(robustflow, monkeypatch):
     """A genuinely full device raises its error when a shard is renamed into place."""
     import robustflow.atomic as atomic
 
@@ -337,7 +337,7 @@ class _Full(io.StringIO):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def test_an_output_that_cannot_be_written_is_one_line(robustflow, runs, monkeypatch):
+def test_unwritable_output_is_refused_in_one_line(robustflow, runs, monkeypatch):
     monkeypatch.setattr(sys, "stdout", _Full())
     assert "No space left on device; check" in robustflow.refuses("show", runs[0], code=1)
 
@@ -357,7 +357,7 @@ def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, 
     ],
 )
 @pytest.mark.parametrize("kind", ["model", "dataset"])
-def test_a_class_that_cannot_be_made_for_a_check_is_refused(robustflow, tmp_path, monkeypatch, kind, name, says):
+def test_check_of_a_class_that_cannot_be_constructed_is_refused(robustflow, tmp_path, monkeypatch, kind, name, says):
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     (tmp_path / "mine.py").write_text(
         "class Broken:\n    def __init__(self):\n        raise OSError('no card')\n\n\n"

@@ -23,7 +23,7 @@ def runs(tmp_path_factory) -> list[Path]:
         return two_runs(tmp_path_factory.mktemp("whole"))
 
 
-def test_report_beside_the_published(robustflow, runs):
+def test_report_shows_a_run_beside_the_published_rows(robustflow, runs):
     out = robustflow.prints("report", *runs, "--published", "--table", "epe,means", "--format", "csv")
     first, _, second = out.partition("\nsection,")
     lines = list(csv.DictReader(io.StringIO(first)))
@@ -65,7 +65,7 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     assert titles[1] not in whole
 
 
-def test_only_own_figures_beside_the_published_tables(robustflow, runs):
+def test_figures_on_request_show_only_the_run_beside_published_tables(robustflow, runs):
     """Farneback is excluded, so only DIS remains. Figures that need the paper's results, a trend, or more than one
     class are not drawn.
     """
@@ -91,7 +91,7 @@ def test_a_folder_of_runs_is_reported_like_its_runs(robustflow, runs, tmp_path):
     assert "contains no run or record" in robustflow.refuses("report", "empty", code=1)
 
 
-def test_audit_of_the_published_tables(robustflow):
+def test_audit_of_the_published_tables_prints_the_findings(robustflow):
     code, out, _ = robustflow("audit")
     assert code == 3
     assert "the CRE rows of BrightFlow and UPFlow (ID) are swapped" in out
@@ -102,7 +102,7 @@ def test_audit_of_the_published_tables(robustflow):
     assert {"given", "recomputed", "tolerance", "source", "message"} <= found["findings"][0].keys()
 
 
-def test_audit_of_own_results(robustflow, runs):
+def test_audit_of_own_results_finds_inconsistent_rows(robustflow, runs):
     robustflow.prints("audit", runs[0])
     path = Path("mine.csv")
     head = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.00\n"
@@ -119,7 +119,7 @@ def test_audit_of_own_results(robustflow, runs):
     assert "\x1b" not in out
 
 
-def test_compare(robustflow, runs):
+def test_compare_prints_intervals_of_differences(robustflow, runs):
     out = robustflow.prints("compare", *runs, "--metric", "cre")
     assert "average CRE of DIS and Farneback" in " ".join(out.split())
     assert out.count("per corruption") == 1
@@ -133,7 +133,7 @@ def test_a_comparison_in_a_format_for_papers(robustflow, runs, format):
     assert Path("two.txt").read_text() == render(compare(*map(Result, runs)).table(), format)
 
 
-def test_power_of_what_has_no_variance_is_one_line(robustflow, runs):
+def test_power_of_rows_without_variance_is_refused_in_one_line(robustflow, runs):
     robustflow.refuses("power", *runs, code=1)  # a single pair
     for wrong in ((*runs, "--effect", "0"), (runs[0],), (*runs, "--format", "csv", "--json")):
         robustflow.refuses("power", *wrong)
@@ -188,5 +188,5 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
         ("compare a b --format csv --json", 2, "mutually exclusive"),
     ],
 )
-def test_bad_input_is_one_line(robustflow, arguments, code, says):
+def test_bad_input_is_refused_in_one_line(robustflow, arguments, code, says):
     assert says in robustflow.refuses(*arguments.split(), code=code)

@@ -33,7 +33,7 @@ def _published(model, corruption):
     return line.number("epe", corruption)
 
 
-def test_ours_beside_the_published_values(robustflow, data, tmp_path):
+def test_table_shows_computed_beside_published_values(robustflow, data, tmp_path):
     out = robustflow.prints("reproduce", "tab2", "--data", data, *NARROW)
     run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis")
     with open("reproduced/tab2.csv", newline="") as file:
@@ -149,12 +149,12 @@ def test_a_dry_run_says_what_is_missing(robustflow, tmp_path):
 
 
 @pytest.mark.parametrize("name", list(ARTEFACTS))
-def test_every_table_and_figure_has_an_answer(robustflow, name):
+def test_dry_run_of_every_table_and_figure_prints_its_plan(robustflow, name):
     out = robustflow.prints("reproduce", name, "--dry-run")
     assert ARTEFACTS[name].title in out or "can be run here" in out
 
 
-def test_what_the_paper_does_not_have(robustflow):
+def test_table_that_the_paper_lacks_is_refused(robustflow):
     assert "tab2" in robustflow.refuses("reproduce", "tab99")
     assert robustflow.prints("reproduce").count("\n") == len(ARTEFACTS)
 

@@ -32,7 +32,7 @@ def export(runs, frames, monkeypatch):
     return ("export", runs[1], "--format", "robustspring", "--data", frames)
 
 
-def test_what_a_whole_submission_consists_of():
+def test_whole_submission_has_a_file_for_every_pair_camera_and_direction():
     paths = list(submitted())
     assert len(paths) == len(set(paths)) == 21 * 4 * sum(frames - 1 for frames in SEQUENCES.values())
     # the test split has two thousand images, half of them from each camera
@@ -43,7 +43,7 @@ def test_what_a_whole_submission_consists_of():
     assert "clean/test/0003/flow_BW_left/flow_BW_left_0001.flo5" not in paths
 
 
-def test_backwards_is_from_the_later_frame(frames):
+def test_backward_flow_is_from_the_later_frame(frames):
     forward, backward = (Condition(frames, "rain", direction) for direction in ("FW", "BW"))
     assert len(forward) == len(backward) == 6
     ahead = forward.load("0003/flow_FW_left/flow_FW_left_0002").frames
@@ -56,7 +56,7 @@ def test_backwards_is_from_the_later_frame(frames):
     assert list(backward.around("0003/flow_BW_left/flow_BW_left_0003", 5)) == [0, 1, 2]
 
 
-def test_flows_are_the_models_on_those_frames(robustflow, export, frames):
+def test_exported_flows_equal_the_predictions_of_the_model(robustflow, export, frames):
     out = robustflow.prints(*export, "-c", "fog,rain", "-o", "submission")
     assert "submission: 36 flows, 36 written and 0 already present" in out
     assert f"incomplete submission: {21 * 12 - 36} of {21 * 12} flows are missing" in out
@@ -137,7 +137,7 @@ def test_a_stopped_export_continues_and_has_the_same_results(robustflow, export)
     assert Path("out/results.csv").read_bytes() == first
 
 
-def test_flows_of_one_model_are_never_kept_for_another(robustflow, export, runs):
+def test_flows_of_one_model_are_not_reused_for_another(robustflow, export, runs):
     where = ("-c", "fog", "--limit", "2", "-o", "out")
     robustflow.prints(*export, *where)
     before = {path: path.read_bytes() for path in Path("out").rglob("*.flo5")}
@@ -148,14 +148,14 @@ def test_flows_of_one_model_are_never_kept_for_another(robustflow, export, runs)
     assert {path: path.read_bytes() for path in Path("out").rglob("*.flo5")} == before
 
 
-def test_another_model_than_the_runs_is_refused(robustflow, export):
+def test_export_with_a_model_other_than_the_runs_is_refused(robustflow, export):
     command = (*export, "--limit", "1", "-c", "fog")
     assert "not the model of" in robustflow.refuses(*command, "--model", "dis", code=1)
     assert "differs in" in robustflow.refuses(*command, "-O", "winsize=5", code=1)
     assert not Path("submission").exists()
 
 
-def test_frames_that_are_not_there(robustflow, export, frames):
+def test_export_without_its_frames_is_refused(robustflow, export, frames):
     assert "give --data" in robustflow.refuses(*export[:-2])
     assert "brightness/test" in robustflow.refuses(*export, code=1)
     assert "'motion' does not exist" in robustflow.refuses(*export, "-c", "motion")

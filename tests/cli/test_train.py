@@ -28,7 +28,7 @@ def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
     assert text.endswith("training cannot start until the missing data are available")
 
 
-def test_the_plan_counts_what_is_there(shared):
+def test_plan_counts_the_pairs_of_the_data(shared):
     recipe = load_recipe("raft", "kitti").changed(steps=7, batch=2)
     text = plan_text(recipe, DataPlan([shared("data")]))
     pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
@@ -42,7 +42,7 @@ def test_the_plan_counts_what_is_there(shared):
     )
 
 
-def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
+def test_data_set_is_given_by_name_and_an_unknown_name_is_refused(tmp_path):
     text = plan_text(load_recipe("raft", "kitti"), DataPlan([f"kitti2015={tmp_path}"]))
     assert f"{tmp_path}: the folder is empty; expected" in text
     assert "unknown dataset 'kity'" in plan_text(load_recipe("raft", "kitti"), DataPlan([f"kity={tmp_path}"]))
@@ -85,7 +85,7 @@ def test_recipes_are_listed(robustflow):
         ("raft --recipe ood --data . --validate demo --validate-every 0", "--validate-every must be at least 1; got 0"),
     ],
 )
-def test_options_that_do_not_fit_are_one_line(robustflow, arguments, says):
+def test_contradictory_options_are_refused_in_one_line(robustflow, arguments, says):
     pytest.importorskip("torch", reason="needs the torch extra")
     assert says in robustflow.refuses("train", *arguments.split())
 
@@ -113,7 +113,7 @@ def test_a_folder_of_kitti_without_occluded_pixels_is_named_before_training(tmp_
         plan_text(load_recipe("raft", "kitti"), DataPlan([tmp_path]))
 
 
-def test_training_without_its_library_speaks_of_training(robustflow, monkeypatch):
+def test_missing_pytorch_is_reported_as_needed_for_training(robustflow, monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda library: None)
     error = robustflow.refuses("train", "raft", "--recipe", "ood", "--plan", code=1)
     assert "training needs PyTorch, which is not installed: pip install 'robustflow[torch]'" in error

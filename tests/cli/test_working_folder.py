@@ -103,12 +103,12 @@ def _prepare(tmp_path: Path, frames: Path) -> tuple[object, ...]:
     return ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
 
 
-def test_decoys_that_python_itself_looks_at_run(place):
+def test_decoys_that_python_imports_at_start_run(place):
     place.python("-c", "import multiprocessing")
     assert place.what_ran() in (["multiprocessing"], ["linecache"])  # which one runs depends on the version of Python
 
 
-def test_started_with_python_m_in_a_folder_of_decoys_runs_none_but_what_python_loads_before_it(tmp_path):
+def test_python_m_in_a_folder_of_decoys_runs_only_those_that_python_loads_first(tmp_path):
     place = Place(tmp_path)
     (tmp_path / "loaded.py").write_text("import sys\nprint(*sys.modules)\n")
     for name in _python(tmp_path, "-m", "loaded").stdout.split():

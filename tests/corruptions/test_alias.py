@@ -14,7 +14,7 @@ from .alias_counts import counts_of
 
 
 @given(st.lists(st.integers(0, 1000), min_size=1, max_size=64).filter(any))
-def test_every_outcome_has_its_share(weights):
+def test_alias_table_gives_every_outcome_its_share(weights):
     total = 1 << (6 + height_bits(8))
     cdf = [Decimal(int(part)) / sum(weights) for part in np.cumsum(weights)]
     counts = counts_from_cdf(cdf, total)
@@ -30,14 +30,14 @@ def test_counts_that_do_not_fill_the_table_are_refused():
         alias_table([1, 2, 3], 6, 8)
 
 
-def test_normal_cdf():
+def test_normal_cdf_equals_scipy():
     xs = [Decimal(k) / 16 for k in range(-128, 129)]
     found = np.array([float(normal_cdf(x)) for x in xs])
     np.testing.assert_allclose(found, stats.norm.cdf([float(x) for x in xs]), rtol=1e-13, atol=1e-18)
 
 
 @pytest.mark.parametrize("mean", [0, 1, 7.5, 60, 900])
-def test_poisson_cdf(mean):
+def test_poisson_cdf_equals_scipy(mean):
     np.testing.assert_allclose(
         [float(p) for p in poisson_cdf(Decimal(mean), 100)],
         stats.poisson.cdf(np.arange(100), mean),

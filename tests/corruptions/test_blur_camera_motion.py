@@ -12,7 +12,7 @@ from .line_motion import moved_along_a_line
 
 @pytest.mark.parametrize(("radius", "sigma"), CameraMotionBlur.paper_severities)
 @pytest.mark.parametrize("angle", [-44.0, -3.3, 20.0, 44.9, -91.7])
-def test_frames(radius, sigma, angle):
+def test_blur_is_within_rounding_of_the_exact_integral_along_the_line(radius, sigma, angle):
     frame = np.random.default_rng(2).integers(0, 256, (37, 64, 3), dtype=np.uint8)
     got = move_frame(frame, line_kernel(radius, sigma, angle))
     assert np.abs(got - moved_along_a_line(frame, radius, sigma, angle)).max() < 0.55

@@ -106,7 +106,7 @@ def test_every_flipped_bit_of_a_kept_stack_is_noticed(stacks, tmp_path):
 
 
 @pytest.mark.torch
-def test_other_stacks_are_another_run(stacks, tmp_path, monkeypatch):
+def test_run_with_changed_psf_stacks_is_refused(stacks, tmp_path, monkeypatch):
     options = {"output": tmp_path / "run", "corruptions": ["contrast"], "severities": [1]}
     rf.evaluate("dis", **options)
     monkeypatch.setenv(PSF_DIR, str(stacks))
@@ -114,7 +114,7 @@ def test_other_stacks_are_another_run(stacks, tmp_path, monkeypatch):
         rf.evaluate("dis", **options)
 
 
-def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path, monkeypatch):
+def test_missing_psf_folder_or_file_is_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     with pytest.raises(AssetError, match="does not exist"):
         PsfBlur(psf_dir="~/nowhere").field(0.0296)

@@ -42,7 +42,7 @@ def flat(parameter):
 
 
 @pytest.mark.parametrize("name", calibratable())
-def test_a_path_starts_and_ends_where_its_corruption_can_go(name):
+def test_paths_span_the_range_of_their_parameters(name):
     frame = SMALL["chelsea"]
     ssim = []
     for parameter in (path(name)[0].start, path(name)[-1].end):
@@ -127,7 +127,7 @@ def test_calibrating_twice_gives_the_same_table_and_another_seed_another():
         assert all(abs(ssim - target) <= TOLERANCE for ssim, target in reached)
 
 
-def test_what_cannot_be_calibrated_is_refused(tmp_path):
+def test_impossible_calibrations_are_refused(tmp_path):
     with pytest.raises(UsageError, match="h264_crf has no path"):
         calibrate(["h264_crf"], SMALL)
     with pytest.raises(UsageError, match="draws"):
@@ -158,7 +158,7 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, change, says):
         read_table(tmp_path / "table.json")
 
 
-def test_a_severity_that_does_not_exist_is_an_error_not_another_one():
+def test_severity_that_the_scale_lacks_is_refused_not_replaced():
     frame = SMALL["chelsea"]
     with pytest.raises(UsageError, match=f"{GAP} does not exist at severity {MISSING} of the calibrated scale"):
         rf.corrupt(frame, frame, GAP, MISSING, scale="calibrated")
@@ -172,7 +172,7 @@ def test_a_severity_that_does_not_exist_is_an_error_not_another_one():
         load_corruption("fog", scale="calibratd")
 
 
-def test_a_stack_exists_where_all_its_parts_do():
+def test_stack_has_the_severities_of_all_its_parts():
     assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
     stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
     with pytest.raises(UsageError, match="does not exist"):
@@ -196,7 +196,7 @@ def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
         rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[have])
 
 
-def test_nothing_left_to_run_is_an_error(tmp_path):
+def test_run_without_any_remaining_condition_is_refused(tmp_path):
     with pytest.raises(UsageError, match="nothing to run"):
         rf.evaluate(
             ZeroFlow(), output=tmp_path / "run", corruptions=[GAP], severities=[MISSING], severity_scale="calibrated"
@@ -225,7 +225,7 @@ def test_an_export_writes_only_what_exists(tmp_path):
     assert "calibrated" in (tmp_path / "export.json").read_text()
 
 
-def test_the_commands(tmp_path, robustflow):
+def test_commands_calibrate_and_use_a_table(tmp_path, robustflow):
     (tmp_path / "pictures").mkdir()
     for name in ("pictures/a.png", "b.png"):
         write_image(tmp_path / name, SMALL["chelsea"])

@@ -10,7 +10,7 @@ FRAME = np.random.default_rng(3).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 
 
 @pytest.mark.parametrize("name", IMAGE_PAIR)
-def test_it_is_the_reference_on_reversed_channels(name):
+def test_bgr_variant_equals_the_reference_on_reversed_channels(name):
     turned = np.ascontiguousarray(FRAME[..., ::-1])
     bgr = corrupt(FRAME, FRAME, name, 4, 1, "k", variant="reference-bgr")
     reference = corrupt(turned, turned, name, 4, 1, "k", variant="reference")

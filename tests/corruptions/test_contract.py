@@ -38,7 +38,7 @@ def corrupted(*args, **options):
     seed=st.integers(0, 2**32),
     value=st.sampled_from([0, 255]),
 )
-def test_contract(name, size, severity, variant, seed, value):
+def test_every_corruption_keeps_the_contract(name, size, severity, variant, seed, value):
     frames = [picture(*size, seed=0), picture(*size, seed=1), np.full((*size, 3), value, np.uint8)]
     untouched = [frame.copy() for frame in frames]
     options = {"seed": seed, "key": "k", "variant": variant}
@@ -96,7 +96,7 @@ def draws_nothing(name):
     return True
 
 
-def test_which_corruptions_draw_nothing():
+def test_only_deterministic_corruptions_draw_nothing():
     """Among the pair corruptions, only these have no random parameters."""
     fixed = {name for name in IMAGE_PAIR if draws_nothing(name)}
     assert fixed == {

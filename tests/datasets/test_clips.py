@@ -34,7 +34,7 @@ def check(dataset, key, files, place):
 
 
 @pytest.mark.parametrize("place", range(4))
-def test_sintel(tmp_path, place):
+def test_sintel_gives_the_frames_around_a_pair(tmp_path, place):
     folder = sintel(tmp_path, frames=5)
     files = [folder / f"clean/alley_1/frame_{number:04d}.png" for number in range(1, 6)]
     check(load_dataset("sintel", tmp_path), f"alley_1/frame_{place + 1:04d}", files, place)
@@ -49,7 +49,7 @@ def test_spring_in_both_directions(tmp_path, direction):
     check(load_dataset("spring", tmp_path, direction=direction), f"0001/{numbers[1]:04d}", files, 1)
 
 
-def test_kitti_with_its_multi_view_extension(tmp_path):
+def test_kitti_with_its_multi_view_extension_gives_the_frames_around_a_pair(tmp_path):
     folder = tmp_path / "training"
     kitti(folder, ["000003", "000007"])
     for pairs_alone in (load_dataset("kitti2015", tmp_path), load_dataset("motorcycle")):
@@ -85,7 +85,7 @@ def test_folders_in_steps_of_the_pair(tmp_path, step):
 
 
 @pytest.mark.parametrize("step", [1, 3])
-def test_video_in_any_order(tmp_path, step):
+def test_video_gives_the_frames_around_a_pair_in_any_order(tmp_path, step):
     clips.clip(tmp_path / "walk.mp4", 12, fps=25)
     dataset = load_dataset("folder", tmp_path / "walk.mp4", step=step)
     every = load_dataset("folder", tmp_path / "walk.mp4")
@@ -101,7 +101,7 @@ def test_video_in_any_order(tmp_path, step):
     assert dataset.frame_files("000000", [0, 1]) == [tmp_path / "walk.mp4"]
 
 
-def test_a_frame_of_another_size_is_named(tmp_path):
+def test_frame_of_a_different_size_is_refused_by_its_path(tmp_path):
     for number in (9, 10, 11):
         picture(tmp_path / f"other-data/Army/frame{number:02d}.png", height=HEIGHT + (number == 9))
     flow(tmp_path / "other-gt-flow/Army/flow10.flo")
@@ -109,7 +109,7 @@ def test_a_frame_of_another_size_is_named(tmp_path):
         load_dataset("middlebury", tmp_path).frame("Army", -1)
 
 
-def test_real_video(shared):
+def test_real_video_gives_the_frames_around_a_pair(shared):
     """The frames around a pair are the key frames of the neighbouring pairs, backwards and forwards."""
     for path in sorted(shared("data", "video").glob("*.m*"))[:2]:
         dataset = load_dataset("folder", path)

@@ -75,13 +75,13 @@ def test_holes_take_the_farther_of_their_measured_neighbours(values):
         (np.ones((4, 4, 1)), "4x4x1, but the frames are 4x4"),
     ],
 )
-def test_a_depth_map_that_cannot_be_one_is_refused_in_a_sentence(values, message):
+def test_invalid_depth_map_is_refused_in_one_sentence(values, message):
     with pytest.raises(DataError, match=message):
         scene_depth(np.ones((4, 4)), values, CAMERA, "maps", PAIR)
 
 
 @pytest.mark.parametrize(("metres", "warned"), [(0.05, True), (0.1, False), (9e3, False), (2e4, True)])
-def test_a_median_depth_of_another_unit_is_warned_of(metres, warned, recwarn):
+def test_implausible_median_depth_warns_of_a_wrong_unit(metres, warned, recwarn):
     scene_depth(np.full((4, 4), metres), np.full((4, 4), metres), CAMERA, "maps", PAIR)
     assert any("check the unit" in str(each.message) for each in recwarn) is warned
 
@@ -275,7 +275,7 @@ NO_MAPS = {
 
 
 @pytest.mark.parametrize("name", NO_MAPS)
-def test_a_file_that_is_no_map_is_refused_in_one_line(clip, tmp_path, name):
+def test_file_that_is_not_a_depth_map_is_refused_in_one_line(clip, tmp_path, name):
     contents, message = NO_MAPS[name]
     suffix = name.partition(".")[2]
     write_map(tmp_path / "maps" / f"a.{suffix}", metres())
@@ -323,7 +323,7 @@ def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("focal", [0, -3, float("inf"), float("nan"), True, "far"])
-def test_a_focal_length_that_is_none_is_refused(clip, tmp_path, focal):
+def test_invalid_focal_length_is_refused(clip, tmp_path, focal):
     with pytest.raises(UsageError, match="--focal"):
         OwnDepth(tmp_path, clip, focal)
 

@@ -23,13 +23,13 @@ def test_each_data_set_states_licence_citation_and_layout(name):
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_ground_truth_as_stated(name):
+def test_data_sets_have_ground_truth_as_stated(name):
     target = DATASETS.get(name)
     has_flow = getattr(target, "has_flow", None)
     assert dataset_facts(name).ground_truth in (("dense", "sparse") if has_flow else ("none",))
 
 
-def test_the_papers_benchmarks():
+def test_facts_of_kitti_fc_and_gopro_fc_equal_the_paper():
     facts = [benchmark_facts(name) for name in ("kitti-fc", "gopro-fc")]
     assert [(each.title, each.has_flow, each.paper_pairs, each.paper_corruptions) for each in facts] == [
         ("KITTI-FC", True, 80, IMAGE_PAIR),

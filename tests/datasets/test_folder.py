@@ -43,7 +43,7 @@ def test_frames_in_natural_order(tmp_path: Path) -> None:
     assert [path.name for path in dataset.files("frame2")] == ["frame2.png", "frame11.png"]
 
 
-def test_folder_of_folders(tmp_path: Path) -> None:
+def test_folder_of_folders_gives_the_pairs_of_each_subfolder(tmp_path: Path) -> None:
     for clip, height in (("clip10", 6), ("clip9", 12)):
         for number in (1, 2, 3):
             picture(tmp_path / clip / f"{number}.png", height)
@@ -62,7 +62,7 @@ def test_a_name_that_is_not_utf_8_is_refused(tmp_path: Path, name: bytes) -> Non
     refused(tmp_path, "the name is not valid UTF-8; rename")
 
 
-def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
+def test_folder_without_a_valid_sequence_is_refused(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
     refused(tmp_path, "1 frame, but pairs with a step of 1 need 2 or more")
     picture(tmp_path / "b.png", height=9)
@@ -105,7 +105,7 @@ def test_frames_by_number_equal_plain_decoding(tmp_path: Path, name: str) -> Non
         np.testing.assert_array_equal(reader.frame(index), expected[index], err_msg=f"frame {index}")
 
 
-def test_video_pairs(tmp_path: Path) -> None:
+def test_video_gives_pairs_of_consecutive_frames(tmp_path: Path) -> None:
     path = tmp_path / "clip.mp4"
     write_video(path, 20, 6)
     expected = decoded(path)
@@ -170,7 +170,7 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
     assert taken < changed / 4
 
 
-def test_real_videos(shared) -> None:
+def test_frames_of_real_videos_equal_plain_decoding(shared) -> None:
     order = [43, 40, 41, 42, 3, 0, 1, 2]
     for path in sorted(shared("data/video").iterdir()):
         with av.open(str(path)) as container:
@@ -181,7 +181,7 @@ def test_real_videos(shared) -> None:
             np.testing.assert_array_equal(reader.frame(index), expected[index])
 
 
-def test_a_part_of_a_video(tmp_path: Path) -> None:
+def test_start_and_stop_select_a_part_of_a_video(tmp_path: Path) -> None:
     path = tmp_path / "clip.mp4"
     write_video(path, 50, 6)  # 25 frames per second
     expected = decoded(path)
@@ -197,7 +197,7 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
     refused(path, "0 frames of 50 from start to stop, but pairs with a step of 1 need 2 or more", start="9s")
 
 
-def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
+def test_start_and_stop_select_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
     """Times refer to the frames' timestamps, not to multiples of a frame interval."""
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
@@ -205,7 +205,7 @@ def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
     assert len(load_dataset("folder", path).keys()) == 5
 
 
-def test_a_part_of_frames(tmp_path: Path) -> None:
+def test_start_and_stop_select_a_part_of_a_folder_of_frames(tmp_path: Path) -> None:
     for number in range(6):
         picture(tmp_path / f"{number}.png")
     assert load_dataset("folder", tmp_path, start=2, stop=5).keys() == ["2", "3"]

@@ -173,7 +173,7 @@ def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
         assert all((a == b).all() for a, b in zip(forwards[cell], backwards[cell], strict=True))
 
 
-def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
+def test_bit_errors_that_change_no_byte_warn(prepared, tmp_path):
     dataset = GoProFCPrepared(prepared, cache=tmp_path)
     with pytest.warns(UserWarning, match="none of [0-9]+ bytes was changed"):
         shown = dataset.corrupted("scene/000032", "bit_error", 1)
@@ -183,7 +183,7 @@ def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
     assert record["encoder"].keys() == {"pyav", "libavcodec", "libx264"}
 
 
-def test_cache_keeps_its_limit_and_evicted_variants_come_back(prepared, tmp_path):
+def test_cache_keeps_its_limit_and_evicted_variants_are_computed_again(prepared, tmp_path):
     whole = GoProFCPrepared(prepared, cache=tmp_path / "whole")
     small = GoProFCPrepared(prepared, cache=tmp_path / "small")
     small.cache.limit = 0
@@ -269,7 +269,7 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     assert load_benchmark("gopro-fc", path).keys == benchmark.keys
 
 
-def test_what_is_none_of_the_three(tmp_path):
+def test_data_that_are_neither_prepared_nor_released_nor_a_video_are_refused(tmp_path):
     with pytest.raises(UsageError, match="gopro-fc needs data"):
         load_benchmark("gopro-fc")
     with pytest.raises(DataError, match=r"none\.mp4: no such file or folder"):

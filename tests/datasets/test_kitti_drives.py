@@ -18,7 +18,7 @@ def test_the_table_is_that_of_the_development_kit():
     assert list(known.values()) == sorted(known.values()), "pairs are numbered in the order of drives"
 
 
-def test_the_evaluated_pairs_in_drives():
+def test_evaluated_pairs_are_in_as_many_drives_as_published():
     evaluation, training = kitti_split(KEYS)
     known = drives("kitti2015")
     mapped = [key for key in evaluation if key in known]
@@ -37,7 +37,7 @@ def test_pairs_without_a_drive_share_a_group_with_their_neighbours_and_with_no_d
     assert len(set(groups.values())) == 29 + 10
 
 
-def test_2012_has_a_table_of_its_own():
+def test_kitti2012_has_a_separate_table_of_drives():
     groups, known = drive_groups("kitti2012"), drives("kitti2012")
     assert (len(groups), len(known), len(set(known.values()))) == (194, 89, 16)
     assert [groups[key] for key in groups if key not in known] == ["unmapped"] * 105

@@ -16,7 +16,7 @@ from .layouts import HEIGHT, WIDTH, check, flow, kitti, picture, refused
 
 @pytest.mark.parametrize("name", ["kitti2015", "kitti2012"])
 @pytest.mark.parametrize("images", ["image_2", "image_0", "colored_0"])
-def test_kitti(tmp_path: Path, name: str, images: str) -> None:
+def test_kitti_folder_gives_its_pairs_and_ground_truth(tmp_path: Path, name: str, images: str) -> None:
     folder = tmp_path / "training"
     kitti(folder, ["000010", "000002"], images)
     picture(folder / images / "000010_09.png")  # the multi-view extension has more frames
@@ -36,7 +36,7 @@ def test_kitti(tmp_path: Path, name: str, images: str) -> None:
         assert sample.group == {"kitti2015": "2011_09_26_drive_0009", "kitti2012": "2011_09_30_drive_0033"}[name]
 
 
-def test_kitti_with_one_kind_of_map(tmp_path: Path) -> None:
+def test_kitti_with_only_occ_or_noc_maps_is_read(tmp_path: Path) -> None:
     kitti(tmp_path / "noc", ["000000"], occ=False)
     kitti(tmp_path / "occ", ["000000"], noc=False)
     noc, occ = (load_dataset("kitti2015", tmp_path / kind).load("000000") for kind in ("noc", "occ"))
@@ -72,7 +72,7 @@ def test_kitti2012_chooses_colour_or_grey(tmp_path: Path) -> None:
         assert load_dataset("kitti2012", tmp_path, images=images).files("000000")[0].parent.name == folder
 
 
-def test_kitti_fc_release(tmp_path: Path) -> None:
+def test_released_kitti_fc_folder_is_read(tmp_path: Path) -> None:
     kitti(tmp_path / "clean" / "val", ["000003", "000004"], noc=False)
     kitti(tmp_path / "clean" / "training", ["000005"], noc=False)
     for setting in ("fog_2", "fog_3", "brightness_5"):
@@ -103,7 +103,7 @@ def test_kitti_fc_release(tmp_path: Path) -> None:
         dataset.corrupted("000003", "fog", 2)
 
 
-def test_ground_truth_that_does_not_fit(tmp_path: Path) -> None:
+def test_ground_truth_of_a_different_size_or_without_a_pixel_is_refused(tmp_path: Path) -> None:
     kitti(tmp_path, ["000000", "000001", "000002"], noc=False)
     flow(tmp_path / "flow_occ" / "000000_10.png", None, HEIGHT + 1, WIDTH)
     flow(tmp_path / "flow_occ" / "000001_10.png", np.zeros((HEIGHT, WIDTH), bool))

@@ -71,7 +71,7 @@ def _keys_of_scene(root):
     return [key for key in keys if "000000_" in key]
 
 
-def test_a_folder_with_the_pairs_alone(tmp_path):
+def test_folder_with_only_the_pairs_is_read(tmp_path):
     for frame in (10, 11):
         picture(tmp_path / "training" / "image_2" / f"000000_{frame}.png")
     with pytest.raises(DataError, match=r"no two consecutive frames .* unpack data_scene_flow_multiview.zip"):
@@ -94,7 +94,7 @@ def test_drives_of_evaluated_pairs_are_left_out(raw):
     assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == apart.keys()  # one day is enough
 
 
-def test_a_list_of_pairs(raw, tmp_path):
+def test_list_of_pairs_selects_the_pairs(raw, tmp_path):
     names = [f"2011_09_26/2011_09_26_drive_0009_sync/image_02/data/{frame:010d}.png" for frame in (0, 2)]
     (tmp_path / "pairs.txt").write_text(" ".join(names) + "\n")
     dataset = load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
@@ -106,7 +106,7 @@ def test_a_list_of_pairs(raw, tmp_path):
             load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
 
 
-def test_another_layout(tmp_path):
+def test_folder_of_a_different_layout_is_refused(tmp_path):
     with pytest.raises(DataError, match="not laid out like KITTI raw; expected 2011_09_26/2011_09_26_drive_0001_sync/"):
         load_dataset("kitti_raw", tmp_path)
     with pytest.raises(DataError, match="no such folder"):

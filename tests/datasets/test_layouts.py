@@ -15,7 +15,7 @@ from robustflow.images.io import read_image
 from .layouts import HEIGHT, WIDTH, check, flow, kitti, picture, placed, refused, sintel, spring
 
 
-def test_middlebury(tmp_path: Path) -> None:
+def test_middlebury_folder_is_read(tmp_path: Path) -> None:
     for scene in ("Venus", "Urban2", "Walking"):
         for number in range(7, 15):
             picture(tmp_path / "other-data" / scene / f"frame{number:02d}.png")
@@ -29,7 +29,7 @@ def test_middlebury(tmp_path: Path) -> None:
     refused("middlebury", tmp_path, r"frame11\.png: missing")
 
 
-def test_sintel(tmp_path: Path) -> None:
+def test_sintel_folder_is_read(tmp_path: Path) -> None:
     folder = sintel(tmp_path)
     for render_pass in ("clean", "final"):
         dataset = load_dataset("sintel", tmp_path, render_pass=render_pass)
@@ -65,13 +65,13 @@ def test_sintel_without_maps_and_other_passes(tmp_path: Path) -> None:
     ["clean/alley_1/frame_0002.png", "clean/alley_1/frame_0003.png", "flow/alley_1/frame_0001.flo",
      "occlusions/alley_1/frame_0002.png", "invalid/alley_1/frame_0002.png"],
 )  # fmt: skip
-def test_sintel_missing_files(tmp_path: Path, lost: str) -> None:
+def test_sintel_with_missing_files_is_refused(tmp_path: Path, lost: str) -> None:
     folder = sintel(tmp_path)
     (folder / lost).unlink()
     refused("sintel", tmp_path, f"{lost}: missing")
 
 
-def test_hd1k(tmp_path: Path) -> None:
+def test_hd1k_folder_is_read(tmp_path: Path) -> None:
     images, flows = tmp_path / "hd1k_input" / "image_2", tmp_path / "hd1k_flow_gt" / "flow_occ"
     for sequence, count in (("000000", 3), ("000001", 2)):
         for number in range(count):
@@ -89,7 +89,7 @@ def test_hd1k(tmp_path: Path) -> None:
     refused("hd1k", tmp_path, r"image_2/000000_0001\.png: missing")
 
 
-def test_spring(tmp_path: Path) -> None:
+def test_spring_folder_is_read(tmp_path: Path) -> None:
     pytest.importorskip("h5py")
     train = spring(tmp_path)
     for root in (tmp_path, train):
@@ -113,7 +113,7 @@ def test_spring(tmp_path: Path) -> None:
     refused("spring", tmp_path, r"flow_FW_right_0001\.flo5: missing", side="right")
 
 
-def test_flyingchairs(tmp_path: Path) -> None:
+def test_flyingchairs_folder_is_read(tmp_path: Path) -> None:
     data = tmp_path / "data"
     for number in (1, 2, 3):
         picture(data / f"{number:05d}_img1.ppm")
@@ -154,7 +154,7 @@ def tartanair(root: Path, environment: str = "office", inner: bool = False) -> P
 
 
 @pytest.mark.parametrize("inner", [False, True])
-def test_tartanair(tmp_path: Path, inner: bool) -> None:
+def test_tartanair_folder_is_read(tmp_path: Path, inner: bool) -> None:
     folder = tartanair(tmp_path, inner=inner)
     for root in (tmp_path, tmp_path / "office"):
         dataset = load_dataset("tartanair", root)
@@ -185,7 +185,7 @@ def test_tartanair(tmp_path: Path, inner: bool) -> None:
     refused("tartanair", tmp_path, r"000001_000002_mask\.npy: missing")
 
 
-def test_the_subset_of_flyingthings3d(tmp_path: Path) -> None:
+def test_flyingthings3d_subset_is_read(tmp_path: Path) -> None:
     for number in (0, 1, 2, 3, 4):  # frames 0 to 2 and 3 to 4 are scenes
         picture(tmp_path / "train/image_final/right" / f"{number:07d}.png")
     for number in (0, 1, 3):
@@ -221,7 +221,7 @@ def test_networks_train_on_the_flow_file_alone_save_where_it_needs_more(tmp_path
         np.testing.assert_array_equal(truth.flow, sample.flow)
 
 
-def test_flyingthings3d(tmp_path: Path) -> None:
+def test_flyingthings3d_folder_is_read(tmp_path: Path) -> None:
     for split, scene in (("TRAIN", "A/0000"), ("TRAIN", "C/0012"), ("TEST", "B/0001")):
         for side in ("left", "right"):
             for number in (6, 7, 8):
@@ -247,7 +247,7 @@ def test_flyingthings3d(tmp_path: Path) -> None:
     refused("flyingthings3d", tmp_path, r"with a stride of 1, the frame after 0006\.png is missing")
 
 
-def test_gopro(tmp_path: Path) -> None:
+def test_gopro_folder_is_read(tmp_path: Path) -> None:
     for split, sequence in (("train", "GOPR0372_07_00"), ("test", "GOPR0384_11_00")):
         for kind in ("blur", "sharp"):
             for number in range(47, 52):
@@ -300,7 +300,7 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
     ["kitti2015", "kitti2012", "middlebury", "sintel", "hd1k", "spring", "flyingchairs", "flyingthings3d", "tartanair",
      "gopro", "kitti_fc_released", "folder"],
 )  # fmt: skip
-def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
+def test_missing_and_empty_folders_are_refused(tmp_path: Path, name: str) -> None:
     refused(name, tmp_path / "missing", "missing: no such folder")
     (tmp_path / "empty").mkdir()
     refused(name, tmp_path / "empty", "the folder is empty; expected|contains no images")

@@ -129,7 +129,7 @@ def module(tmp_path, monkeypatch):
     sys.modules.pop("own_noise", None)
 
 
-def test_a_data_set_of_ones_own(module):
+def test_own_data_set_is_a_benchmark(module):
     benchmark = load_benchmark("demo", "own_noise:Noise", options={"count": 3})
     assert (benchmark.name, benchmark.keys, len(benchmark.corruptions)) == ("noise", ("0", "1", "2"), 20)
     assert not benchmark.facts.has_flow
@@ -150,7 +150,7 @@ def test_a_data_set_of_ones_own(module):
         ("Nois", "did you mean 'Noise'"),
     ],
 )
-def test_what_is_not_a_data_set(module, name, match):
+def test_object_that_is_not_a_data_set_is_refused(module, name, match):
     with refused(UsageError, match):
         load_benchmark("demo", f"own_noise:{name}")
 
@@ -163,7 +163,7 @@ def test_what_is_not_a_data_set(module, name, match):
         ("InOneArray", r"load\('1'\) overwrites the sample loaded before"),
     ],
 )
-def test_check_dataset_looks_further(module, name, match):
+def test_check_dataset_names_faults_that_loading_does_not_find(module, name, match):
     import own_noise
 
     assert check_dataset(own_noise.Noise()) == "noise"
@@ -189,7 +189,7 @@ def test_ground_truth_of_a_wrong_type_or_shape_is_refused_by_the_sample(part, ar
         rf.Sample("a", (np.zeros((6, 8, 3), np.uint8),) * 2, **{**truth, part: array})
 
 
-def test_a_benchmark_of_ones_own(module):
+def test_own_benchmark_is_opened_and_an_invalid_one_refused(module):
     benchmark = load_benchmark("own_noise:Bench")
     assert (benchmark.name, benchmark.keys) == ("mine", ("1",))
     assert (benchmark.corruptions, benchmark.severities) == (("fog",), (2,))

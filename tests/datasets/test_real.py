@@ -73,7 +73,7 @@ def difference(sample: Sample, use: np.ndarray, flow: np.ndarray) -> float:
 
 @pytest.mark.skipif(not rows(), reason="no shared data; set ROBUSTFLOW_SHARED to the folder that contains it")
 @pytest.mark.parametrize("row", rows(), ids=lambda row: f"{row.folder}-{row.truth.split(' ')[0]}-{row.truth[-9:]}")
-def test_statistics_of_the_manifest(row: Row) -> None:
+def test_real_pairs_have_the_statistics_of_the_manifest(row: Row) -> None:
     sample = sample_of(row)
     assert row.size == f"{sample.shape[1]}x{sample.shape[0]}"
     flow, valid = sample.flow, sample.valid
@@ -106,7 +106,7 @@ def test_motorcycle_is_the_pair_of_scikit_image() -> None:
     assert warp < unmoved < negated
 
 
-def test_gopro_like_frames(shared) -> None:
+def test_gopro_like_clips_are_read(shared) -> None:
     folder = shared("data/gopro_deblurred")
     dataset = load_dataset("gopro", folder)
     frames = sorted(path.stem for path in folder.glob("*/*.png"))

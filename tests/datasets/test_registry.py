@@ -22,13 +22,13 @@ def test_motorcycle_is_a_dataset() -> None:
         dataset.load("bicycle")
 
 
-def test_motorcycle_without_the_pictures(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_motorcycle_without_its_image_files_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     monkeypatch.setattr("skimage.__file__", str(tmp_path / "__init__.py"))
     with pytest.raises(AssetError, match="pip install --force-reinstall"):
         load_dataset("motorcycle")
 
 
-def test_usage(tmp_path) -> None:
+def test_unknown_data_sets_options_and_splits_are_refused(tmp_path) -> None:
     with pytest.raises(UsageError, match="did you mean 'kitti2015'"):
         load_dataset("kitti_2015", tmp_path)
     with pytest.raises(UsageError, match="needs no folder"):

@@ -77,7 +77,7 @@ def test_the_benchmark_is_closed_over_what_is_unpacked(root):
             other.narrowed(["fog+robustspring_fog"])
 
 
-def test_facts():
+def test_facts_of_robustspring_state_corruptions_and_severity():
     facts = benchmark_facts("robustspring")
     assert (facts.title, facts.has_flow, facts.published) == ("RobustSpring", False, False)
     assert (len(facts.paper_corruptions), facts.severities) == (20, (1,))
@@ -90,7 +90,7 @@ def test_springs_training_sequences_are_its_domain_but_not_its_frames():
     assert setting_of(Training(None, "undeclared"), "robustspring") == "UNKNOWN"
 
 
-def test_names_cannot_be_taken_for_this_projects():
+def test_names_of_robustspring_differ_from_those_of_this_project():
     ours = set(CORRUPTIONS.names())
     assert not ours & set(ROBUSTSPRING.names)
     missing_here = {"brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur"}
@@ -155,7 +155,7 @@ def test_mistakes_are_named_before_a_run_starts(root, mistake, message):
         load_benchmark("robustspring", root)
 
 
-def test_mistakes_that_only_reading_shows(root):
+def test_unreadable_or_differing_frames_are_refused_by_their_path(root):
     small = root / "fog/test/0028/frame_left/frame_left_0001.png"
     cv2.imwrite(str(small), np.zeros((24, 32, 3), np.uint8))
     damaged = root / "rain/test/0028/frame_left/frame_left_0001.png"
@@ -173,7 +173,7 @@ def test_mistakes_that_only_reading_shows(root):
             pairs.corrupted(key, corruption, severity)
 
 
-def test_options_are_checked(root):
+def test_invalid_options_of_robustspring_are_refused(root):
     with pytest.raises(DataError, match="no such folder; give the folder of Spring"):
         load_benchmark("robustspring", root, options={"spring": "nowhere"})
     with pytest.raises(UsageError, match="option of dataset 'robustspring' 'sprung'"):

@@ -46,7 +46,7 @@ def insets(scene, points, times):
 
 @settings(max_examples=40)
 @given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)), st.floats(-0.5, 1.5))
-def test_a_motion_and_its_inverse(number, point, time):
+def test_motion_and_its_inverse_cancel(number, point, time):
     for motion in scene(number).motions[-3:]:
         np.testing.assert_allclose(backward(motion, *forward(motion, *point)), point, atol=1e-9)
         np.testing.assert_allclose(from_time(motion, time, *at_time(motion, time, *point)), point, atol=1e-9)
@@ -71,7 +71,7 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
 
 
 @pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (0, 1.0)])
-def test_occlusion_against_points_carried_along(number, readout):
+def test_occlusion_equals_that_of_tracked_points(number, readout):
     """Points in and around every layer, four per pixel along each axis, are moved to frame 2; a point is covered if it
     lies among the points of a layer above. The test does not use the inverse of a motion, and finds the row that reads
     a point by iteration.
@@ -136,7 +136,7 @@ def test_a_rolling_shutter_bends_what_moves_and_a_global_one_takes_all_rows_at_o
     assert (occluded != still[2]).any()
 
 
-def test_what_outruns_the_rows_is_occluded_and_its_flow_stays_short():
+def test_motion_faster_than_the_readout_is_occluded_and_its_flow_stays_short():
     drawn = scene(7)
     drawn.motions[:, 2:4] = 0.0, 1.3 * SHAPE[0]
     drawn.motions[:, 22:24] = drawn.motions[:, :2] + drawn.motions[:, 2:4]
@@ -160,7 +160,7 @@ def test_a_pair_is_a_function_of_its_options():
         assert (few.load("000002").frames[0] != other.load("000002").frames[0]).mean() > 0.5
 
 
-def test_it_keeps_what_a_dataset_promises():
+def test_shapes_pass_check_dataset():
     check_dataset(FlyingShapes(2, "32x48"))
 
 
@@ -175,7 +175,7 @@ def test_motion_scales_the_flow_and_most_of_it_is_short():
     assert np.median(lengths[1.0]) < lengths[1.0].mean() < 0.2 * 96
 
 
-def test_own_pictures_as_textures(tmp_path):
+def test_own_images_are_used_as_textures(tmp_path):
     rng = np.random.default_rng(0)
     for index in range(2):
         cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (60 + index, 90, 3)).astype(np.uint8))
@@ -189,18 +189,18 @@ def test_own_pictures_as_textures(tmp_path):
     [{"pairs": 0}, {"pairs": True}, {"size": "8x9"}, {"size": "wide"}, {"split": "val"}, {"motion": -1}, {"seed": 0.5},
      {"textures": "nowhere"}, {"readout": 1.1}, {"readout": True}],
 )  # fmt: skip
-def test_options_that_cannot_be_meant(options):
+def test_invalid_options_of_shapes_are_refused(options):
     with pytest.raises(UsageError, match=next(iter(options))):
         load_dataset("shapes", **options)
 
 
 @pytest.mark.parametrize("key", ["1", "000003", "-00001", "1e3", "00000x", "0000001"])
-def test_other_keys(key):
+def test_unknown_keys_of_shapes_are_refused(key):
     with pytest.raises(UsageError, match="000002"):
         FlyingShapes(3).load(key)
 
 
-def test_as_a_benchmark(tmp_path):
+def test_shapes_are_evaluated_as_a_benchmark(tmp_path):
     options = {"corruptions": ["contrast"], "severities": [1], "data_options": {"pairs": 2, "size": "32x48"}}
     result = rf.evaluate(ZeroFlow(), "shapes", output=tmp_path / "run", **options)
     lengths = [np.hypot(*sample.flow.reshape(-1, 2).T).mean() for sample in FlyingShapes(2, "32x48")]

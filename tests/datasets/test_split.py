@@ -17,7 +17,7 @@ KEYS = [f"{number:06d}" for number in range(200)]
 
 @given(order=st.permutations(KEYS), seed=st.integers(0, 5))
 @settings(max_examples=20, deadline=None)
-def test_80_and_120_whatever_the_order(order: list[str], seed: int) -> None:
+def test_default_split_has_80_and_120_pairs_in_any_order(order: list[str], seed: int) -> None:
     evaluation, training = kitti_split(KEYS, seed)
     assert len(evaluation) == 80
     assert sorted(evaluation + training) == KEYS
@@ -58,7 +58,7 @@ def test_the_drive_disjoint_split_is_fixed() -> None:
     assert drive_disjoint_split(some).evaluation == [k for k in some if k in drive_disjoint_split(KEYS).evaluation]
 
 
-def test_a_split_by_name(tmp_path: Path) -> None:
+def test_split_is_loaded_by_name(tmp_path: Path) -> None:
     assert selected("drive-disjoint", KEYS, "kitti2015") == drive_disjoint_split(KEYS).evaluation
     path = tmp_path / "split.txt"
     path.write_text("000010")
@@ -71,13 +71,13 @@ def test_a_split_by_name(tmp_path: Path) -> None:
         selected("drive-disjoint", drive_disjoint_split(KEYS).training[:1], "kitti2015")
 
 
-def test_keys_one_per_line(tmp_path: Path) -> None:
+def test_split_file_has_one_key_per_line(tmp_path: Path) -> None:
     path = tmp_path / "split.txt"
     path.write_text("\ufeff# mine\r\n000010\r\n\r\n 000002 \r\n", encoding="utf-8")
     assert read_split(path, KEYS) == ["000002", "000010"]
 
 
-def test_zeros_and_ones(tmp_path: Path) -> None:
+def test_split_file_of_zeros_and_ones_selects_the_ones(tmp_path: Path) -> None:
     path = tmp_path / "split.txt"
     path.write_text("0\n1\n1\n")
     assert read_split(path, ["a", "b", "c"]) == ["b", "c"]
@@ -96,7 +96,7 @@ def test_zeros_and_ones(tmp_path: Path) -> None:
         ("\x00\xff\xfe", "not a text file"),
     ],
 )
-def test_what_a_split_cannot_mean(tmp_path: Path, text: str, match: str) -> None:
+def test_invalid_split_files_are_refused(tmp_path: Path, text: str, match: str) -> None:
     path = tmp_path / "split.txt"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(DataError, match=match) as caught:
@@ -104,11 +104,11 @@ def test_what_a_split_cannot_mean(tmp_path: Path, text: str, match: str) -> None
     assert str(path) in str(caught.value)
 
 
-def test_no_such_file(tmp_path: Path) -> None:
+def test_missing_split_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="No such file"):
         read_split(tmp_path / "missing.txt", KEYS)
 
 
-def test_a_device_without_an_end_is_not_read_to_its_end() -> None:
+def test_endless_device_as_split_file_is_refused() -> None:
     with pytest.raises(DataError, match="/dev/zero is larger than 16 MiB; give a text file, one key per line"):
         read_split("/dev/zero", KEYS)

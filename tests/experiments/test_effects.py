@@ -68,7 +68,7 @@ def made_runs(seeds: int, changes: dict[str, float], clean: float = 1.0) -> dict
     return runs
 
 
-def test_findings_report_the_change_that_was_put_in_and_nothing_where_none_was():
+def test_findings_report_exactly_the_planted_changes():
     text, table = findings(made_runs(4, {"no_noise": -0.3}))
     lines = [line for line in text.splitlines() if line.startswith("- CRE")]
     assert "CRE under noise, which was left out of training: 2.00 to 1.70 px, difference -0.30 [-0.3" in lines[0]

@@ -54,14 +54,14 @@ def compare(name, key, seeds, measure, record_property):
 
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("random", every=4))
-def test_image_statistics(name, key, record_property):
+def test_image_statistics_of_random_corruptions_equal_the_reference(name, key, record_property):
     """Quick version with a third of the seeds, without flow, and only at the lowest and highest severities."""
     compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair), record_property)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "key"), reference.cases("random"))
-def test_all_statistics(name, key, record_property):
+def test_all_statistics_of_random_corruptions_equal_the_reference(name, key, record_property):
     def measure(pair):
         flow = flow_stats(pair, reference.clean_flows(), *reference.truth())
         return image_stats(reference.clean(), pair) | flow

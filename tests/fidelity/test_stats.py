@@ -10,7 +10,7 @@ from .stats import epe, flow_stats, image_stats
 pytestmark = pytest.mark.fidelity
 
 
-def test_clean_pair(shared):
+def test_clean_pair_has_the_statistics_and_errors_of_the_reference(shared):
     shared("corruption-reference", "reference.json")
     facts = reference.table()["input"]
     frames = reference.clean()
@@ -22,7 +22,7 @@ def test_clean_pair(shared):
 
 
 @pytest.mark.parametrize("name", ["jpeg_compression", "pixelate"])
-def test_exact_corruptions(shared, name):
+def test_exact_corruptions_have_the_statistics_of_the_reference(shared, name):
     shared("corruption-reference", "reference.json")
     pair = reference.corrupted(reference.ours(name), Rng.of(0), 3)
     found = image_stats(reference.clean(), pair) | flow_stats(pair, reference.clean_flows(), *reference.truth())

@@ -28,7 +28,7 @@ def refused(path: Path, match: str = ".") -> None:
 
 
 @pytest.mark.parametrize("suffix", FLOW_SUFFIXES)
-def test_cut_at_every_byte(tmp_path: Path, suffix: str) -> None:
+def test_truncated_flow_files_are_refused(tmp_path: Path, suffix: str) -> None:
     if suffix == ".flo5":
         pytest.importorskip("h5py")
     path = tmp_path / f"flow{suffix}"
@@ -42,7 +42,7 @@ def test_cut_at_every_byte(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".flo", ".pfm"])
-def test_a_byte_too_many(tmp_path: Path, suffix: str) -> None:
+def test_flow_file_with_an_extra_byte_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"flow{suffix}"
     write_flow(path, FLOW)
     path.write_bytes(path.read_bytes() + b"\0")
@@ -104,7 +104,7 @@ def test_hostile_headers_cost_no_memory(tmp_path: Path, name: str) -> None:
         tracemalloc.stop()
 
 
-def test_hostile_flo5(tmp_path: Path) -> None:
+def test_damaged_flo5_files_are_refused(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "flow.flo5"
     other = tmp_path / "other.h5"
@@ -134,12 +134,12 @@ def test_hostile_flo5(tmp_path: Path) -> None:
     ("bits", "channels", "says"),
     [(8, 1, "8-bit PNG"), (8, 3, "8-bit PNG"), (8, 4, "8-bit PNG"), (16, 1, "16-bit PNG with 1 channel")],
 )
-def test_a_picture_is_not_a_flow(tmp_path: Path, bits: int, channels: int, says: str) -> None:
+def test_image_file_as_flow_is_refused(tmp_path: Path, bits: int, channels: int, says: str) -> None:
     cv2.imwrite(str(tmp_path / "picture.png"), np.zeros((4, 5, channels), f"u{bits // 8}"))
     refused(tmp_path / "picture.png", says)
 
 
-def test_other_names(tmp_path: Path) -> None:
+def test_unknown_formats_folders_and_missing_flow_files_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / "flow.tif", r"unknown flow format '\.tif'")
     (tmp_path / "folder.flo").mkdir()
     refused(tmp_path / "folder.flo", "not a file")

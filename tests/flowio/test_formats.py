@@ -85,7 +85,7 @@ def test_kitti_refuses_what_it_cannot_hold_unless_it_is_invalid(tmp_path: Path, 
     assert read_flow(tmp_path / "flow.png")[1].sum() == 3
 
 
-def test_kitti_by_hand(tmp_path: Path) -> None:
+def test_kitti_encoding_equals_hand_computed_values(tmp_path: Path) -> None:
     """The development kit's formula, in OpenCV's BGR order."""
     raw = np.zeros((1, 2, 3), np.uint16)
     raw[0, 0] = (1, 32768 - 64 * 3, 32768 + 32)  # valid, v = -3, u = 0.5
@@ -125,7 +125,7 @@ def test_flo_marks_unknown_as_middlebury_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("order", "scale"), [("<", b"-1.0"), (">", b"1.0"), (">", b"1"), ("<", b"-1.000000")])
-def test_pfm_by_hand_in_both_byte_orders(tmp_path: Path, order: str, scale: bytes) -> None:
+def test_pfm_in_both_byte_orders_equals_hand_written_bytes(tmp_path: Path, order: str, scale: bytes) -> None:
     """Rows are stored from bottom to top, the third channel is ignored, and NaN and infinity mark unknown flow."""
     bottom, top = [1.5, -2, 7, np.nan, 0, 0], [3, 4, 9, 1, np.inf, 0]
     (tmp_path / "flow.pfm").write_bytes(b"PF\n2 2\n" + scale + b"\n" + struct.pack(f"{order}12f", *bottom, *top))
@@ -202,6 +202,6 @@ def test_writing_replaces_a_file_whole_or_not_at_all(tmp_path: Path, monkeypatch
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_missing_folder_is_one_line(tmp_path: Path) -> None:
+def test_writing_into_a_missing_folder_is_refused_in_one_line(tmp_path: Path) -> None:
     with refused(DataError, "cannot write"):
         write_flow(tmp_path / "no" / "flow.flo", np.zeros((2, 2, 2)))

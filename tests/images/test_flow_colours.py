@@ -61,12 +61,12 @@ def test_every_vector_has_the_papers_colour(u, v, radius):
 @pytest.mark.parametrize(
     ("vector", "hue"), [((1, 0), 0.0), ((0, 1), 60 / 360), ((-1, 0), 192 / 360), ((0, -1), 267 / 360)]
 )
-def test_directions(vector, hue):
+def test_directions_have_their_hues(vector, hue):
     colour = flow_colours(np.array([[vector]], np.float32), 1.0)[0, 0]
     assert colorsys.rgb_to_hsv(*(colour / 255))[0] == pytest.approx(hue, abs=0.04)
 
 
-def test_unknown_is_black_and_still_is_white():
+def test_unknown_vectors_are_black_and_zero_vectors_white():
     flow = np.zeros((2, 2, 2), np.float32)
     flow[0, 0] = np.nan
     flow[0, 1] = np.inf
@@ -85,6 +85,6 @@ def test_radius_ignores_outliers_and_what_is_unknown():
 
 
 @pytest.mark.parametrize(("shape", "radius"), [((2, 2), 1.0), ((2, 2, 3), 1.0), ((2, 2, 2), 0.0), ((2, 2, 2), np.nan)])
-def test_what_is_not_a_flow_is_refused(shape, radius):
+def test_colours_of_an_invalid_flow_are_refused(shape, radius):
     with pytest.raises(DataError, match="cannot colour"):
         flow_colours(np.zeros(shape, np.float32), radius)

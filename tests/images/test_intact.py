@@ -43,7 +43,7 @@ def png_of(side: int, bits: int, *data: bytes, interlaced: bool = False) -> byte
 
 @pytest.mark.parametrize("value", [0, 1])
 @pytest.mark.parametrize("interlaced", [False, True])
-def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool, value: int) -> None:
+def test_png_with_too_few_rows_is_refused(tmp_path: Path, interlaced: bool, value: int) -> None:
     path = tmp_path / "a.png"
     sizes = [(1, 1), (1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4)] if interlaced else [(8, 8)]
     rows = [bytes([0]) + bytes([value]) * 3 * columns for columns, count in sizes for _ in range(count)]
@@ -67,7 +67,7 @@ def test_a_png_with_more_data_than_rows_is_not_inflated_to_the_end(tmp_path: Pat
         tracemalloc.stop()
 
 
-def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
+def test_flow_map_with_too_few_rows_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(png_of(8, 16, zlib.compress((bytes([0]) + bytes([1] * 48)) * 6)))
     with pytest.raises(DataError, match=r"ends before its last row|cannot be decoded"):
@@ -75,7 +75,7 @@ def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
-def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
+def test_jpeg_with_broken_code_is_refused(tmp_path: Path, options: dict) -> None:
     """Pillow reads any file whose markers are intact, but returns wrong pixels."""
     path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
     path.write_bytes(whole)
@@ -92,7 +92,7 @@ def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
     assert refused >= 4, "a baseline JPEG resynchronises after most gaps; a progressive one rarely"
 
 
-def test_a_jpeg_with_something_behind_it_is_a_jpeg(tmp_path: Path) -> None:
+def test_jpeg_with_trailing_bytes_is_read(tmp_path: Path) -> None:
     """Cameras append previews and videos to the image."""
     (tmp_path / "a.jpg").write_bytes(encoded("JPEG") + b"\0trailer" * 50)
     assert read_image(tmp_path / "a.jpg").shape == PICTURE.shape
@@ -110,7 +110,7 @@ def test_jpegs_that_others_wrote_are_read() -> None:
 
 
 @pytest.mark.parametrize("kind", ["BMP", "PPM", "WEBP"])
-def test_a_file_that_is_longer_than_it_says(tmp_path: Path, kind: str) -> None:
+def test_file_longer_than_its_header_states_is_refused(tmp_path: Path, kind: str) -> None:
     path, whole = tmp_path / f"a.{kind.lower()}", encoded(kind)
     middle = len(whole) // 2
     for changed in (whole + b"xyz", whole[:middle] + b"xyz" + whole[middle:]):
@@ -119,7 +119,7 @@ def test_a_file_that_is_longer_than_it_says(tmp_path: Path, kind: str) -> None:
             read_image(path)
 
 
-def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
+def test_deflated_tiff_with_a_changed_byte_is_refused(tmp_path: Path) -> None:
     path, whole = tmp_path / "a.tif", encoded("TIFF", compression="tiff_adobe_deflate")
     path.write_bytes(whole)
     expected = read_image(path)
@@ -135,7 +135,7 @@ def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "options"), [("a.png", {}), ("a.tif", {}), ("a.webp", {"lossless": True})])
-def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) -> None:
+def test_file_of_several_images_is_refused(tmp_path: Path, name: str, options: dict) -> None:
     others = [Image.fromarray(PICTURE[::-1].copy()), Image.fromarray(PICTURE[:, ::-1].copy())]
     Image.fromarray(PICTURE).save(tmp_path / name, save_all=True, append_images=others, **options)
     with pytest.raises(DataError, match=r"contains 3 images, .* as separate files"):

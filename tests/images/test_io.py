@@ -28,7 +28,7 @@ def refused(path: Path, match: str) -> None:
 
 @given(image=hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_round_trip_and_opencv(tmp_path: Path, image: np.ndarray) -> None:
+def test_written_images_read_back_equal_also_by_opencv(tmp_path: Path, image: np.ndarray) -> None:
     write_image(tmp_path / "a.png", image)
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), image)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], image)
@@ -37,7 +37,7 @@ def test_round_trip_and_opencv(tmp_path: Path, image: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "ppm", "bmp", "tiff"])
-def test_lossless_formats_written_by_opencv(tmp_path: Path, suffix: str) -> None:
+def test_lossless_formats_written_by_opencv_are_read_exactly(tmp_path: Path, suffix: str) -> None:
     cv2.imwrite(str(tmp_path / f"a.{suffix}"), RGB[..., ::-1])
     np.testing.assert_array_equal(read_image(tmp_path / f"a.{suffix}"), RGB)
 
@@ -51,7 +51,7 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "ppm", "tiff", "webp"])
 @pytest.mark.parametrize("size", [12, 90])
-def test_no_truncated_picture_is_taken_for_whole(tmp_path: Path, suffix: str, size: int) -> None:
+def test_truncated_images_are_refused(tmp_path: Path, suffix: str, size: int) -> None:
     """The content is smooth, because decoders replace missing parts of such images with plausible values."""
     y, x = np.mgrid[:size, :size]
     image = np.stack([x * 2, y * 2, x + y], axis=-1).astype(np.uint8)
@@ -85,7 +85,7 @@ def test_sixteen_bits_are_refused(tmp_path: Path, suffix: str, channels: int) ->
     refused(tmp_path / name, "more than 8 bits per channel")
 
 
-def test_alpha_is_dropped_only_where_it_says_nothing(tmp_path: Path) -> None:
+def test_alpha_is_dropped_only_if_opaque(tmp_path: Path) -> None:
     image = np.dstack([RGB, np.full(RGB.shape[:2], 255, np.uint8)])
     Image.fromarray(image).save(tmp_path / "opaque.png")
     np.testing.assert_array_equal(read_image(tmp_path / "opaque.png"), RGB)
@@ -102,7 +102,7 @@ def test_other_colour_spaces_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / "a.jpg", "CMYK")
 
 
-def test_palette_and_one_bit(tmp_path: Path) -> None:
+def test_palette_and_one_bit_images_are_read_as_rgb(tmp_path: Path) -> None:
     palette = Image.fromarray(RGB).quantize(8)
     palette.save(tmp_path / "p.png")
     np.testing.assert_array_equal(read_image(tmp_path / "p.png"), np.array(palette.convert("RGB")))
@@ -135,7 +135,7 @@ def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int,
     ],
 )
 @pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
-def test_what_is_not_a_picture(tmp_path: Path, content: bytes, match: str) -> None:
+def test_file_that_is_not_an_image_is_refused(tmp_path: Path, content: bytes, match: str) -> None:
     (tmp_path / "a.ppm").write_bytes(content)
     refused(tmp_path / "a.ppm", match)
     refused(tmp_path / "missing.png", "no such image")
@@ -145,13 +145,13 @@ def test_what_is_not_a_picture(tmp_path: Path, content: bytes, match: str) -> No
     ("name", "image"),
     [("a.jpg", RGB), ("a.png", RGB[..., 0]), ("a.png", RGB.astype(float)), ("a.png", RGB[:0]), ("no/a.png", RGB)],
 )
-def test_writing_refuses_and_leaves_nothing(tmp_path: Path, name: str, image: np.ndarray) -> None:
+def test_refused_writing_leaves_no_file(tmp_path: Path, name: str, image: np.ndarray) -> None:
     with pytest.raises(DataError):
         write_image(tmp_path / name, image)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_size_needs_no_pixel(tmp_path: Path) -> None:
+def test_size_of_an_image_is_read_without_its_pixels(tmp_path: Path) -> None:
     Image.fromarray(RGB).save(tmp_path / "a.png")
     whole = (tmp_path / "a.png").read_bytes()
     (tmp_path / "cut.png").write_bytes(whole[: whole.index(b"IDAT") + 6])

@@ -88,7 +88,7 @@ def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():
             error_at(errors, errors, coverage)
 
 
-def test_pixels_without_an_error_have_no_say_and_no_pixel_gives_none():
+def test_pixels_without_an_error_are_ignored_and_no_pixel_gives_none():
     assert ause([1.0, np.nan, 3.0], [2, np.nan, 1]) == 0
     assert ause([np.nan], [1]) is None
     assert confidence_correlation([], []) is None
@@ -117,7 +117,7 @@ def test_the_check_equals_its_definition_with_the_interpolation_of_scipy(shape):
     assert np.array_equal(rejected, ~inside | (squared >= allowed))
 
 
-def test_a_flow_that_is_not_finite_is_confirmed_by_nothing():
+def test_forward_backward_check_rejects_non_finite_flow():
     flow = np.zeros((2, 3, 2), np.float32)
     flow[0, 0], back = np.nan, flow.copy()
     back[1, 2] = np.inf
@@ -142,6 +142,6 @@ def test_the_tolerance_grows_with_the_squares_of_both_flows(axis, length, return
 @pytest.mark.parametrize(
     ("one", "other"), [((4, 5, 2), (5, 4, 2)), ((4, 5, 3), (4, 5, 3)), ((1, 4, 2, 2), (1, 4, 2, 2))]
 )
-def test_flows_of_other_shapes_are_refused(one, other):
+def test_check_of_flows_of_different_shapes_is_refused(one, other):
     with pytest.raises(DataError, match="backward flow"):
         forward_backward(np.zeros(one, np.float32), np.zeros(other, np.float32))

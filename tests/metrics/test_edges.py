@@ -24,7 +24,7 @@ def test_edges_and_distances_equal_the_naive_loop(data):
 
 
 @given(st.data())
-def test_what_is_invalid_has_no_say(data):
+def test_invalid_pixels_make_no_edge(data):
     shape = data.draw(shapes)
     flow, valid = data.draw(flows(shape)), data.draw(masks(shape))
     garbage = np.where(valid[..., None], flow, np.float32(np.nan))

@@ -79,12 +79,12 @@ def test_memory_layout_changes_no_bit(name):
     ],
     ids=["float64", "three channels", "one channel", "no channels", "a list"],
 )
-def test_what_is_not_a_flow_is_refused(wrong):
+def test_error_map_of_an_invalid_flow_is_refused(wrong):
     with pytest.raises(DataError, match="float32 array of shape"):
         epe_map(wrong, np.zeros((3, 4, 2), np.float32))
 
 
-def test_sizes_that_differ_are_refused():
+def test_error_map_of_flows_of_different_sizes_is_refused():
     flow = np.zeros((3, 4, 2), np.float32)
     with pytest.raises(DataError, match="3x4, but its reference is 4x3"):
         epe_map(flow, np.zeros((4, 3, 2), np.float32))

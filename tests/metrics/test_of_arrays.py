@@ -61,7 +61,7 @@ def test_tensors_with_gradients_give_the_same_numbers():
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 3, 4)), np.zeros((3, 4, 2), int), np.zeros((1, 3, 4, 2)), [1.0]])
-def test_what_is_no_flow_is_one_error_that_says_how_to_convert(wrong):
+def test_array_that_is_not_a_flow_is_refused_in_one_sentence(wrong):
     with pytest.raises(DataError, match=r"floating-point array of shape \(H, W, 2\).*permute"):
         rf.metrics.epe(wrong, np.zeros((3, 4, 2)))
 

@@ -32,7 +32,7 @@ def test_true_flow_explains_the_pair_and_zero_flow_does_not():
     assert (errors[:, 57:] == -1).all()
 
 
-def test_map_and_sum_agree():
+def test_photometric_map_adds_up_to_the_sum():
     frame1, frame2 = pair()
     flow = np.random.default_rng(1).normal(0, 6, (40, 60, 2)).astype(np.float32)
     n, total, _, errors = photometric(frame1, frame2, flow)

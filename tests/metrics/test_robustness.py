@@ -17,7 +17,7 @@ def test_crer_times_the_clean_error_is_cre(clean, corrupted):
     assert crer(cre(corrupted, clean), clean) * clean == pytest.approx(corrupted - clean, rel=1e-12)
 
 
-def test_undefined_stays_undefined():
+def test_robustness_of_undefined_errors_is_undefined():
     assert cre(None, 1.0) is None
     assert cre(1.0, None) is None
     assert crer(None, 1.0) is None

@@ -101,7 +101,7 @@ def test_memory_layout_changes_no_bit():
     assert rows[0] == rows[1]
 
 
-def test_what_does_not_fit_the_sample_is_refused():
+def test_flow_that_does_not_fit_the_sample_is_refused():
     frame = np.zeros((4, 5, 3), np.uint8)
     flow = np.zeros((4, 5, 2), np.float32)
     sample = Sample("a", (frame, frame), flow, np.ones((4, 5), np.bool_))

@@ -24,7 +24,7 @@ FRAMES = (np.zeros((4, 5, 3), np.uint8),) * 2
         ),
     ],
 )
-def test_the_sample_is_named(error, says):
+def test_error_of_a_model_names_the_sample(error, says):
     def fails(frame1, frame2):
         raise error
 

@@ -34,7 +34,7 @@ def four_gpus(monkeypatch):
         ("", "cpu"),
     ],
 )
-def test_where_a_model_says_that_it_is(device, is_on):
+def test_device_of_a_model_is_normalised(device, is_on):
     assert device_of(On(device)) == is_on
 
 
@@ -60,7 +60,7 @@ def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(four_gpus, name, opt
     assert devices_of(name and _spec(name, option), model) == devices
 
 
-def test_a_list_is_of_gpus():
+def test_list_of_devices_must_be_of_gpus():
     with pytest.raises(UsageError, match="only GPUs can be listed"):
         devices_of(_spec("raft", "cuda:0,cpu"), On("cuda:0"))
 

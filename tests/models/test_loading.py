@@ -63,7 +63,7 @@ def module(tmp_path, monkeypatch, request):
         ("factory", {"value": 4.0}, 4.0),
     ],
 )
-def test_module_and_attribute(module, attribute, options, value):
+def test_model_is_loaded_from_module_and_attribute(module, attribute, options, value):
     model = load_model(f"{module}:{attribute}", **options)
     assert isinstance(model, FlowModel)
     assert (model.predict(FRAME, FRAME) == value).all()
@@ -89,7 +89,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("dis", {"preset": "slow"}, UsageError, "unknown DIS preset 'slow'"),
     ],
 )
-def test_what_cannot_be_loaded(module, name, options, error, says):
+def test_unloadable_models_are_refused(module, name, options, error, says):
     with pytest.raises(error, match=says):
         load_model(name.format(module=module), **options)
 
@@ -130,7 +130,7 @@ def test_objects_classes_and_functions_are_models():
         as_model(3, "it")
 
 
-def test_a_folder_of_flows(tmp_path):
+def test_folder_of_flows_is_a_model(tmp_path):
     flow = np.linspace(-5, 5, 64 * 96 * 2, dtype=np.float32).reshape(64, 96, 2)
     for folder, suffix, values in (("clean", "flo", flow), ("fog_2", "pfm", flow + 1)):
         (tmp_path / folder / "scene").mkdir(parents=True)
@@ -149,7 +149,7 @@ def test_a_folder_of_flows(tmp_path):
         model.lookup("scene/a", "fog", 3)
 
 
-def test_other_flows_are_another_model(tmp_path):
+def test_changed_flow_files_change_the_identity(tmp_path):
     (tmp_path / "clean").mkdir()
     empty = ModelSpec(str(tmp_path)).load().identity()
     write_flow(tmp_path / "clean" / "a.flo", np.zeros((4, 4, 2), np.float32))
@@ -168,7 +168,7 @@ def test_a_folder_reached_through_links_is_the_same_model(tmp_path):
     assert here == there
 
 
-def test_other_flows_behind_a_link_are_a_different_model(tmp_path):
+def test_changed_flow_files_behind_a_link_change_the_identity(tmp_path):
     (tmp_path / "flows" / "clean").mkdir(parents=True)
     (tmp_path / "flows" / "clean" / "clip").symlink_to(tmp_path / "clip")
     (tmp_path / "clip").mkdir()
@@ -188,7 +188,7 @@ def test_flows_whose_names_are_not_utf_8_have_an_identity(tmp_path):
     assert load_model(str(tmp_path)).identity() != before
 
 
-def test_a_folder_that_cannot_be_meant(tmp_path):
+def test_wrong_folder_of_precomputed_flows_is_refused(tmp_path):
     (tmp_path / "clean").mkdir()
     with pytest.raises(ModelError, match="no folder 'clean'"):
         load_model("precomputed", folder=str(tmp_path / "clean"))
@@ -198,7 +198,7 @@ def test_a_folder_that_cannot_be_meant(tmp_path):
         load_model(str(tmp_path), device="cpu")
 
 
-def test_what_a_model_says_of_itself_fits_a_manifest(tmp_path):
+def test_identity_of_a_model_is_converted_to_json(tmp_path):
     class Said:
         def identity(self):
             return {"checkpoint": tmp_path, "scale": (1, np.float32(0.5)), 3: "a"}
@@ -238,14 +238,14 @@ def test_a_model_that_changes_the_working_folder_does_not_change_the_paths_of_a_
     assert Path.cwd() == tmp_path
 
 
-def test_a_deleted_working_folder_is_no_obstacle(tmp_path, monkeypatch):
+def test_models_load_in_a_deleted_working_folder(tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     assert predict_checked(load_model("dis"), (FRAME, FRAME), "a", "clean", 0).shape == (64, 96, 2)
 
 
-def test_a_script_that_ends_the_program_when_imported(tmp_path, monkeypatch):
+def test_script_that_exits_when_imported_is_refused(tmp_path, monkeypatch):
     (tmp_path / "script_for_test.py").write_text("import sys\nsys.exit(2)\n")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(UsageError, match=r"cannot import 'script_for_test'.*SystemExit: 2"):

@@ -38,7 +38,7 @@ def network(tmp_path, options=None, **graph):
 
 @pytest.mark.parametrize("scaling", RANGES)
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
-def test_colours_and_range(tmp_path, order, scaling):
+def test_colours_and_range_are_converted_as_declared(tmp_path, order, scaling):
     first, second = (frame.astype(np.float64) for frame in noise_pair())
     flow = network(tmp_path, {"order": order, "scaling": scaling}).predict(*noise_pair())
     u, v = (0, 2) if order == "rgb" else (2, 0)  # the network only reads the first and third channels
@@ -49,7 +49,7 @@ def test_colours_and_range(tmp_path, order, scaling):
 
 @pytest.mark.parametrize("layout", graphs.WAYS_IN)
 @pytest.mark.parametrize("channels_last", [False, True])
-def test_every_way_in_and_out(tmp_path, layout, channels_last):
+def test_every_input_layout_gives_the_same_flow(tmp_path, layout, channels_last):
     model = network(tmp_path, {"scaling": "0-255"}, layout=layout, channels_last=channels_last)
     np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
     assert model.identity()["layout"] == layout
@@ -98,13 +98,13 @@ def test_batches_change_nothing_and_keep_their_order(tmp_path, batch):
 
 
 @pytest.mark.parametrize("kind", [TensorProto.FLOAT16, TensorProto.DOUBLE])
-def test_other_floats(tmp_path, kind):
+def test_half_and_double_precision_networks_return_float32_flow(tmp_path, kind):
     flow = network(tmp_path, {"scaling": "0-255"}, kind=kind).predict(*noise_pair())
     assert flow.dtype == np.float32
     np.testing.assert_array_equal(flow, channel_flow(*noise_pair()))
 
 
-def test_the_flow_among_several_outputs(tmp_path):
+def test_flow_is_found_among_several_outputs(tmp_path):
     more = ("features", "7")
     first, second = noise_pair()
     model = network(tmp_path, {"scaling": "0-255"}, more_outputs=more)
@@ -143,7 +143,7 @@ def test_network_without_outputs_is_refused(tmp_path):
         rf.load_model(str(path))
 
 
-def test_inputs_in_another_order(tmp_path):
+def test_inputs_option_sets_the_order_of_the_frames(tmp_path):
     first, second = noise_pair()
     model = network(tmp_path, {"inputs": "next, previous", "scaling": "0-255"}, names=("previous", "next"))
     np.testing.assert_array_equal(model.predict(first, second), np.stack([second[..., 0], first[..., 2]], 2))
@@ -169,7 +169,7 @@ def one_input(path, shape, kind=TensorProto.FLOAT, count=1):
         ([1, 6, 2**20, 2**20], 1, "expects frames of 1048576x1048576"),
     ],
 )
-def test_inputs_that_are_not_a_pair(tmp_path, shape, count, says):
+def test_network_whose_inputs_are_no_pair_is_refused(tmp_path, shape, count, says):
     path = one_input(tmp_path / "net.onnx", shape, count=count)
     with refused(ModelError, says):
         rf.load_model(str(path)).predict(*noise_pair())
@@ -185,7 +185,7 @@ def test_an_input_of_unknown_shape_asks_for_the_layout(tmp_path):
         rf.load_model(str(path), layout="stacked")
 
 
-def test_integers_are_not_noise_pair(tmp_path):
+def test_network_with_integer_inputs_is_refused(tmp_path):
     with pytest.raises(ModelError, match=r"input x0 is tensor\(int32\); expected one of tensor\(float\)"):
         rf.load_model(str(one_input(tmp_path / "net.onnx", ["n", 6, "h", "w"], TensorProto.INT32)))
 
@@ -204,13 +204,13 @@ def test_integers_are_not_noise_pair(tmp_path):
         ({"checkpoint": "net.onnx"}, UsageError, "is itself the network; omit the checkpoint"),
     ],
 )
-def test_options_that_cannot_be(tmp_path, options, error, says):
+def test_invalid_options_of_onnx_are_refused(tmp_path, options, error, says):
     with pytest.raises(error, match=says):
         network(tmp_path, options)
 
 
 @pytest.mark.skipif("CUDAExecutionProvider" in ort.get_available_providers(), reason="this onnxruntime has CUDA")
-def test_cuda_that_is_not_there_is_an_error(tmp_path):
+def test_missing_cuda_is_refused(tmp_path):
     with pytest.raises(ModelError, match=r"no CUDA support for device 'cuda:1': install onnxruntime-gpu"):
         network(tmp_path, {"device": "cuda:1"})
 
@@ -278,7 +278,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_hostile_files(tmp_path, capfd, kind):
+def test_hostile_onnx_files_are_refused(tmp_path, capfd, kind):
     path = graphs.channels(tmp_path / "net.onnx")
     make, says = HOSTILE[kind]
     path.write_bytes(make(path.read_bytes()))
@@ -287,7 +287,7 @@ def test_hostile_files(tmp_path, capfd, kind):
     assert capfd.readouterr() == ("", "")
 
 
-def test_memory_a_network_cannot_have(tmp_path):
+def test_network_that_requests_terabytes_fails_with_one_error(tmp_path):
     """A file of a few bytes that requests 4 TB of memory while the network runs."""
     inputs = [helper.make_tensor_value_info(f"x{i}", TensorProto.FLOAT, ["n", 3, "h", "w"]) for i in range(2)]
     outputs = [helper.make_tensor_value_info("flow", TensorProto.FLOAT, ["a"])]

@@ -63,7 +63,7 @@ def test_the_number_of_opencv_threads_changes_nothing(moved, name):
     np.testing.assert_array_equal(*flows)
 
 
-def test_a_pair_does_not_remember_the_one_before(moved):
+def test_flow_does_not_depend_on_the_previous_pair(moved):
     model = load_model("dis")
     first = model.predict(*moved)
     model.predict(moved[1], moved[0])
@@ -81,7 +81,7 @@ def test_frames_too_elongated_for_dis_are_refused(preset, size):
 @pytest.mark.parametrize(
     "other", [np.zeros((64, 95, 3), np.uint8), np.zeros((64, 96, 3)), np.zeros((64, 96), np.uint8)]
 )
-def test_what_is_not_a_pair_is_refused(name, other):
+def test_invalid_frames_are_refused(name, other):
     with pytest.raises(UsageError, match=r"expected RGB uint8|differ in size"):
         load_model(name).predict(np.zeros((64, 96, 3), np.uint8), other)
 

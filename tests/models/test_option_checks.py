@@ -7,7 +7,7 @@ from robustflow.models.option_checks import check_count, check_switch
 
 
 @pytest.mark.parametrize("value", [0, -1, 1.0, "3", None, True])
-def test_what_is_not_a_count_is_refused(value):
+def test_value_that_is_not_a_count_is_refused(value):
     with pytest.raises(UsageError, match="iterations must be an integer of at least 1, not"):
         check_count("iterations", value)
 
@@ -19,6 +19,6 @@ def test_a_count_may_begin_elsewhere():
 
 
 @pytest.mark.parametrize("value", [0, 1, "no", None])
-def test_what_is_neither_true_nor_false_is_refused(value):
+def test_value_that_is_not_a_boolean_is_refused(value):
     with pytest.raises(UsageError, match="compile must be true or false, not"):
         check_switch("compile", value)

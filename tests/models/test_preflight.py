@@ -35,7 +35,7 @@ MISSING = (
 )
 
 
-def test_what_is_missing_is_reported_at_once(tmp_path):
+def test_missing_files_and_libraries_are_reported_before_loading(tmp_path):
     """One process for all commands, because each has to start without the heavy libraries."""
     arguments = json.dumps([arguments for arguments, _ in MISSING])
     ran = subprocess.run([sys.executable, "-c", SCRIPT, arguments], capture_output=True, text=True, cwd=tmp_path)

@@ -124,7 +124,7 @@ def test_no_checkpoint_of_ptlflow_is_left_out():
         ("C+T+K?", "sintel", "OOD"),
     ],
 )
-def test_settings(sets, benchmark, setting):
+def test_setting_follows_from_training_sets_and_benchmark(sets, benchmark, setting):
     assert setting_on(training_of({"name": "mine", "checkpoint": "ab" * 32}, sets), benchmark) == setting
 
 
@@ -208,7 +208,7 @@ def test_random_weights_are_untrained():
 
 
 @pytest.mark.parametrize("text", ["", "C+Q", "kiti2015", "K:test", "K:", "C++T+"])
-def test_what_is_not_a_training_set(text):
+def test_unknown_training_sets_are_refused(text):
     with pytest.raises(UsageError, match="training set"):
         parse_training_sets(text)
 
@@ -231,7 +231,7 @@ class Mine(BrightnessFlow):
     trained_on = "C+T>M:train"
 
 
-def test_a_users_own_model_declares_itself(tmp_path):
+def test_own_model_states_its_training_sets(tmp_path):
     run = rf.evaluate(Mine(), output=tmp_path / "a", corruptions=["contrast"], severities=[1])
     assert run.manifest.provenance == Provenance(
         setting="ID", trained_on=("flyingchairs", "flyingthings3d", "middlebury:train"), basis="declared"

@@ -156,6 +156,6 @@ def test_any_model_takes_the_option(tmp_path):
 
 
 @pytest.mark.parametrize("size", ["432", "0x0", "16x960", "large", "99960x99960"])
-def test_a_size_that_cannot_be_meant(size):
+def test_invalid_tile_size_is_refused(size):
     with pytest.raises(UsageError, match=r"HEIGHTxWIDTH|height and width"):
         TiledModel(Counting(), size)

@@ -15,7 +15,7 @@ windows = st.builds(Window, st.integers(0, 5), st.integers(0, 5), st.sampled_fro
 
 
 @given(window=windows, there=there)
-def test_the_pair_is_always_there_and_nothing_that_does_not_exist(window, there):
+def test_window_contains_the_pair_and_only_existing_frames(window, there):
     offsets = window.offsets(there)
     first = place_of_pair(offsets)
     assert offsets[first : first + 2] == (0, 1)
@@ -25,7 +25,7 @@ def test_the_pair_is_always_there_and_nothing_that_does_not_exist(window, there)
 
 
 @given(window=windows, there=there)
-def test_how_many_frames_there_are(window, there):
+def test_window_has_as_many_frames_as_its_ends_allow(window, there):
     offsets, whole = window.offsets(there), window.before + 2 + window.after
     if window.ends == "repeat":
         assert len(offsets) == whole
@@ -49,13 +49,13 @@ def test_frames_farther_than_the_reach_make_no_difference(window, there):
     assert window.offsets(near) == window.offsets(there)
 
 
-def test_what_a_model_may_declare():
+def test_window_is_read_from_a_tuple_or_list():
     assert window_of(SimpleNamespace(window=(3, 1))) == Window(3, 1, "repeat")
     assert window_of(SimpleNamespace(window=[0, 2, "short"])) == Window(0, 2, "short")
 
 
 @pytest.mark.parametrize("declared", [None, 2, (2,), (0, 0), (-1, 1), (1.0, 1), (True, 1), (1, 1, "wrap"), "21"])
-def test_what_is_not_a_window(declared):
+def test_invalid_window_is_refused(declared):
     with pytest.raises(ModelError, match=r"declare \(before, after\)") as error:
         window_of(SimpleNamespace(window=declared))
     assert "\n" not in str(error.value)

@@ -26,7 +26,7 @@ def compare(pack, case, expected, n_outputs):
     return maps
 
 
-def test_three_frames_between(pack, case):
+def test_three_interpolated_frames_equal_the_original(pack, case):
     expected = pack.expected(case)
     maps = compare(pack, case, expected, 3)
     pack.check_within(f"{case} enc_x1", maps[1][:, :2], expected["enc_x1_ch0to1"], TOLERANCE)
@@ -34,7 +34,7 @@ def test_three_frames_between(pack, case):
 
 
 @pytest.mark.expected("_nout1")
-def test_one_frame_between(pack, case):
+def test_one_interpolated_frame_equals_the_original(pack, case):
     compare(pack, case, pack.expected(case, "_nout1"), 1)
 
 
@@ -44,5 +44,5 @@ def test_keys_of_seven_frames_between(pack):
 
 
 @pytest.mark.expected("_nout7")
-def test_seven_frames_between(pack, case):
+def test_seven_interpolated_frames_equal_the_original(pack, case):
     compare(pack, case, pack.expected(case, "_nout7"), 7)

@@ -22,7 +22,7 @@ from robustflow.runs.costs import COUNTED_SIZE
 pytestmark = pytest.mark.torch
 
 
-def test_sums_by_hand():
+def test_counts_equal_sums_by_hand():
     class Net(nn.Module):
         def __init__(self) -> None:
             super().__init__()
@@ -50,7 +50,7 @@ def test_sums_by_hand():
     assert net.training
 
 
-def test_shapes_that_depend_on_values_are_really_run():
+def test_network_with_data_dependent_shapes_is_run_to_be_counted():
     class Net(nn.Module):
         def __init__(self) -> None:
             super().__init__()
@@ -63,7 +63,7 @@ def test_shapes_that_depend_on_values_are_really_run():
     assert count(Net(), 4, 5).macs == 3 * 2 * 20
 
 
-def test_a_size_that_the_network_cannot_take(caplog):
+def test_size_that_the_network_rejects_is_refused(caplog):
     class Net(nn.Module):
         def forward(self, image1, image2):
             return nn.functional.avg_pool2d(image1, 4) * torch.zeros(1, 3, 2, 2)
@@ -91,7 +91,7 @@ PAPER = {
 @pytest.mark.parametrize(
     "method", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("GMFlowNet", "CRAFT"))) for name in PAPER]
 )
-def test_the_papers_table(method):
+def test_counts_equal_the_cost_table_of_the_paper(method):
     name = PAPER[method]
     if name not in ("upflow", "arflow"):
         pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
@@ -121,7 +121,7 @@ def test_own_networks_are_counted_with_the_flow_of_every_iteration(method):
     assert counts.thop_macs - count(net, *COUNTED_SIZE).thop_macs == eleven_masks
 
 
-def test_only_networks():
+def test_only_networks_are_counted():
     with pytest.raises(UsageError, match="only PyTorch networks can be profiled"):
         network_of(load_model("dis"))
     tiled = load_model("arflow", checkpoint="random", device="cpu", tile="64x128")

@@ -25,7 +25,7 @@ def profile(robustflow):
     return partial(robustflow, "profile")
 
 
-def test_the_cost_of_a_run(profile, tmp_path):
+def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     content = whole_content([Run(run.path)])
@@ -58,14 +58,14 @@ def test_tiny_is_profiled_into_its_run_whatever_computed_it(profile, tmp_path, r
 
 
 @pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])
-def test_what_is_not_a_network_is_refused(profile, model, monkeypatch):
+def test_profiling_a_model_that_is_not_a_network_is_refused(profile, model, monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "runner")
     code, _, err = profile(model)
     assert code == 2
     assert "only PyTorch networks can be profiled" in err
 
 
-def test_frames_of_any_size(profile):
+def test_profile_accepts_any_frame_size(profile):
     code, out, err = profile("raft_small", "--size", "125x130", "--iterations", 1)
     assert code == 0, err
     assert "frames of 125x130, network input 1x3x128x136" in out
@@ -75,7 +75,7 @@ def test_frames_of_any_size(profile):
     assert "--repeat -1: give 1 or more" in err
 
 
-def test_several_models_side_by_side(profile):
+def test_several_models_are_profiled_in_one_table(profile):
     code, out, err = profile("raft_small", "arflow", "--size", "128x192", "--repeat", 0)
     assert code == 0, err
     lines = [line.split() for line in out.splitlines()]

@@ -72,6 +72,6 @@ def test_every_lens_renders_to_the_shipped_bytes(severity):
         (np.ones((64, 3, 61)), "shape"),
     ],
 )
-def test_what_is_not_a_stack_is_refused(stack, words):
+def test_invalid_psf_stack_is_refused(stack, words):
     with pytest.raises(DataError, match=words):
         PsfField(stack)

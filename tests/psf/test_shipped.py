@@ -110,7 +110,7 @@ def test_changed_psfs_are_refused(copy):
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
-def test_damaged_psfs_are_one_error(copy, content):
+def test_damaged_psfs_are_refused(copy, content):
     (copy / "psf_s2.npz").write_bytes(content)
     with pytest.raises(DataError, match="reinstall robustflow"):
         shipped.shipped_field(2)

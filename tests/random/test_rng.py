@@ -35,11 +35,11 @@ def hash_of(key, counter):
 
 
 @given(WORD, WORD)
-def test_hash_is_what_it_says(key, counter):
+def test_hash_equals_its_stated_algorithm(key, counter):
     assert hash_of(key, counter) == hash_by_definition(key, counter)
 
 
-def test_known_answers():
+def test_generator_gives_the_known_answers():
     """Golden values: if any of them changes, all corrupted frames change, and a new STREAM_VERSION is required."""
     known = {
         (0x0, 0): 0x48218226FF3CD4BF,
@@ -72,7 +72,7 @@ def test_known_answers():
 
 
 @given(st.integers(0, 2**40), st.integers(1, 50))
-def test_seekable(start, count):
+def test_generator_can_be_read_from_any_position(start, count):
     """Sequential reads match random-access reads, and a spawned stream does not depend on earlier reads."""
     stream = Rng.of("seek", start)
     before = stream.spawn("child").bits(4)
@@ -82,7 +82,7 @@ def test_seekable(start, count):
     assert (stream.spawn("child").bits(4) == before).all()
 
 
-def test_names_do_not_run_together():
+def test_names_that_join_to_the_same_text_give_different_streams():
     names = [("a", "b"), ("ab",), ("a", "b", ""), (1, 2), (12,), ("1", 2), ("a\x1fb",), ("a\x1fstr:1:b",)]
     assert len({key_of(*name) for name in names}) == len(names)
 
@@ -110,7 +110,7 @@ def test_bits_and_bytes_are_even(key):
 
 
 @pytest.mark.parametrize("what", ["key", "counter"])
-def test_avalanche(what):
+def test_flipped_bit_of_key_or_counter_flips_half_of_the_output_bits(what):
     """Flipping one bit of the key or counter flips each of the 64 output bits in half of the cases."""
     rows = 1024
     keys, counters = Rng.of("avalanche", what).bits(2 * rows).reshape(rows, 2).T
@@ -126,7 +126,7 @@ def test_avalanche(what):
         assert np.abs(flips - rows / 2).max() < 5.5 * np.sqrt(rows) / 2
 
 
-def test_uniforms():
+def test_uniforms_pass_a_uniformity_test():
     values = Rng.of("uniform").uniforms(N)
     assert ((values >= 0) & (values < 1)).all()
     assert (values * 2**53 % 1 == 0).all()
@@ -136,7 +136,7 @@ def test_uniforms():
         assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
 
 
-def test_normals():
+def test_normals_pass_a_normality_test():
     values = Rng.of("normal").normals(N)
     assert scipy_stats.kstest(values, "norm").pvalue > 1e-3
     for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
@@ -182,6 +182,6 @@ def test_integers_are_even():
     assert scipy_stats.chisquare(throws).pvalue > 1e-3
 
 
-def test_no_integer_in_an_empty_range():
+def test_empty_integer_range_is_refused():
     with pytest.raises(ValueError, match="no integer"):
         Rng(0).integer(3, 3)

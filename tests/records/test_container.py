@@ -67,7 +67,7 @@ def test_any_other_name_is_refused(packed, name):
         assert "found" in _refused(data)
 
 
-def test_a_repeated_or_missing_entry(packed):
+def test_repeated_or_missing_entry_is_refused(packed):
     entries = list(entries_of(packed).items())
     with pytest.warns(UserWarning, match="Duplicate name"):
         twice = _zip([*entries, entries[1]])
@@ -85,7 +85,7 @@ def test_compressed_entries_are_refused_unread(packed):
     assert "compressed" in _refused(bomb)
 
 
-def test_terabytes_are_refused_by_the_claim(packed):
+def test_entry_that_claims_terabytes_is_refused_unread(packed):
     """The central directory claims 16 TB (in a zip64 field) or 4 GB for an entry of the small file."""
     at = packed.rindex(b"PK\x01\x02")
     claimed = bytearray(packed)
@@ -112,14 +112,14 @@ def test_an_entry_that_is_not_plain_is_refused(packed, field, value):
     assert "not a plain entry" in _refused(_zip(entries, **{field: value}))
 
 
-def test_encrypted_entries(packed):
+def test_encrypted_entries_are_refused(packed):
     at = packed.rindex(b"PK\x01\x02")
     marked = bytearray(packed)
     marked[at + 8] |= 1
     assert "encrypted" in _refused(bytes(marked))
 
 
-def test_bytes_around_and_between(packed):
+def test_extra_bytes_around_or_between_entries_are_refused(packed):
     assert "before or after" in _refused(packed + b"x" * 10)
     assert _refused(b"#!/bin/sh\n" + packed)
     commented = io.BytesIO(packed)
@@ -128,7 +128,7 @@ def test_bytes_around_and_between(packed):
     assert "before or after" in _refused(commented.getvalue())
 
 
-def test_one_bit_anywhere(packed):
+def test_flipped_bit_anywhere_is_refused(packed):
     """Flip every bit of the headers, and bits throughout the data: each run has exactly one valid file, so none of the
     changed files verifies.
     """
@@ -144,14 +144,14 @@ def test_one_bit_anywhere(packed):
 
 
 @pytest.mark.parametrize("offset", [4, 6, 12, 14, 36], ids=["version", "needed", "time", "date", "internal"])
-def test_header_fields_that_no_reader_looks_at(packed, offset):
+def test_changed_unused_header_fields_are_refused(packed, offset):
     """Changes in ignored fields would give one run many SHA-256 sums, and could carry arbitrary data."""
     changed = bytearray(packed)
     changed[packed.index(b"PK\x01\x02") + offset] ^= 1
     assert "zip headers" in _refused(bytes(changed))
 
 
-def test_a_byte_of_each_entry(packed):
+def test_changed_byte_of_each_entry_is_refused(packed):
     for name, data in entries_of(packed).items():
         changed = bytearray(packed)
         changed[packed.index(data) + len(data) // 2] ^= 4
@@ -160,7 +160,7 @@ def test_a_byte_of_each_entry(packed):
 
 @settings(max_examples=40)
 @given(st.data())
-def test_truncated_anywhere(packed, data):
+def test_truncated_record_is_refused(packed, data):
     _refused(packed[: data.draw(st.integers(0, len(packed) - 1))])
 
 
@@ -173,7 +173,7 @@ def test_garbage_is_refused_in_words(packed, garbage, place):
             failure(data)
 
 
-def test_entries_and_files_that_are_too_large(tmp_path):
+def test_too_large_entries_and_files_are_refused(tmp_path):
     with pytest.raises(DataError, match="the limit"):
         container_bytes({"record.json": bytes(LIMITS["record.json"] + 1)})
     path = tmp_path / "sparse.robustflow"

@@ -41,7 +41,7 @@ _WORDS = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_s
         st.tuples(_WORDS, _WORDS, st.integers(1, 5), _FLOATS, st.none() | _FLOATS), max_size=6, unique_by=lambda x: x[0]
     )
 )
-def test_rows_survive_as_text(made):
+def test_rows_of_any_content_survive_a_round_trip_through_text(made):
     rows = rows_frame(
         dict.fromkeys(ROW_SCHEMA)
         | {"sample": s, "group": g, "corruption": "fog", "severity": level, "n_all": level, "epe_sum": x, "wauc_sum": y}
@@ -53,7 +53,7 @@ def test_rows_survive_as_text(made):
         assert rows_from_text(text).equals(rows.sort(ROW_KEY))
 
 
-def test_the_rows_and_means_of_the_run(run, packed):
+def test_record_has_the_rows_and_means_of_the_run(run, packed):
     entries = entries_of(packed)
     assert rows_from_text(entries["rows.csv"]).equals(run.rows)
     assert json.loads(entries["summary.json"]) == json.loads(json_bytes(run.document()))
@@ -61,7 +61,7 @@ def test_the_rows_and_means_of_the_run(run, packed):
     assert {**manifest, "environment": None} == {**run.manifest.record(), "environment": None}
 
 
-def test_nothing_of_this_machine(run, packed):
+def test_record_reveals_no_path_or_command_of_the_machine(run, packed):
     manifest = json.loads(entries_of(packed)["manifest.json"])
     machine = run.manifest.environment.machine
     assert manifest["environment"]["machine"] == {
@@ -83,7 +83,7 @@ def test_a_path_in_the_identity_is_not_published(run):
     assert shareable_manifest(manifest, keep_paths=True).identity == identity
 
 
-def test_the_same_run_is_the_same_file_however_its_rows_lie(run, tmp_path, packed):
+def test_record_does_not_depend_on_the_shards_of_the_run(run, tmp_path, packed):
     copy = Result(shutil.copytree(run.path, tmp_path / "copy"))
     rows = copy.rows
     for path in (copy.path / "rows").iterdir():
@@ -101,7 +101,7 @@ def test_a_run_in_a_different_order_has_the_same_rows(run, packed, tmp_path):
     assert entries_of(record_bytes(other))["rows.csv"] == entries_of(packed)["rows.csv"]
 
 
-def test_a_run_that_is_not_finished(run, tmp_path):
+def test_unfinished_run_is_not_packed(run, tmp_path):
     folder = shutil.copytree(run.path, tmp_path / "part")
     edit_rows(folder, lambda rows: rows.filter(pl.col("severity") != 5))
     with pytest.raises(RunError, match=r"2 rows are missing.*--partial"):
@@ -131,13 +131,13 @@ def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
         ("description", "x" * 2001, "2001 characters"),
     ],
 )
-def test_texts_that_are_refused(run, tmp_path, name, text, says):
+def test_invalid_texts_of_a_record_are_refused(run, tmp_path, name, text, says):
     with pytest.raises(DataError, match=says):
         pack(run, tmp_path / "a.robustflow", **{name: text})
     assert not list(tmp_path.iterdir())
 
 
-def test_names_and_places(run, tmp_path, monkeypatch):
+def test_record_is_named_after_its_run_and_needs_its_suffix(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert pack(run).name == f"{run.path.name}.robustflow"
     with pytest.raises(UsageError, match=r"must end in .robustflow"):
@@ -153,7 +153,7 @@ class Strange(ZeroFlow):
         return {"name": "<img src=x onerror=alert(1)> [red]$x$"}
 
 
-def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
+def test_file_of_a_different_kind_is_not_overwritten(run, tmp_path, packed):
     target = tmp_path / "mine.robustflow"
     other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
     for held in (b"letters", other):
@@ -166,7 +166,7 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
     assert b"Grace" in target.read_bytes()
 
 
-def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):
+def test_record_is_accepted_wherever_runs_are_read(run, packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
     loaded = load_any_run(path)
@@ -178,7 +178,7 @@ def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):
     assert load_any_run(pack(strange, tmp_path / "s.robustflow")).name == strange.name
 
 
-def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
+def test_folder_of_a_loaded_record_is_deleted_with_its_run(packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
     loaded = load_any_run(path)
@@ -190,7 +190,7 @@ def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
     assert not folder.exists()
 
 
-def test_what_is_not_a_run(run, packed, tmp_path):
+def test_path_that_is_neither_run_nor_record_is_refused(run, packed, tmp_path):
     assert load_any_run(run.path).path == run.path
     (tmp_path / "a.txt").write_text("PK")
     with pytest.raises(RunError, match="neither a run folder nor a record"):

@@ -47,7 +47,7 @@ def test_a_missing_file_is_a_failed_check(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "rows.csv", "summary.json"])
-def test_an_entry_changed_without_its_hash(packed, name):
+def test_entry_changed_without_its_hash_fails(packed, name):
     entries = entries_of(packed)
     changed = bytearray(entries[name])
     changed[len(changed) // 2] ^= 1
@@ -71,17 +71,17 @@ def test_an_entry_changed_without_its_hash(packed, name):
         (("corruptions", "snow"), {}),
     ],
 )
-def test_a_better_mean(packed, path, value):
+def test_improved_mean_fails(packed, path, value):
     assert_fails(with_json(packed, "summary.json", put(*path, value=value)), "summary", str(path[-1]))
 
 
-def test_a_mean_changed_by_little(packed):
+def test_slightly_changed_mean_fails(packed):
     cre = json.loads(entries_of(packed)["summary.json"])["cre"]
     assert verified(with_json(packed, "summary.json", put("cre", value=cre * (1 + 1e-11)))).ok
     assert_fails(with_json(packed, "summary.json", put("cre", value=cre * (1 + 1e-7))), "summary")
 
 
-def test_better_rows(packed):
+def test_improved_rows_with_new_hashes_fail(packed):
     """If a forger improves rows and updates the hashes, the means no longer match or the rows are impossible."""
     half = at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
@@ -195,7 +195,7 @@ def test_a_number_taken_out_is_noticed(packed, column, where):
         (b"\nmotorcycle", b"\n\nmotorcycle"),
     ],
 )
-def test_rows_written_otherwise(packed, old, new):
+def test_rows_in_a_different_notation_fail(packed, old, new):
     entries = entries_of(packed)
     changed = entries["rows.csv"].replace(old, new)
     assert changed != entries["rows.csv"]
@@ -240,11 +240,11 @@ def test_rows_written_otherwise(packed, old, new):
         (("started",), "a\nb", "manifest", "cannot be displayed"),
     ],
 )
-def test_a_changed_manifest(packed, path, value, check, says):
+def test_changed_manifest_fails(packed, path, value, check, says):
     assert_fails(with_json(packed, "manifest.json", put(*path, value=value)), check, says)
 
 
-def test_a_changed_identity_with_its_digest(packed):
+def test_changed_identity_with_its_digest_fails(packed):
     """A forger may rename the model consistently, but then the catalogue's facts about the name must match, too."""
     entries = entries_of(packed)
     manifest, record, summary = (json.loads(entries[name]) for name in ("manifest.json", "record.json", "summary.json"))
@@ -274,7 +274,7 @@ def test_a_changed_identity_with_its_digest(packed):
         ("run", "0" * 16, "manifest", ""),
     ],
 )
-def test_a_changed_record(packed, field, value, check, says):
+def test_changed_record_fails(packed, field, value, check, says):
     assert_fails(with_json(packed, "record.json", put(field, value=value)), check, says)
 
 
@@ -299,13 +299,13 @@ def test_a_changed_record(packed, field, value, check, says):
         json_bytes(reduce(lambda value, _: {"a": value}, range(100), {})),
     ],
 )
-def test_json_that_is_none(packed, name, text):
+def test_invalid_json_fails(packed, name, text):
     entries = entries_of(packed)
     written = container_bytes if name == "record.json" else sealed
     assert failure(written(entries | {name: text}))[0] in ("record", "manifest", "rows")
 
 
-def test_an_endless_plan(packed):
+def test_too_large_plan_fails(packed):
     """A small manifest that implies more cells than fit into memory is refused before the cells are listed."""
 
     def edit(manifest):
@@ -316,7 +316,7 @@ def test_an_endless_plan(packed):
     assert_fails(with_json(packed, "manifest.json", edit), "manifest", "rows are planned")
 
 
-def test_a_cost_of_another_run(packed):
+def test_cost_of_a_different_run_fails(packed):
     entries = entries_of(packed)
     cost = dict.fromkeys(("version", "height", "width", "parameters", "macs", "thop_parameters", "thop_macs"), 1)
     cost |= {"run": "0" * 16}
@@ -330,7 +330,7 @@ def test_a_cost_of_another_run(packed):
 
 @settings(max_examples=60)
 @given(st.data())
-def test_no_content_breaks_the_reader(packed, data):
+def test_arbitrary_content_gives_a_failed_check_and_no_exception(packed, data):
     """Records with randomly cut and pasted entries and updated hashes are verified or refused with a message, never
     with an exception.
     """
@@ -348,7 +348,7 @@ def test_no_content_breaks_the_reader(packed, data):
         failure(found)
 
 
-def test_declared_training_sets(tmp_path):
+def test_declared_training_sets_are_shown(tmp_path):
     class Mine(ZeroFlow):
         trained_on = "C+T"
 
@@ -370,7 +370,7 @@ def test_declared_training_sets(tmp_path):
         assert_fails(forged, "training", says)
 
 
-def test_severities_that_a_scale_lacks(tmp_path):
+def test_plan_that_contradicts_the_severities_of_its_scale_fails(tmp_path):
     options = {"corruptions": ["saturate", "fog"], "severities": [1, 5], "severity_scale": "calibrated"}
     run = evaluate("dis", "demo", output=tmp_path / "run", **options)
     assert run.left_out
@@ -381,7 +381,7 @@ def test_severities_that_a_scale_lacks(tmp_path):
     assert_fails(with_json(data, "manifest.json", put(*_PLANNED, "saturate", value=[1, 5])), "cells", "is planned at")
 
 
-def test_nothing_is_left_behind(packed, tmp_path, monkeypatch):
+def test_verification_leaves_no_temporary_file(packed, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert verified(packed).ok
     verified(with_rows(packed, at(_FOG, epe_sum=pl.lit(0.0))))

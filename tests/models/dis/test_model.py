@@ -94,7 +94,7 @@ def test_any_size_gives_finite_flow(size, point):
 
 
 @pytest.mark.parametrize("point", OPERATING_POINTS)
-def test_frames_that_do_not_differ_do_not_move(point):
+def test_identical_frames_have_zero_flow(point):
     model = load_model("dis_rgb", operating_point=point)
     for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
         # the spline reproduces the pixels up to rounding errors
@@ -118,7 +118,7 @@ def test_a_brighter_second_frame_changes_little(point):
 
 
 @pytest.mark.parametrize("point", OPERATING_POINTS)
-def test_no_channel_is_favoured(point):
+def test_permuted_colour_channels_give_the_same_flow(point):
     frame1, frame2 = moved(data.coffee, -7.5, 4.4)
     model = load_model("dis_rgb", operating_point=point)
     flow = model.predict(frame1, frame2)
@@ -141,7 +141,7 @@ def test_a_mirrored_pair_has_the_mirrored_flow(axis):
     assert np.abs(mirrored - flow)[32:-32, 32:-32].mean() < 0.05
 
 
-def test_layout_of_memory_and_what_came_before_change_nothing():
+def test_flow_does_not_depend_on_memory_layout_or_previous_frames():
     frame1, frame2 = texture(3), np.roll(texture(3), 2, axis=1)
     model = load_model("dis_rgb")
     flow = model.predict(frame1, frame2)
@@ -151,7 +151,7 @@ def test_layout_of_memory_and_what_came_before_change_nothing():
     np.testing.assert_array_equal(model.predict(frozen, np.asfortranarray(frame2)), flow)
 
 
-def test_what_it_refuses():
+def test_unknown_operating_point_and_invalid_frames_are_refused():
     with pytest.raises(UsageError, match=r"unknown operating point of DIS '5'\. Known: 1, 2, 3, 4"):
         load_model("dis_rgb", operating_point=5)
     frame = texture(4)
@@ -161,7 +161,7 @@ def test_what_it_refuses():
                 load_model("dis_rgb").predict(*pair)
 
 
-def test_operating_points_are_told_apart():
+def test_operating_points_have_different_identities():
     default = load_model("dis_rgb").identity()
     assert default["operating_point"] == 2
     assert default == load_model("dis_rgb", operating_point=2).identity()

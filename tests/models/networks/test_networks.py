@@ -160,7 +160,7 @@ def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
         ("arflow", {"sha256": "12345678"}, "random weights are not read from a file"),
     ],
 )
-def test_options_that_cannot_be(name, options, says):
+def test_invalid_options_of_networks_are_refused(name, options, says):
     with pytest.raises(UsageError, match=says):
         load_model(name, checkpoint="random", **options)
 
@@ -176,7 +176,7 @@ def test_arflow_is_stretched_to_what_is_requested(load):
 
 
 @pytest.mark.torch
-def test_the_same_rows_with_any_workers_and_batches(checkpoint, tmp_path):
+def test_rows_do_not_depend_on_workers_and_batches(checkpoint, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", str(checkpoint("arflow"))), ("size", "64x128"), ("device", "cpu")))
     data = TexturePairs(3, (64, 128))
     benchmark = Benchmark("drawn", data, data.keys(), ("contrast",), (1, 5))

@@ -138,7 +138,7 @@ def test_bit_equal_to_the_library_anywhere_in_a_sequence(library, capsys, name):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["memflow", pytest.param("starflow", marks=pytest.mark.slow)])
-def test_models_that_begin_with_two_frames(library, name):
+def test_clip_models_that_accept_two_frames_equal_the_library(library, name):
     model = adapter(name)
     assert isinstance(model, FlowModel)
     frames = sequence(128)
@@ -148,7 +148,7 @@ def test_models_that_begin_with_two_frames(library, name):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["videoflow_mof", "streamflow"])
-def test_models_that_need_more(library, name):
+def test_clip_models_that_need_more_frames_use_the_whole_short_sequence(library, name):
     from robustflow.profiling.network_of import network_of
 
     model = adapter(name)
@@ -178,7 +178,7 @@ def test_how_many_frames_the_memory_gets(library):
 
 
 @pytest.mark.torch
-def test_the_adapter_says_how_it_ran(library):
+def test_identity_of_a_clip_model_states_its_window_and_settings(library):
     identity = adapter("videoflow_mof").identity()
     assert (identity["name"], identity["checkpoint"], identity["iterations"]) == ("videoflow_mof", "random", 2)
     assert identity["library"] == f"ptlflow {library.__version__}"

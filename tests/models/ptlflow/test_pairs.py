@@ -50,7 +50,7 @@ def from_the_library(ptlflow, name, model, frames):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("name", [*PAPER, "sea_raft_s", "recover_rn"])
-def test_bit_equal_to_the_library(library, capsys, name):
+def test_flow_is_bit_equal_to_that_of_the_library(library, capsys, name):
     """The constructors of the last two write into their defaults; they receive lists, as from the library's own
     loader, recover_rn through its base class.
     """
@@ -85,7 +85,7 @@ def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
 
 
 @pytest.mark.torch
-def test_the_identity_says_how_it_ran(library):
+def test_identity_states_weights_and_execution(library):
     identity = adapter("flowformer").identity()
     assert identity["input"]["order"] == "bgr"
     assert (
@@ -113,7 +113,7 @@ def test_random_weights_are_the_same_every_time_and_leave_the_generator_alone(li
 
 
 @pytest.mark.torch
-def test_any_other_model_by_its_name(library):
+def test_models_of_the_library_load_by_name(library):
     frames = textured_pair(128, 160)
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=1, device="cpu")
     assert model.predict(*frames).shape == (128, 160, 2)
@@ -210,7 +210,7 @@ def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path
 
 
 @pytest.mark.torch
-def test_checkpoints_by_name(library, tmp_path, monkeypatch):
+def test_checkpoint_is_chosen_by_name(library, tmp_path, monkeypatch):
     """A checkpoint given by name is read from PyTorch's cache, and the hash in its file name is checked; if it is not
     cached, the message states where to put the file.
     """
@@ -257,7 +257,7 @@ def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(li
 
 
 @pytest.mark.torch
-def test_what_else_a_constructor_lacks_is_one_line(library, monkeypatch):
+def test_missing_constructor_argument_is_reported_in_one_line(library, monkeypatch):
     reference = library.get_model_reference("raft")
     for raised, says in (
         (ImportError("no kernel"), "needs something, which.*no kernel"),

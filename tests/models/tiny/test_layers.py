@@ -23,7 +23,7 @@ def maps(rng, *shape):
     st.sampled_from([1, 2, 4]),
     st.booleans(),
 )
-def test_convolution(seed, size, kernel, stride, dilation, linear):
+def test_convolution_equals_scipy(seed, size, kernel, stride, dilation, linear):
     rng = np.random.default_rng(seed)
     image, weight, bias = maps(rng, *size, 3), maps(rng, 2, 3, kernel, kernel), maps(rng, 2)
     spread = np.zeros((2, 3, (kernel - 1) * dilation + 1, (kernel - 1) * dilation + 1))
@@ -46,7 +46,7 @@ def test_convolution_in_strips_is_the_same(monkeypatch):
     np.testing.assert_allclose(layers.convolve(*arguments, 2), whole, atol=1e-5)
 
 
-def test_warp():
+def test_warp_equals_scipy():
     rng = np.random.default_rng(1)
     image, flow = maps(rng, 9, 12, 2), 3 * maps(rng, 9, 12, 2)
     found = np.empty_like(image)
@@ -58,7 +58,7 @@ def test_warp():
 
 
 @pytest.mark.parametrize("radius", [1, 3])
-def test_correlation(radius):
+def test_correlation_equals_the_definition(radius):
     rng = np.random.default_rng(2)
     first, second = maps(rng, 6, 7, 4), maps(rng, 6, 7, 4)
     found = np.empty((6, 7, (2 * radius + 1) ** 2), np.float32)
@@ -80,7 +80,7 @@ def test_convex_upsampling_of_a_constant_flow_keeps_it_inside():
     assert (found[0] < 6.0).all()  # the zeros around the map contribute
 
 
-def test_resizing_a_ramp():
+def test_resized_ramp_stays_a_ramp():
     ramp = np.stack([np.tile(np.arange(5, dtype=np.float32), (4, 1)), np.ones((4, 5), np.float32)], axis=2)
     found = layers.resized(ramp, 8, 9)
     np.testing.assert_allclose(found[..., 0], np.tile(np.linspace(0, 4, 9) * 9 / 5, (8, 1)), atol=1e-5)

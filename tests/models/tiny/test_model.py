@@ -65,7 +65,7 @@ def test_the_weights_differ_and_say_how_they_were_made():
         assert one.trained_on == "shapes"
 
 
-def test_what_a_model_promises():
+def test_tiny_passes_check_model():
     check_model(load_model("tiny", runtime="numpy"))
 
 
@@ -79,12 +79,12 @@ def test_identity_names_weights_and_runtime():
     [{"runtime": "onnx"}, {"runtime": "numpy", "device": "cuda"}, {"runtime": "numpy", "precision": "bf16"},
      {"runtime": "numpy", "checkpoint": "random"}],
 )  # fmt: skip
-def test_options_that_numpy_does_not_have(options):
+def test_invalid_runtime_or_options_without_effect_are_refused(options):
     with pytest.raises(UsageError, match=r"runtime|PyTorch"):
         load_model("tiny", **options)
 
 
-def test_frames_of_two_sizes():
+def test_frames_of_different_sizes_are_refused():
     with pytest.raises(UsageError, match="differ in size"):
         load_model("tiny", runtime="numpy").predict(np.zeros((40, 40, 3), np.uint8), np.zeros((40, 41, 3), np.uint8))
 

@@ -58,7 +58,7 @@ LAYOUTS = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("zipped", [True, False], ids=["zip", "legacy"])
 @pytest.mark.parametrize("kind", [Net, BelowModel])
-def test_layouts_of_the_authors(path, state, layout, zipped, kind):
+def test_weights_are_found_in_every_layout_of_the_authors(path, state, layout, zipped, kind):
     torch.save(LAYOUTS[layout](state), path, _use_new_zipfile_serialization=zipped)
     net, read, cast = load(path, kind())
     for found, expected in zip(net.state_dict().values(), state.values(), strict=True):
@@ -274,7 +274,7 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, path, state):
         (random.Random(0).randbytes(5000), "contains more than plain weights|truncated or damaged"),
     ],
 )
-def test_what_is_not_a_checkpoint(path, content, says):
+def test_file_that_is_not_a_checkpoint_is_refused(path, content, says):
     path.write_bytes(content)
     with refused(ModelError, says) as error:
         load(path)
@@ -310,7 +310,7 @@ def test_an_encrypted_archive_is_refused(path, state):
         load(path)
 
 
-def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, path):
+def test_checkpoint_that_is_no_regular_file_is_refused_at_once(tmp_path, path):
     with pytest.raises(ModelError, match=r"weights\.pth: no such checkpoint; put the authors' file there"):
         load(path)
     with pytest.raises(ModelError, match=r"cannot be read: (Is a directory|Permission)"):
@@ -330,13 +330,13 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, path):
         ({3: torch.zeros(2)}, "entry '3' is under a non-string key"),
     ],
 )
-def test_files_without_weights(path, content, says):
+def test_files_without_weights_are_refused(path, content, says):
     torch.save(content, path)
     with refused(ModelError, says):
         load(path)
 
 
-def test_names_that_do_not_fit_are_told_apart(path, state):
+def test_missing_and_unknown_weights_are_listed_separately(path, state):
     changed = {**state, "head.weight": state["first.weight"], "first.bias": torch.zeros(5)}
     del changed["first.weight"]
     torch.save(changed, path)
@@ -361,7 +361,7 @@ def test_many_differences_are_counted_not_listed(path):
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_other_floating_point_weights_are_cast_and_told(path, state, dtype):
+def test_weights_of_other_float_types_are_cast_and_reported(path, state, dtype):
     other = {key: value.to(dtype) if value.is_floating_point() else value for key, value in state.items()}
     torch.save(other, path)
     net, _, cast = load(path)

@@ -14,7 +14,7 @@ def find(checkpoint, published=PUBLISHED):
     return find_checkpoint("net", checkpoint, published, "the authors' file")
 
 
-def test_a_path_is_taken_as_it_is(tmp_path, monkeypatch):
+def test_path_of_a_checkpoint_is_used_unchanged(tmp_path, monkeypatch):
     path = tmp_path / "mine-0123abcd.pth"
     path.touch()
     assert find(path) == find(str(path)) == (path, None)
@@ -43,7 +43,7 @@ def test_a_published_name_goes_before_a_file_of_that_name(tmp_path, monkeypatch)
     assert find("./things") == (Path("things"), None)
 
 
-def test_what_is_nowhere_says_where_it_belongs():
+def test_missing_checkpoint_is_refused_with_where_to_get_it():
     with pytest.raises(ModelError, match="needs its checkpoint: choose one of things, kitti, or get the authors' file"):
         find(None)
     with pytest.raises(ModelError, match="needs its checkpoint: get the authors' file, and pass its path"):

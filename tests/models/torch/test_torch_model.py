@@ -84,7 +84,7 @@ def test_stretching_scales_the_flow_back():
     assert net.given[0].shape == (1, 3, 128, 64), "the next multiple"
 
 
-def test_the_flow_is_float32_contiguous_and_ours():
+def test_flow_is_a_contiguous_float32_copy():
     model, _ = spy()
     flow = model.predict(*noise_pair())
     assert flow.dtype == np.float32
@@ -111,12 +111,12 @@ def test_pairs_of_several_sizes_keep_their_order():
         ((np.zeros((5, 7, 3), np.uint8), np.zeros((5, 8, 3), np.uint8)), r"\(5, 7\) and \(5, 8\)"),
     ],
 )
-def test_what_is_not_a_pair(pair, says):
+def test_invalid_pairs_are_refused(pair, says):
     with pytest.raises(UsageError, match=says):
         spy()[0].predict(*pair)
 
 
-def test_as_many_first_as_second_noise_pair():
+def test_batches_of_unequal_length_are_refused():
     with pytest.raises(UsageError, match="2 first frames but 1 second frames"):
         spy()[0].predict_batch(noise_pair(), noise_pair()[:1])
 
@@ -150,7 +150,7 @@ def test_what_a_network_raises_names_the_size(error, says):
         ({"device": None}, UsageError, "unknown device 'None'"),
     ],
 )
-def test_execution_options_that_cannot_be(options, error, says):
+def test_invalid_execution_options_are_refused(options, error, says):
     with pytest.raises(error, match=says):
         network("spy", Spy(), InputConvention(), {}, **options)
 

@@ -17,7 +17,7 @@ def optical_flow():
 
 
 @pytest.mark.parametrize("name", ["raft_large", "raft_small"])
-def test_bit_equal_to_the_library(optical_flow, name):
+def test_flow_is_bit_equal_to_that_of_the_library(optical_flow, name):
     import torch
 
     frames = textured_pair(131, 170)
@@ -34,7 +34,7 @@ def test_bit_equal_to_the_library(optical_flow, name):
     np.testing.assert_array_equal(flow, expected)
 
 
-def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
+def test_weights_are_given_by_name_or_file(optical_flow, tmp_path, monkeypatch):
     import torch
 
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))

@@ -78,7 +78,7 @@ def declared(net, **options):
 
 @pytest.mark.parametrize("layout", ["pair", "concatenated", "stacked", "images"])
 @pytest.mark.parametrize("said", [True, False])
-def test_every_way_in_declared_or_the_only_one_that_works(layout, said):
+def test_every_input_convention_works_declared_or_detected(layout, said):
     model = declared(Channels(layout), **({"layout": layout} if said else {}))
     np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
     assert model.identity()["layout"] == layout
@@ -95,7 +95,7 @@ WAYS_OUT = {
 
 
 @pytest.mark.parametrize("way", WAYS_OUT)
-def test_every_way_out(way):
+def test_every_output_format_is_converted_to_flow(way):
     returns, output = WAYS_OUT[way]
     model = declared(Channels(returns=returns), layout="pair", output=output)
     np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
@@ -169,7 +169,7 @@ def test_identity_holds_the_weights_and_the_convention_and_not_the_name():
     assert all(model.identity() != one for model in changed)
 
 
-def test_weights_of_a_file(tmp_path):
+def test_weights_are_read_from_a_file(tmp_path):
     state = {f"module.{key}": value for key, value in Channels(factor=2).state_dict().items()}
     torch.save({"state_dict": state, "robustflow_trained_on": "C+T"}, tmp_path / "w.pt")
     model = declared(Channels(), checkpoint=tmp_path / "w.pt")
@@ -222,7 +222,7 @@ def test_the_whole_convention_of_a_trained_network_is_found():
     ],
     ids=["untrained", "no flow"],
 )
-def test_what_cannot_be_told_asks_for_a_declaration(net, options, says):
+def test_undecidable_convention_asks_for_a_declaration(net, options, says):
     with refused(ModelError, says):
         rf.TorchModel(net, device="cpu", **options)
 
@@ -251,7 +251,7 @@ def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
         ({"sha256": "0" * 64}, "sha256 refers to a checkpoint file"),
     ],
 )
-def test_options_that_cannot_be(options, says):
+def test_invalid_options_of_user_modules_are_refused(options, says):
     with pytest.raises(UsageError, match=says):
         declared(Channels(), **options)
 
@@ -278,7 +278,7 @@ def test_module_and_factory_from_the_command_line(tmp_path, monkeypatch):
         broken.predict(first, second)
 
 
-def test_every_shifted_pair_is_what_it_says():
+def test_shifted_texture_pairs_have_their_stated_shift():
     for index, shift in enumerate(SHIFTS):
         pair = shifted_pair(index)
         u, v = pair.shift
