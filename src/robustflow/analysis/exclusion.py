@@ -83,9 +83,10 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
     length, moved = clean_flow_length(rows), _mean_change(rows)
     error, of_still = (clean_mean(rows, f"photometric_{name}sum", "n_photometric") for name in ("", "still_"))
     if zero_flow_epe(rows) is None and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
+        how = "worse" if error > of_still else "hardly better"
         reasons.append(
-            "its clean flow explains the frames hardly better than zero flow or worse: its photometric error is "
-            f"{error:.2f} grey levels, that of zero flow {of_still:.2f}"
+            f"its clean flow explains the frames {how} than zero flow: its photometric error is {error:.2f} grey "
+            f"levels, that of zero flow {of_still:.2f}"
         )
     if length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(

@@ -127,7 +127,8 @@ class _Thin:
 
     def __init__(self, frame1: Frame, frame2: Frame, flow: Flow) -> None:
         self.frame2, self._step = frame2, -(-flow.shape[0] * flow.shape[1] // _MOST_PIXELS)
-        self.frame1, self.flow = (np.ascontiguousarray(each[:: self._step]) for each in (frame1, flow))
+        self.frame1: Frame = np.ascontiguousarray(frame1[:: self._step])
+        self.flow: Flow = np.ascontiguousarray(flow[:: self._step])
         self.errors = photometric(self.frame1, frame2, self.flow, self._step).errors
 
     def read(self, reading: Reading) -> Photometric:

@@ -184,7 +184,7 @@ def measure(
     if (regions is None) != (sample.flow is None):
         raise DataError(f"sample '{sample.key}': the regions belong to a different sample; pass Regions.of(sample)")
     sums = row_sums(pred, clean_pred, sample.flow, regions)
-    n_photometric, photometric_sum, still_sum, _ = photometric(*sample.frames[:2], pred)
+    n_photometric, photometric_sum, still_sum, _ = photometric(sample.frames[0], sample.frames[1], pred)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
     row |= {
         "sample": sample.key,

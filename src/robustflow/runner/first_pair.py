@@ -14,7 +14,7 @@ def check_first_pair(job: Job, key: str) -> None:
     with one_opencv_thread():
         worker = job.worker()
         sample, flow = worker.sample(key), worker.clean_flow(key)
-    wrong = misread([(*sample.frames[:2], flow)])
+    wrong = misread([(sample.frames[0], sample.frames[1], flow)])
     if wrong is not None:
         warnings.warn(
             f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
