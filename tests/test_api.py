@@ -38,7 +38,7 @@ def test_completion_shows_the_public_names():
     assert not {"annotations", "import_module", "TYPE_CHECKING"} & set(shown)
 
 
-def test_print_shows_the_numbers(result):
+def test_printed_result_shows_the_means(result):
     text = str(result)
     head, means, over, where = text.splitlines()
     assert head.startswith("DIS (knowledge) on ")
@@ -51,7 +51,7 @@ def test_print_shows_the_numbers(result):
     assert where == str(result.path)
 
 
-def test_print_escapes_what_a_file_says(result):
+def test_printed_result_shows_control_characters_as_text(result):
     other = rf.load_run(result.path)
     change_identity(other, {"name": "a\x1b[31m\nb"})
     assert "\x1b" not in str(other)
@@ -61,7 +61,7 @@ def test_print_escapes_what_a_file_says(result):
 @pytest.mark.parametrize(
     ("progress", "screen", "seen"), [(None, True, True), (False, True, False), (None, False, False)]
 )
-def test_progress_shows_itself_on_a_terminal(progress, screen, seen, tmp_path, monkeypatch, capsys):
+def test_terminal_shows_progress_by_default(progress, screen, seen, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
     ours, theirs = pty.openpty()

@@ -25,12 +25,12 @@ def _lint(source: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_data_flows_one_way():
+def test_imports_keep_the_contracts():
     linted = _lint(ROOT / "src")
     assert linted.returncode == 0, linted.stdout[-3000:]
 
 
-def test_planted_violations_are_found(tmp_path):
+def test_planted_violations_of_the_contracts_are_reported(tmp_path):
     """Plant an upward late import, an upward type-checking import, and two files that import each other."""
     package = tmp_path / "robustflow"
     shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "data", "*.csv"))

@@ -155,14 +155,14 @@ def test_formats_name_every_field(generated):
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_is_kept_as_it_ran(notebook):
+def test_stored_notebook_has_output_in_order(notebook):
     cells = [cell for cell in json.loads(notebook.read_text())["cells"] if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
     assert not [output for cell in cells for output in cell["outputs"] if output["output_type"] == "error"]
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_and_shows_what_it_shows(notebook, tmp_path, monkeypatch, capsys):
+def test_notebook_runs_and_gives_its_stored_output(notebook, tmp_path, monkeypatch, capsys):
     """Running the cells as in Jupyter reproduces their stored output."""
     import matplotlib.pyplot as plt
 
@@ -189,7 +189,7 @@ def _value_of(source, names):
     return None
 
 
-def test_typer_still_tells_what_the_pages_show():
+def test_options_of_typer_have_the_type_that_pages_read():
     """Pages of commands read typer's internal objects; if those change, the pages would be empty."""
     run = typer.main.get_command(app).commands["run"]
     assert any(option.type_descriptor.annotation for option in run.params)

@@ -38,7 +38,7 @@ def _with_blocks():
 
 
 @pytest.mark.parametrize("page", _with_blocks())
-def test_a_page(page, reader):
+def test_code_of_a_page_runs(page, reader):
     reader.follow(page)
 
 
@@ -116,7 +116,7 @@ def test_add_your_dataset(reader):
     assert set(rf.load_run(reader.runs[1]).summary.corruptions) == {"fog", "contrast"}
 
 
-def test_a_block_of_a_page_is_found_with_what_is_said_of_it():
+def test_block_of_a_page_is_read_with_its_comment():
     marked = "a\n\n<!-- torch, file: m.py -->\n```python\nx = 1\n```\n\n"
     bare, slow = "```\nrobustflow list\n```\n", "<!-- not run: long -->\n```bash\nb\n```\n"
     first, second, third = blocks(marked + bare + slow)

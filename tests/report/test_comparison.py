@@ -29,7 +29,7 @@ _BETTER, _WORSE = _rows(0.5), _rows(1.0)
 _FOUND = Comparison(("a<b>", "b\x1b[31m"), compare_rows(_BETTER, _WORSE, ("a<b>", "b\x1b[31m"), resamples=499))
 
 
-def test_frames_of_differences():
+def test_comparison_holds_means_and_differences_per_corruption():
     overall = {(row["metric"], row["corruption"]): row for row in _FOUND.overall.iter_rows(named=True)}
     assert list(overall) == [("epe", "clean"), *((m, "average") for m in ("epe", "cre", "crer", "rcre"))]
     each = _FOUND.per_corruption("epe")
@@ -71,7 +71,7 @@ def test_marks_follow_the_level():
         assert ("is more accurate" in found.sentence) == expected
 
 
-def test_without_ground_truth_and_outside_the_paper(runs_without_truth):
+def test_comparison_without_ground_truth_is_in_rcre(runs_without_truth):
     found = runs_without_truth[0].compare(runs_without_truth[1])
     assert found.metric == "rcre"
     assert found.overall["metric"].to_list() == ["rcre"]
@@ -80,7 +80,7 @@ def test_without_ground_truth_and_outside_the_paper(runs_without_truth):
     assert "Elastic transform" in repr(found)
 
 
-def test_of_runs(small_run, tmp_path):
+def test_comparison_of_runs_is_antisymmetric(small_run, tmp_path):
     chosen = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
     first, second = small_run, evaluate("farneback", "demo", output=tmp_path / "f", **chosen)
     found = rf.compare(first, second, resamples=99)

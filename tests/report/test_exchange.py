@@ -98,7 +98,7 @@ def test_every_eval_ever_fits_its_published_schema(run, tmp_path):
     assert re.fullmatch(r"data/demo/unknown/[\w.-]+/[0-9a-f-]{36}\.json", str(place))
 
 
-def test_the_hub_s_yaml_keeps_numbers_and_names(run, tmp_path):
+def test_yaml_of_the_hub_keeps_numbers_and_names(run, tmp_path):
     (path,) = exported(run, "huggingface", tmp_path)
     entries = yaml.safe_load(path.read_text())
     values = {entry["dataset"]["task_id"]: entry["value"] for entry in entries}
@@ -111,7 +111,7 @@ def test_the_hub_s_yaml_keeps_numbers_and_names(run, tmp_path):
 
 
 @pytest.mark.parametrize("dataset", [None, "kitti", "a/b\n  value: 0", 'a/"b"'])
-def test_a_name_that_is_none_of_the_hub_is_refused(run, dataset):
+def test_name_that_the_hub_does_not_allow_is_refused(run, dataset):
     with pytest.raises(UsageError, match="--hub-dataset ORGANISATION/NAME"):
         exchange_files(run, "huggingface", dataset)
 

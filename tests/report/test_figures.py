@@ -103,7 +103,7 @@ def test_a_name_nearest_to_a_different_bubble_is_connected_with_its_own():
             assert gaps.argmin() == index or tuple(np.round(places[index], 6)) in connected, text.get_text()
 
 
-def test_families_by_hand():
+def test_family_means_in_the_figure_equal_hand_computed_values():
     """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
     families = {(line.setting, line.name): line.family_crer for line in _KITTI}
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
@@ -115,7 +115,7 @@ def test_families_by_hand():
     assert low == 0
 
 
-def test_relations_tell_their_correlation():
+def test_relations_figure_states_its_correlations():
     figure = relations(_KITTI)
     drawn = {gid: marks[0] for gid, marks in figure.marks.items()}
     dots = [dot for dot in figure.axes[3].collections if drawn[dot.get_gid()].setting == "OOD"]
@@ -300,7 +300,7 @@ def _measured(frames: str, name: str, seed: int = 0) -> ModelResult:
     return ModelResult("kitti-fc", frames, "OOD", name, "", {}, run=SimpleNamespace(rows=_rows(seed)))
 
 
-def test_what_can_be_drawn_is_drawn():
+def test_figures_without_data_are_left_out_of_all_figures():
     figures = all_figures([*published_results(), _measured("own", "a")])
     of_means = {"clean_against_cre", "crer_by_family", "relations", "effective_trend"}
     assert set(figures) == of_means | {"severity_rcre_1", "severity_epe_1"}
@@ -318,7 +318,7 @@ def test_figures_of_a_sample_set_have_its_number_in_their_names(monkeypatch):
 
 
 @pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, relations, effective_trend])
-def test_nothing_to_draw_says_so(draw):
+def test_figure_without_data_is_refused(draw):
     with pytest.raises(UsageError):
         draw([])
 

@@ -103,7 +103,7 @@ def test_pictures_show_dollar_signs_of_names_as_text(pair):
     ("width", "height", "count"),
     [(1242, 100, 1), (1242, 100, 20), (64, 200, 1), (64, 200, 20), (300, 300, 2)],
 )
-def test_figures_of_any_shape_and_number(width, height, count):
+def test_gallery_figure_fits_any_number_and_shape_of_images(width, height, count):
     frame = np.zeros((height, width, 3), np.uint8)
     cells = [GalleryCell(f"c{index}", 1, [frame]) for index in range(count)]
     size = Image.open(io.BytesIO(draw_figure(frame, cells, "t", "png"))).size
@@ -111,7 +111,7 @@ def test_figures_of_any_shape_and_number(width, height, count):
     assert size[1] > 100
 
 
-def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
+def test_gallery_page_loads_nothing_and_works_by_keyboard(pair):
     cells = gallery(Sample("pair", pair), SEVERITIES, SOME)
     text = page_of(gallery_slider("two frames", pair[:1], cells, SEVERITIES, 3))
     page = Elements(text)
@@ -138,7 +138,7 @@ def test_pictures_are_bounded_and_keep_their_shape():
         assert len(attrs["src"]) < 200_000
 
 
-def test_titles_and_names_are_text(pair):
+def test_titles_and_names_with_markup_are_shown_as_text(pair):
     cells = [GalleryCell("<b>x</b>", 3, [pair[0]])]
     text = page_of(gallery_slider("<script>alert(1)</script>", pair[:1], cells, [3], 3))
     assert "<b>x</b>" not in text

@@ -66,7 +66,7 @@ def test_a_long_clip_is_read_in_part(tmp_path):
     assert [int(frame[0, 0, 0]) for frame in part.frames(part.shown)] == [LONGEST_PART // 2 - 1, LONGEST_PART // 2]
 
 
-def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
+def test_clip_shows_constant_parameters_constant_and_others_changing(video, tmp_path):
     part = ClipPart(video, shown=3)
     shown = list(part.frames(part.shown))
     for cell in clip_cells(part, shown, [3], ["snow", "spatter", "gaussian_noise"], tmp_path, seed=5, key="walk"):
@@ -90,7 +90,7 @@ def test_a_still_picture_shows_an_exposed_frame(video, tmp_path):
     assert stills == {0, 1}
 
 
-def test_the_codec_really_ran(video, tmp_path):
+def test_compressed_clips_come_from_the_codec(video, tmp_path):
     """Higher severities look coarser, frames are in order, and a stream too short for bit errors remains undamaged."""
     part = ClipPart(video, shown=3)
     shown = list(part.frames(part.shown))
@@ -121,7 +121,7 @@ def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
     assert not severe.caption.endswith("no bit errors")
 
 
-def test_what_cannot_be_made_is_said():
+def test_corruptions_that_a_clip_cannot_show_are_named():
     chosen, (sentence,) = chosen_corruptions(None, "paper")
     assert set(CLIP) - set(chosen) == {"object_motion_blur", "rolling_shutter"}
     assert "prepare gopro-fc" in sentence
@@ -158,7 +158,7 @@ def test_the_command_plays_a_video(gallery_command, video):
     assert "http" not in text.replace("http-equiv", "")
 
 
-def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery_command, video, monkeypatch):
+def test_omitted_corruptions_are_named_on_the_page_and_in_the_terminal(gallery_command, video, monkeypatch):
     from robustflow.report.gallery import clip
 
     monkeypatch.setattr(clip, "IMAGE_PAIR", ("contrast",))
@@ -169,7 +169,7 @@ def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery_command
     assert "rolling_shutter are left out" in Path("gallery/gallery.html").read_text()
 
 
-def test_wrong_requests_are_a_sentence(gallery_command, video, tmp_path):
+def test_wrong_requests_are_refused_in_one_sentence(gallery_command, video, tmp_path):
     for arguments, code, words in (
         (("--clip", video, "--frames", "a.png", "b.png"), 2, "choose one"),
         (("--length", 4), 2, "require --clip"),

@@ -103,7 +103,7 @@ def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert [bool(_best(cells)) for cells in two.values()] == [True, False]
 
 
-def test_same_name_on_other_frames_is_another_page_and_no_rival():
+def test_runs_of_one_name_on_different_frames_are_not_ranked_together():
     own = _file("OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n", "sample_set")
     content = whole_content([], [("a.csv", own)])
     mine = content.lines[-1]

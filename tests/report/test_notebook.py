@@ -32,7 +32,7 @@ def runs(small_run, tmp_path_factory):
     return [small_run, evaluate(Hostile(), "demo", output=folder, corruptions=["contrast", "fog"], severities=[1, 5])]
 
 
-def test_a_table_and_a_figure(runs):
+def test_notebook_shows_tables_and_figures(runs):
     html = runs[0]._repr_html_()
     elements = Elements(html).found
     (picture,) = [attributes for tag, attributes in elements if tag == "img"]
@@ -46,7 +46,7 @@ def test_a_table_and_a_figure(runs):
     assert all(f">{text}<" in html for text in cells["all"])
 
 
-def test_a_hostile_name_stays_text(runs):
+def test_hostile_name_stays_text_in_a_notebook(runs):
     html = runs[1]._repr_html_()
     elements = Elements(html).found
     assert {tag for tag, _ in elements} <= {
@@ -59,7 +59,7 @@ def test_a_hostile_name_stays_text(runs):
 
 
 @pytest.mark.parametrize("kind", ["severity", "classes", "accuracy"])
-def test_plots(runs, kind):
+def test_every_kind_of_plot_is_drawn(runs, kind):
     figure = runs[0].plot(kind)
     assert isinstance(figure, Figure)
     assert figure._repr_png_().startswith(b"\x89PNG")
@@ -67,14 +67,14 @@ def test_plots(runs, kind):
     assert beside._repr_png_() != figure._repr_png_()
 
 
-def test_the_lines_of_a_plot_are_the_means(runs):
+def test_lines_of_a_plot_equal_the_means(runs):
     figure = runs[0].plot("severity", "epe")
     lines = {panel.get_title(): panel.lines[0].get_ydata() for panel in figure.axes}
     by_severity = runs[0].summary.corruptions["fog"].by_severity["epe"]
     np.testing.assert_allclose(lines["Fog"], by_severity, rtol=1e-12)
 
 
-def test_plots_that_cannot_be(runs):
+def test_impossible_plots_are_refused(runs):
     with pytest.raises(UsageError, match="did you mean 'severity'"):
         runs[0].plot("severities")
     with pytest.raises(UsageError, match="unknown metric"):
@@ -88,7 +88,7 @@ def test_plots_that_cannot_be(runs):
         runs[0].plot("severity", others=[other])
 
 
-def test_without_ground_truth(runs_without_truth):
+def test_plots_without_ground_truth_show_rcre(runs_without_truth):
     run = runs_without_truth[0]
     html = run._repr_html_()
     assert "RCRE (px)" in html

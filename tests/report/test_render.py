@@ -33,7 +33,7 @@ def _table(name: str, note: str = "") -> Table:
 
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize("format", FORMATS)
-def test_every_number_of_every_table_is_there(name, format):
+def test_rendered_tables_contain_every_number(name, format):
     table = build_table(name, published_results())
     text = render(table, format)
     found = re.findall(r"-?\d+\.\d+", text)
@@ -46,7 +46,7 @@ def test_every_number_of_every_table_is_there(name, format):
     assert text.endswith("\n")
 
 
-def test_csv_reads_back():
+def test_csv_reads_back_equal():
     table = build_table("epe", published_results())
     lines = list(csv.DictReader(io.StringIO(render(table, "csv"))))
     assert len(lines) == 29
@@ -152,7 +152,7 @@ def test_latex_has_no_ligature_of_dashes_or_commas():
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
-def test_latex_compiles(tmp_path):
+def test_latex_of_every_table_compiles(tmp_path):
     parts = [render(build_table(name, published_results()), "latex") for name in TABLES]
     parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
     parts.append(render(observations_table(published_results()), "latex"))

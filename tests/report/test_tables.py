@@ -85,7 +85,7 @@ def _own(text: str) -> list[ModelResult]:
     return parse_results("setting,model,metric,corruption,value,note\n" + text, "own.csv", "own")
 
 
-def test_other_frames_are_not_compared_with_the_papers():
+def test_runs_on_different_frames_are_not_compared_with_the_paper():
     """A model with a tiny error on different pairs does not take the mark from a published one, and a note explains
     why."""
     own = _own("OOD,Tiny,epe,clean,0.01,4 pairs\nOOD,Tiny,epe,fog,0.02,4 pairs\nOOD,Tiny,epe,average,0.02,4 pairs\n")
@@ -115,7 +115,7 @@ def test_seeds_have_a_mean_only_in_a_section_with_all_of_them():
         assert [line.label for line in build_table("epe", own, seeds).lines] == shown
 
 
-def test_what_cannot_be_made_says_so():
+def test_unknown_or_empty_table_is_refused():
     with pytest.raises(UsageError, match="did you mean 'epe'"):
         build_table("eppe", published_results())
     for name in TABLES:

@@ -29,7 +29,7 @@ def installed(monkeypatch):
     monkeypatch.setattr("robustflow.reproduce.plan.is_installed", lambda method: True)
 
 
-def test_without_weights_the_two_that_learn_nothing_run():
+def test_plan_without_weights_runs_the_two_classical_methods():
     choices = choose(paper_variants("kitti-fc"), "kitti-fc", [])
     assert [choice.variant.model for choice in choices if isinstance(choice, Runnable)] == ["farneback", "dis_rgb"]
     assert len(choices) == 29
@@ -41,14 +41,14 @@ def test_without_weights_the_two_that_learn_nothing_run():
     assert all(choice.remedy for choice in missing.values())
 
 
-def test_a_checkpoint_that_saw_the_evaluated_pairs_stands_in_for_nothing():
+def test_checkpoint_trained_on_the_evaluated_pairs_is_not_used():
     out, inside = choose(RAFT, "kitti-fc", [_found("raft", "kitti")])
     assert isinstance(out, Missing)
     assert isinstance(inside, Missing)
     assert "LEAKED" in inside.reason
 
 
-def test_the_checkpoint_nearest_to_the_papers_is_taken():
+def test_checkpoint_nearest_to_the_papers_is_used():
     found = [_found("raft", name) for name in ("chairs", "kitti", "things", "sintel")]
     kitti = choose(RAFT[:1], "kitti-fc", found)[0]
     gopro = choose(RAFT[:1], "gopro-fc", found)[0]
@@ -57,7 +57,7 @@ def test_the_checkpoint_nearest_to_the_papers_is_taken():
     assert dict(gopro.spec.options)["checkpoint"] == "raft-sintel-fb44381e.ckpt"
 
 
-def test_a_file_named_as_the_variant_goes_first(tmp_path):
+def test_file_named_as_the_variant_takes_precedence(tmp_path):
     training = tmp_path / "raft-id"
     training.mkdir()
     (training / "last.pth").write_bytes(b"of a training")
@@ -69,7 +69,7 @@ def test_a_file_named_as_the_variant_goes_first(tmp_path):
     assert out.folder == f"raft-ood-{hashlib.sha256(b'mine').hexdigest()[:8]}"
 
 
-def test_random_weights_stand_in_only_where_they_are_allowed():
+def test_random_weights_are_used_only_if_allowed():
     out, inside = choose(RAFT, "kitti-fc", [], random=True)
     assert out.random
     assert "RANDOM" in out.weights

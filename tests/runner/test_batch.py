@@ -51,7 +51,7 @@ def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
     assert batched.manifest.identity_digest == single.manifest.identity_digest
 
 
-def test_a_model_without_batches(tmp_path):
+def test_model_without_batches_predicts_pairs_one_by_one(tmp_path):
     with pytest.raises(UsageError, match="predicts one pair at a time"):
         run("dis", tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="the batch size must be at least 1; got 0"):
@@ -66,7 +66,7 @@ def test_a_model_without_batches(tmp_path):
         (lambda flows: 1 / 0, "raised ZeroDivisionError on sample '0', contrast severity 1, 2, 4"),
     ],
 )
-def test_a_batch_that_is_not_an_answer(tmp_path, answer, says):
+def test_wrong_answer_to_a_batch_is_refused(tmp_path, answer, says):
     class Wrong(Batched):
         def predict_batch(self, frames1, frames2):
             flows = super().predict_batch(frames1, frames2)

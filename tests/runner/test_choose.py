@@ -83,13 +83,13 @@ def test_too_few_workers_and_an_address_without_ray_are_refused():
         choose_engine(None, None, None, "auto", LIGHT)
 
 
-def test_not_every_processor_of_a_large_machine(monkeypatch):
+def test_number_of_workers_is_limited_on_a_large_machine(monkeypatch):
     monkeypatch.setattr(choose, "available_processors", lambda: 96)
     assert _describe(LIGHT, PAIR * 80) == "processes, 8 workers"
     assert _describe(LIGHT, PAIR * 80, workers=40) == "processes, 40 workers"
 
 
-def test_a_model_that_cannot_be_sent_stays_here_unless_asked():
+def test_model_that_cannot_be_pickled_runs_in_this_process_unless_workers_are_requested():
     here = NamedModel(None, Model("cuda:0"), {}, None)
     here.model.run = lambda: None
     assert _describe(here) == "serial (this model object cannot be sent to another process)"
@@ -97,7 +97,7 @@ def test_a_model_that_cannot_be_sent_stays_here_unless_asked():
     assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 
-def test_data_that_cannot_be_sent_stay_here_unless_asked():
+def test_data_that_cannot_be_pickled_stay_in_this_process_unless_workers_are_requested():
     others = (threading.Lock(),)
     why = "serial (this dataset or corruption cannot be sent to another process)"
     assert _describe(LIGHT, THREE_PAIRS, others=others) == why
@@ -106,7 +106,7 @@ def test_data_that_cannot_be_sent_stay_here_unless_asked():
     assert _describe(LIGHT, others=others) == "serial", "too short for processes anyway, so no reason is given"
 
 
-def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
+def test_data_of_a_class_from_a_notebook_stay_in_this_process(monkeypatch):
     notebook = ModuleType("__main__")  # there is no file that a process could load
     notebook.Mine = type("Mine", (), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)

@@ -100,7 +100,7 @@ def test_the_model_gets_the_corrupted_clip(clip_folder, tmp_path):
         (Window(9, 0, "inside"), [6] * 5, [0, 1, 2, 3, 4]),
     ],
 )
-def test_what_happens_at_the_ends_is_the_models_choice(clip_folder, tmp_path, window, lengths, places):
+def test_window_at_the_ends_of_a_clip_follows_the_model(clip_folder, tmp_path, window, lengths, places):
     model = Recorder(window)
     run(model, clip_folder, tmp_path / "run", **SMALLEST)
     assert [len(frames) for frames, _ in model.calls[::2]] == lengths
@@ -120,7 +120,7 @@ def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder
     assert pairs.manifest.identity.model.window is None
 
 
-def test_video_and_folder_from_the_command_line(tmp_path, robustflow):
+def test_command_line_runs_clip_models_on_video_and_folder(tmp_path, robustflow):
     clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
     data = ["--benchmark", "folder", "--data", tmp_path / "clip.mp4", "--output", tmp_path / "video"]
     what = ["--corruptions", ",".join(FAST), "--severities", "4"]
@@ -172,7 +172,7 @@ def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(clip
     assert (model.pairs, len(model.calls)) == (2, 2 * (FRAMES - 1))
 
 
-def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path):
+def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):
     with pytest.raises(UsageError, match="one clip at a time; omit --batch-size"):
         run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="cannot predict in tiles"):
@@ -181,7 +181,7 @@ def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path):
         run(Recorder("all"), clip_folder, tmp_path / "run")
 
 
-def test_wrong_answers_name_the_place(clip_folder, tmp_path):
+def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):
     class Wrong(Recorder):
         def predict_clip(self, frames, index):
             flow = super().predict_clip(frames, index)

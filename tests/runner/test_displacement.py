@@ -30,7 +30,7 @@ def test_every_valid_pixel_is_counted_once(seed, edges):
     assert table["share"].sum() == pytest.approx(sum(expected) / valid)
 
 
-def test_from_ground_truth_and_from_a_model():
+def test_displacement_is_counted_from_ground_truth_or_a_model():
     benchmark = load_benchmark("demo")
     truth = displacement_histogram(benchmark)
     sample = benchmark.dataset.load(benchmark.keys[0])
@@ -52,7 +52,7 @@ def test_a_flow_that_is_not_finite_is_refused():
         displacement_histogram(load_benchmark("demo"), Broken())
 
 
-def test_no_ground_truth(tmp_path):
+def test_displacement_without_ground_truth_needs_a_model(tmp_path):
     from robustflow.images.io import write_image
 
     for index in range(2):
@@ -62,6 +62,6 @@ def test_no_ground_truth(tmp_path):
 
 
 @pytest.mark.parametrize("edges", [(), (0,), (1, 2), (0, 2, 2), (0, 3, 2)])
-def test_edges_that_make_no_bins(edges):
+def test_edges_that_do_not_ascend_are_refused(edges):
     with pytest.raises(UsageError, match="ascend"):
         histogram([], edges)

@@ -74,7 +74,7 @@ def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, 
     assert again.rows.equals(first.rows)
 
 
-def test_the_seed_and_nothing_else_decides_the_bytes(tmp_path):
+def test_rows_depend_on_the_seed_only(tmp_path):
     digests = {}
     for number, seed in enumerate((0, 0, 1)):
         run = _run(tmp_path / f"run{number}", seed=seed, corruptions=["impulse_noise", "contrast"], severities=[3])
@@ -146,7 +146,7 @@ def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
     assert rf.load_run(folder).rows.height == 3
 
 
-def test_held_by_another_run(tmp_path):
+def test_folder_locked_by_another_run_is_refused(tmp_path):
     held = RunFolder(tmp_path / "run")
     held.lock()
     try:
@@ -170,7 +170,7 @@ def test_held_by_another_run(tmp_path):
         {"output": ""},
     ],
 )
-def test_options_that_cannot_be_meant(tmp_path, options):
+def test_invalid_options_are_refused_before_the_run_starts(tmp_path, options):
     with pytest.raises(UsageError):
         rf.evaluate(DIS, **{"output": tmp_path / "run", "corruptions": FAST, "severities": [1], **options})
     assert not (tmp_path / "run").exists()
@@ -254,7 +254,7 @@ def test_a_local_object_needs_the_serial_engine(tmp_path):
         rf.evaluate(lambda a, b: np.zeros((*a.shape[:2], 2)), output=tmp_path / "run", workers=2)
 
 
-def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
+def test_script_without_a_main_guard_is_told_to_add_one(tmp_path):
     (tmp_path / "script.py").write_text(
         "import robustflow as rf\n"
         "rf.evaluate('farneback', output='run', corruptions='contrast', engine='processes', workers=1)\n"
@@ -266,7 +266,7 @@ def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
     assert all("needs its code under `if __name__" in line for line in errors)
 
 
-def test_a_path_is_as_good_as_its_name(tmp_path):
+def test_path_object_is_accepted_as_a_model(tmp_path):
     flow = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     for setting in ("clean", "contrast_1"):
         (tmp_path / "flows" / setting).mkdir(parents=True)

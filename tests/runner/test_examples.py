@@ -50,7 +50,7 @@ def _files(run) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (run.path / "examples").iterdir()}
 
 
-def test_the_record_names_what_is_there(drawn):
+def test_index_of_examples_names_the_existing_files(drawn):
     record = json.loads((drawn.path / "examples" / "examples.json").read_text())
     assert record["version"] == 1
     pictures = [picture["file"] for picture in (*record["slider"]["pictures"], *record["panels"])]
@@ -82,7 +82,7 @@ def test_slider_pictures_are_the_first_frames_that_the_corruption_changed(drawn,
     assert distances[changed] < 6, "what JPEG loses in a noisy frame"
 
 
-def test_the_same_bytes_whatever_the_engine(drawn, tmp_path, real_pictures, quick_workers):
+def test_examples_are_the_same_with_every_engine(drawn, tmp_path, real_pictures, quick_workers):
     with real_pictures():
         again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
     assert _files(again) == _files(drawn)
@@ -109,7 +109,7 @@ def test_a_run_needs_no_temporary_folder(tmp_path, monkeypatch, small):
     assert not list(run.path.rglob(".partial-*"))
 
 
-def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch, small):
+def test_examples_are_drawn_once_and_deleted_when_the_rows_change(tmp_path, monkeypatch, small):
     run = {"output": tmp_path / "run", "severities": [2]}
     first = rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)
     before = _files(first)
@@ -121,7 +121,7 @@ def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch, smal
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
-def test_an_interruption_leaves_the_numbers_and_no_half_folder(tmp_path, monkeypatch, stop, small):
+def test_interrupted_drawing_leaves_the_rows_and_no_partial_folder(tmp_path, monkeypatch, stop, small):
     def stopped(*_):
         raise stop
 
@@ -150,7 +150,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path, small):
     assert run.summary.complete
 
 
-def test_what_a_run_cannot_be_set_up_again_from(tmp_path, small):
+def test_run_without_a_valid_source_cannot_be_set_up_again(tmp_path, small):
     run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     with pytest.raises(RunError, match="was run with a Python object, which has no name; specify --model"):
         restore_setup(run, RunSource.read(run.path))

@@ -36,7 +36,7 @@ def test_run_of_a_negated_flow_warns_once_and_names_it(tmp_path, workers):
 
 
 @pytest.mark.parametrize("model", ["dis", "farneback", "tiny", ConstantFlow(30, 5), ZeroFlow()])
-def test_run_of_a_sound_or_a_constant_flow_does_not_warn(tmp_path, model):
+def test_run_of_a_correct_or_constant_flow_does_not_warn(tmp_path, model):
     assert not warned(model, tmp_path)
 
 

@@ -31,13 +31,13 @@ def _faults() -> int:
         child.end()
 
 
-def test_frames_take_the_memory_of_those_before():
+def test_frames_reuse_the_memory_of_earlier_ones():
     pages = 40 * 2 * int(np.prod(FRAMES)) // 4096
     assert _faults() < pages / 10
 
 
 @pytest.mark.parametrize("name", ["MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"])
-def test_what_the_user_has_set_goes_before(monkeypatch, name):
+def test_malloc_variables_set_by_the_user_take_precedence(monkeypatch, name):
     monkeypatch.setenv(name, "65536")
     pages = 40 * 2 * int(np.prod(FRAMES)) // 4096
     assert _faults() > pages / 2

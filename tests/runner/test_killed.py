@@ -25,7 +25,7 @@ def _start(folder: Path, log: Path, frames: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-def test_killed_at_ten_moments(tmp_path, clip_folder):
+def test_run_killed_at_ten_moments_resumes_to_the_same_rows(tmp_path, clip_folder):
     kills = 10
     undisturbed = _start(tmp_path / "whole", tmp_path / "whole.log", clip_folder)
     started = time.monotonic()
@@ -69,7 +69,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert not list((tmp_path / "killed").rglob(".partial-*"))
 
 
-def test_interrupted_run_says_what_is_kept(tmp_path, clip_folder):
+def test_interrupted_run_says_how_to_continue(tmp_path, clip_folder):
     run = _start(tmp_path / "run", tmp_path / "log", clip_folder)
     wait_until((tmp_path / "log").exists, run)
     run.send_signal(signal.SIGTERM)

@@ -13,7 +13,7 @@ from . import killed_at_each_write as script
 
 
 @pytest.mark.slow
-def test_killed_at_every_write(tmp_path):
+def test_run_killed_at_every_write_resumes_to_the_same_rows(tmp_path):
     whole = script.run(tmp_path / "whole").rows
     assert whole.height == 15
     subprocess.run([sys.executable, script.__file__, tmp_path], check=True, env=os.environ)

@@ -18,7 +18,7 @@ class Still(ZeroFlow):
     name = "My model"
 
 
-def test_the_attribute_and_the_argument(tmp_path, real_pictures):
+def test_name_comes_from_the_attribute_or_the_argument(tmp_path, real_pictures):
     with real_pictures():
         result = rf.evaluate(Still(), output=tmp_path / "run", **SETTINGS)
     assert result.name == "My model"
@@ -33,19 +33,19 @@ def test_the_attribute_and_the_argument(tmp_path, real_pictures):
 
 
 @pytest.mark.parametrize("name", ["", "  ", "x" * 81, "two\nlines"])
-def test_names_that_cannot_be_shown(tmp_path, name):
+def test_invalid_model_names_are_refused(tmp_path, name):
     with pytest.raises(UsageError, match="the name of a model must be 1 to 80 printable characters"):
         rf.evaluate(Still(), output=tmp_path / "run", name=name, **SETTINGS)
 
 
-def test_on_the_command_line(tmp_path, robustflow):
+def test_name_option_sets_the_name_of_a_run(tmp_path, robustflow):
     options = ["run", "-m", "dis", "-c", "contrast", "-s", "1", "--no-examples", "-o", tmp_path / "run"]
     assert "DIS, ours" in robustflow.prints(*options, "--name", "DIS, ours")
     robustflow.prints(*options)
     assert rf.load_run(tmp_path / "run").name == "DIS, ours", "the name is kept by a later call without one"
 
 
-def test_one_label_for_one_model_everywhere(tmp_path, robustflow):
+def test_model_has_one_label_everywhere(tmp_path, robustflow):
     """A method has the same label in `list models` and in the tables of runs; no two methods share a label."""
     labels = [entry.method for entry in methods().values()]
     assert len(set(labels)) == len(labels)
@@ -63,7 +63,7 @@ def test_a_users_model_keeps_its_own_name(tmp_path):
     assert rf.evaluate(still, output=tmp_path / "run", **SETTINGS).name == "dis"
 
 
-def test_training_sets_are_an_option(tmp_path, robustflow):
+def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
     model = "robustflow.testing:ZeroFlow"
     options = ["run", "-m", model, "-c", "contrast", "-s", "1", "--no-examples", "-o", tmp_path / "r"]
     robustflow.prints(*options, "--trained-on", "C+T")
@@ -81,7 +81,7 @@ def test_training_sets_are_an_option(tmp_path, robustflow):
         ("--checkpoint", "things", "has no weights to load; omit --checkpoint"),
     ],
 )
-def test_what_a_model_without_a_network_does_not_take(robustflow, model, option, value, says):
+def test_options_of_networks_are_refused_for_other_models(robustflow, model, option, value, says):
     assert robustflow.refuses("run", "-m", model, option, value) == f"robustflow: model '{model}' {says}"
 
 

@@ -14,7 +14,7 @@ from tests.corruptions.rain import forget
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
 
-def test_the_command_line_takes_it_and_an_edit_starts_apart(rain_package, robustflow):
+def test_edited_own_corruption_starts_a_new_run_on_the_command_line(rain_package, robustflow):
     run = ["run", "--model", "dis", "-O", "preset=ultrafast", "-s", "1", "--no-examples", "--output", "run"]
     own = ["--corruptions", "rain_module:Rain,fog+rain_module:Rain"]
     assert "rain" in robustflow.prints(*run, *own)
@@ -33,7 +33,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(rain_package, robust
     assert rf.load_run("mine.robustflow").summary == result.summary
 
 
-def test_an_object_runs_in_processes_as_in_this_one(rain_package, quick_workers):
+def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_package, quick_workers):
     from rain_module import Rain
 
     runs = [
@@ -61,7 +61,7 @@ def test_common_draws_expose_the_same_frame_at_every_severity(tmp_path, common, 
     assert run.manifest.identity.frames.common_draws is common
 
 
-def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(rain_package):
+def test_edited_own_corruption_without_an_output_folder_starts_a_new_run_with_a_note(rain_package):
     from rain_module import Rain
 
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])

@@ -60,7 +60,7 @@ def test_known_points_grow_by_a_little(known):
             assert shown[y, x].tolist() in [picture[tuple(point)].tolist() for point in nearest]
 
 
-def test_the_same_panel_is_the_same_bytes():
+def test_equal_panels_are_byte_identical():
     assert draw_panel(_panel(70, 100, True)) == _drawn(True)
 
 
@@ -71,7 +71,7 @@ def test_a_panel_is_a_picture_of_the_format(form):
         picture.load()
 
 
-def test_the_pictures_lie_where_they_belong():
+def test_panel_has_its_images_in_their_places():
     """Every picture of the panel is plain, in a different colour."""
     first, second, corrupted, also_corrupted = (np.full((70, 100, 3), grey, np.uint8) for grey in (30, 60, 120, 200))
     clean, flow, truth = (np.full((70, 100, 2), np.float32(vector)) for vector in ((3, 0), (0, 2), (-4, 0)))
@@ -108,7 +108,7 @@ def test_odd_sizes_stay_readable(height, width):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", ["$x^$", "_hidden", "a\nb", "\x1b[31mred", "x" * 500, "\\frac{", "日本"])
-def test_any_name_can_be_drawn(name):
+def test_panel_draws_any_name(name):
     title = panel_title(name, "fog", 3, "worst")
     assert "\n" not in title
     assert len(title) < 120

@@ -26,12 +26,12 @@ def _output(folder, more: str = "") -> str:
     return "".join(one.get("text", "") or one.get("data", {}).get("text/plain", "") for one in shown)
 
 
-def test_progress_is_shown_by_itself(tmp_path):
+def test_notebook_shows_progress_by_default(tmp_path):
     text = _output(tmp_path)
     assert "run: 2 steps (one pair under one condition per step)" in text
     assert "2/2" in text
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
-def test_and_not_where_it_is_not_wanted(tmp_path):
+def test_notebook_shows_no_progress_if_switched_off(tmp_path):
     assert "step" not in _output(tmp_path, ", progress=False")

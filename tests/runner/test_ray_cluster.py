@@ -92,7 +92,7 @@ def _check_equal(result, undisturbed):
     assert (result.path / "summary.json").read_bytes() == (undisturbed.path / "summary.json").read_bytes()
 
 
-def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults):
+def test_every_actor_has_a_separate_gpu(two_nodes, frames, undisturbed, tmp_path, faults):
     log = faults.parent / "gpus.log"
     model = {"device": "cuda", "pause": 0.02, "log": str(log)}
     result = _run(tmp_path / "run", frames, model=model, **two_nodes.engine)
@@ -156,7 +156,7 @@ def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
 
 
 @pytest.mark.slow
-def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
+def test_nodes_killed_at_ten_moments_leave_the_same_rows(two_nodes, frames, undisturbed, tmp_path):
     """A node is killed at a random moment and a new one joins, again and again over several runs."""
     moments = random.Random(1)
     killed = number = 0

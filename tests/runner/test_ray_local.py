@@ -42,7 +42,7 @@ def _folder(tmp_path_factory, monkeypatch):
     subprocess.run(["rm", "-rf", str(short)], check=True)
 
 
-def test_equal_to_serial_and_nothing_stays(tmp_path):
+def test_ray_gives_the_rows_of_one_process_and_leaves_nothing_behind(tmp_path):
     """The record of where each row was computed is kept when the run is resumed with a different engine."""
     before = signal.getsignal(signal.SIGTERM)
     benchmark = Benchmark("drawn", TexturePairs(1, (48, 64)), ("0",), FAST, (1, 2, 4))
@@ -78,7 +78,7 @@ def test_an_object_of_the_caller_travels_to_an_actor_of_the_same_priority(tmp_pa
     assert result.rcre == 0.0
 
 
-def test_an_object_that_cannot_travel_is_one_sentence(tmp_path):
+def test_object_that_cannot_be_pickled_is_refused_in_one_sentence(tmp_path):
     class Open(ZeroFlow):
         def __init__(self) -> None:
             super().__init__()
@@ -104,7 +104,7 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
         ("auto", RunError, r"at 'auto' cannot be reached \(.*refused"),
     ],
 )
-def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, words):
+def test_address_without_a_cluster_is_refused(tmp_path, monkeypatch, address, error, words):
     # "auto" uses this address even if a different test's cluster is running
     monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     started = time.monotonic()
@@ -114,7 +114,7 @@ def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, w
 
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
-def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
+def test_address_of_a_different_service_is_refused(tmp_path, scheme, monkeypatch):
     monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
@@ -123,7 +123,7 @@ def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
 
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
-def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, devices):
+def test_gpu_number_is_refused_with_ray(tmp_path, devices):
     spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("device", devices),))
     with pytest.raises(UsageError, match=f"--device {devices} is not available with the ray engine: use --device cuda"):
         rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
@@ -165,6 +165,6 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 3.0, 5.0, 8.0])
-def test_ctrl_c_is_one_line(tmp_path, delay):
+def test_ctrl_c_with_ray_prints_one_line(tmp_path, delay):
     check_stopped_by_ctrl_c(_start(tmp_path / "run", "-O", "fault=hang", FAULTS=str(tmp_path)), delay)
     assert not list(Path(os.environ["TMPDIR"]).iterdir()), "an actor that is killed leaves no files"

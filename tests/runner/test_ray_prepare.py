@@ -46,6 +46,6 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
         (["--engine", "ray", "--workers", "0"], "0 is not a valid number of workers"),
     ],
 )
-def test_options_that_do_not_go_together(recordings, tmp_path, robustflow, options, words):
+def test_contradictory_options_of_prepare_are_refused(recordings, tmp_path, robustflow, options, words):
     folders = ["-d", recordings, "-o", tmp_path / "out", "--fps", "240", "--factor", "1"]
     assert words in robustflow.refuses("prepare", "gopro-fc", *folders, *options)

@@ -21,17 +21,17 @@ def run(tmp_path_factory):
     return evaluate("dis", "demo", output=folder, corruptions=["gaussian_noise", "fog"], severities=[1, 4], seed=3)
 
 
-def test_every_row_of_a_run(run):
+def test_recheck_confirms_every_row_of_a_run(run):
     said = recheck(run.manifest.identity, run.rows, count=1000)
     assert said.startswith(f"{run.rows.height} of {run.rows.height} rows")
 
 
-def test_no_temporary_folder_is_needed(run, monkeypatch):
+def test_recheck_needs_no_temporary_folder(run, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", "/no such folder")
     recheck(run.manifest.identity, run.rows, count=1)
 
 
-def test_the_draw_follows_from_its_seed_and_is_new_without(run):
+def test_recheck_draws_the_same_rows_with_a_seed_and_new_ones_without(run):
     said = [recheck(run.manifest.identity, run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
     assert said[0] == said[1]
     assert len(set(said[1:])) == 3
@@ -48,7 +48,7 @@ def test_the_draw_follows_from_its_seed_and_is_new_without(run):
         ({"sample": pl.lit("../../etc/passwd")}, "has no sample '../../etc/passwd'"),
     ],
 )
-def test_changed_rows(run, change, says):
+def test_recheck_finds_changed_rows(run, change, says):
     rows = run.rows.with_columns(**change)
     with pytest.raises(RunError, match=says):
         recheck(run.manifest.identity, rows, count=2)
@@ -73,13 +73,13 @@ def test_rows_without_a_valid_pixel_are_not_those_of_a_model_that_predicts_every
         ({"streams": 1}, "use the version of the run"),
     ],
 )
-def test_changed_identities(run, change, says):
+def test_recheck_finds_changed_identities(run, change, says):
     noise = run.rows.filter(corruption="gaussian_noise")
     with pytest.raises(RunError, match=says):
         recheck(changed_identity(run.manifest.identity, **change), noise)
 
 
-def test_own_frames_and_others_of_the_same_name(tmp_path):
+def test_recheck_of_different_frames_with_the_same_names_fails(tmp_path):
     rng = np.random.default_rng(0)
     for folder in ("mine", "other"):
         (tmp_path / folder).mkdir()
@@ -112,14 +112,14 @@ def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
     assert "6 of 6 rows" in recheck(packed.manifest.identity, packed.rows, tmp_path / "frames")
 
 
-def test_arguments_that_cannot_be_meant(run):
+def test_invalid_arguments_of_recheck_are_refused(run):
     with pytest.raises(UsageError, match="must be at least 1"):
         recheck(run.manifest.identity, run.rows, count=0)
     with pytest.raises(RobustFlowError, match="is unknown: neither this package"):
         recheck(changed_identity(run.manifest.identity, benchmark="../x"), run.rows)
 
 
-def test_real_pairs(shared, tmp_path):
+def test_recheck_confirms_rows_of_real_pairs(shared, tmp_path):
     data = shared("data/kitti2015")
     found = evaluate(
         "dis", "kitti-fc", data, tmp_path / "run", corruptions=["snow"], severities=[3], limit=2, variant="reference"

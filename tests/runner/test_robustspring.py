@@ -110,7 +110,7 @@ def test_rcre_is_how_far_the_flow_moves(run, expected):
     assert set(run.rows["group"]) == set(SEQUENCES)
 
 
-def test_a_run_says_nothing_of_the_papers_severities(run):
+def test_run_on_robustspring_mentions_no_severity_of_the_paper(run):
     assert comparison_note(run) == "12 pairs of RobustSpring; average over RobustSpring fog and RobustSpring zoom blur"
 
 
@@ -130,7 +130,7 @@ def test_results_can_be_written_and_read_again(run, tmp_path):
     assert again.numbers("rcre") == run_results([run])[0].numbers("rcre")
 
 
-def test_it_stands_in_tables_and_on_pages_like_any_other(run):
+def test_run_on_robustspring_is_shown_in_tables_and_pages(run):
     results = run_results([run])
     table = build_table("rcre", results)
     headings = [(column.label, column.group) for column in table.columns]
@@ -141,14 +141,14 @@ def test_it_stands_in_tables_and_on_pages_like_any_other(run):
     assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]
 
 
-def test_a_second_call_finds_its_rows(run, root):
+def test_second_call_on_robustspring_computes_nothing_again(run, root):
     before = {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()}
     again = evaluate("farneback", "robustspring", root, run.path, examples=False)
     assert again.summary == run.summary
     assert {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()} == before
 
 
-def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path, monkeypatch):
+def test_path_of_springs_frames_is_not_part_of_the_identity(run, root, tmp_path, monkeypatch):
     """Their folder may be named relative to the working folder, which a later command does not share."""
     apart = tmp_path / "apart"
     apart.mkdir()
@@ -183,7 +183,7 @@ def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption
         assert all(np.array_equal(one, other) for one, other in zip(frames, expected, strict=True))
 
 
-def test_a_record_of_it_is_verified(run):
+def test_record_of_a_robustspring_run_is_verified(run):
     assert verified(record_bytes(run)).ok
 
 

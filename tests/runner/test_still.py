@@ -195,7 +195,7 @@ def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, 
                 recheck(drawn.manifest.identity, rows, clip_folder, model=Pairs(), count=4)
 
 
-def test_draws_that_are_equal_are_asked_once_and_have_no_spread(clip_folder, tmp_path):
+def test_equal_draws_are_predicted_once_and_have_no_spread(clip_folder, tmp_path):
     class Counting(BrightnessFlow):
         asked = 0
 

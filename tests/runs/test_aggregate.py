@@ -21,7 +21,7 @@ from tests.made_rows import rows_frame
 from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
 
 
-def test_image_averaging_by_hand():
+def test_image_means_equal_hand_computed_values():
     """Averaging each image first gives (1 + 3 + 8) / 3 for the clean frames, 7 and 11 for fog, and 1 for snow."""
     summary = summarize(rows_frame(THREE_IMAGES))
     assert summary.epe_clean == 4.0
@@ -207,12 +207,12 @@ def test_a_perfect_clean_flow_has_no_crer():
     assert (summary.cre, summary.crer) == (2.0, None)
 
 
-def test_no_rows_have_no_means():
+def test_empty_rows_have_no_means():
     summary = summarize(rows_frame([]))
     assert (summary.epe, summary.epe_clean, summary.samples, summary.corruptions) == (None, None, 0, {})
 
 
-def test_rows_twice_and_foreign_tables_are_refused():
+def test_duplicate_rows_and_tables_of_another_schema_are_refused():
     with pytest.raises(RunError, match="sample 'b', fog severity 2 occur twice"):
         summarize(rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]))
     with pytest.raises(RunError, match="lack the column 'n_all'"):
@@ -301,7 +301,7 @@ def _mean(*values):
 
 @settings(max_examples=40)
 @given(runs(), st.sampled_from(["image", "pixel"]))
-def test_equals_the_naive_loop(rows, averaging):
+def test_means_equal_the_naive_loop(rows, averaging):
     summary = summarize(rows_frame(rows), averaging)
     expected = _naive_scores(rows, averaging)
     inside = _naive_scores(rows, averaging, "epe_sum_occ", "rcre_sum_occ", "n_occ")

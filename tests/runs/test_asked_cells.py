@@ -55,7 +55,7 @@ def _alone(options):
 
 @settings(max_examples=8, deadline=None)
 @given(st.lists(CALLS, min_size=2, max_size=4))
-def test_calls_into_one_folder_answer_as_in_an_empty_one(calls):
+def test_calls_into_a_shared_folder_give_the_result_of_an_empty_one(calls):
     with TemporaryDirectory() as folder:
         results = [_call(folder, options) for options in calls]
         for result, options in zip(results, calls, strict=True):

@@ -87,7 +87,7 @@ DIFFERENT = {
 
 
 @pytest.mark.parametrize("what", DIFFERENT)
-def test_a_difference_makes_another_sample_set_and_is_named(base, what):
+def test_different_data_are_a_different_sample_set_and_the_difference_is_named(base, what):
     identity, changed, words = DIFFERENT[what]
     one, other = made_run(base, rows()), made_run(base, changed, **identity)
     assert sample_set(one) != sample_set(other)
@@ -112,7 +112,7 @@ def test_lines_that_cannot_be_compared_say_why(base):
     assert "seed" not in comparison_notes(runs[::2])[0]
 
 
-def test_no_bold_mark_over_other_frames(base):
+def test_best_value_is_not_marked_across_different_frames(base):
     def best(**other):
         pair = [made_run(base, rows(index), str(index), **(other if index else {})) for index in (0, 1)]
         (table,) = tables_of(pair, published=False, wanted=["cre"])
@@ -138,7 +138,7 @@ def test_common_rows_leave_out_what_differs_entirely():
     assert common_rows([rows(), rows(1.0)], ["A", "B"])[1] == ""
 
 
-def test_other_truth_is_refused_in_words(base):
+def test_comparison_over_different_ground_truth_is_refused(base):
     other = rows().with_columns(truth_digest=pl.lit("1.5 times"))
     with pytest.raises(RunError, match=r"A and B were measured against different ground truth .*A has ground truth"):
         common_to({"A": made_run(base, rows()), "B": made_run(base, other)})

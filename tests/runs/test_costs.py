@@ -91,7 +91,7 @@ def test_costs_of_runs_are_shown_without_ranks(runs):
     assert {name: cells["flops", ""].text for name, cells in board.items()} == texts
 
 
-def test_published_lines_do_not_change(runs):
+def test_costs_of_runs_leave_published_lines_unchanged(runs):
     alone = {key: cells for key, (cells, _) in _lines([]).items()}
     for run in runs:
         write_cost(run, _cost(run, 0.1))
@@ -110,7 +110,7 @@ def test_counts_at_another_size_are_noted(runs):
     assert found["Measured on different frames", "three"][0]["FLOPs (G)"] == "-"
 
 
-def test_a_cost_goes_with_the_record(runs, tmp_path):
+def test_cost_is_packed_with_the_record(runs, tmp_path):
     cost = _cost(runs[0], 30.0, seconds=0.25, peak_bytes=10, device="cuda:0", iterations=12)
     write_cost(runs[0], cost)
     assert read_cost(runs[0]) == cost
@@ -130,25 +130,25 @@ def test_a_cost_goes_with_the_record(runs, tmp_path):
         ({"device": "x" * 100}, "device"),
     ],
 )
-def test_a_damaged_file(runs, change, says):
+def test_damaged_cost_file_is_refused(runs, change, says):
     (runs[0].path / PROFILE).write_text(json.dumps(sealed(_cost(runs[0], 1.0).model_dump() | change)))
     with pytest.raises(RunError, match=says):
         read_cost(runs[0])
 
 
-def test_no_json_and_too_much_of_it(runs):
+def test_cost_file_with_invalid_or_too_much_json_is_refused(runs):
     for text in ("", "{", "[" * 10_000, " " * 100_000 + "{}"):
         (runs[0].path / PROFILE).write_text(text)
         with pytest.raises(RunError, match=r"profile\.json"):
             read_cost(runs[0])
 
 
-def test_a_pipe_is_not_waited_for(runs):
+def test_pipe_as_cost_file_is_refused_at_once(runs):
     os.mkfifo(runs[0].path / PROFILE)
     assert read_cost(runs[0]) is None
 
 
-def test_only_the_model_of_the_run(runs):
+def test_cost_of_a_different_model_is_refused(runs):
     check_profiled_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
     with pytest.raises(UsageError, match='its name is "one", but the given model has "two"'):
         check_profiled_model(runs[0], {"name": "two"})

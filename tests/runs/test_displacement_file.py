@@ -40,7 +40,7 @@ def run(kept, tmp_path):
     return rf.Result(tmp_path / "run")
 
 
-def test_a_run_keeps_that_of_its_ground_truth(kept):
+def test_run_stores_the_displacement_of_its_ground_truth(kept):
     expected = displacement_histogram(load_benchmark("demo"))
     found = read_displacement(kept)
     assert (found.source, found.samples) == ("ground truth", 1)
@@ -49,7 +49,7 @@ def test_a_run_keeps_that_of_its_ground_truth(kept):
     assert found.table["high"][-1] == math.inf
 
 
-def test_the_page_draws_it_with_its_numbers(kept):
+def test_page_shows_the_displacement_with_its_numbers(kept):
     page = render_site(whole_content([kept], published=False))
     assert "Flow magnitudes" in page
     found = read_displacement(kept).table.filter(pl.col("share") > 0)
@@ -60,7 +60,7 @@ def test_the_page_draws_it_with_its_numbers(kept):
     assert rf.Result(kept.path).plot("displacement").marks
 
 
-def test_without_examples_or_ground_truth_there_is_none(tmp_path):
+def test_run_without_examples_or_ground_truth_has_no_displacement(tmp_path):
     assert read_displacement(rf.evaluate(ZeroFlow(), output=tmp_path / "a", **CELL)) is None
     (tmp_path / "data").mkdir()
     for index in range(2):
@@ -70,7 +70,7 @@ def test_without_examples_or_ground_truth_there_is_none(tmp_path):
     assert "Flow magnitudes" not in render_site(whole_content([bare], published=False))
 
 
-def test_more_samples_are_counted_again(tmp_path):
+def test_displacement_is_counted_again_for_more_samples(tmp_path):
     home = tmp_path / "training"
     (home / "clean" / "alley").mkdir(parents=True)
     for index in (1, 2, 3):
@@ -84,7 +84,7 @@ def test_more_samples_are_counted_again(tmp_path):
     assert sum(read_displacement(more).pixels) == 512
 
 
-def test_a_damaged_one_is_counted_again(run):
+def test_damaged_displacement_file_is_written_again_by_a_run(run):
     path = run.path / "displacement.json"
     whole = path.read_bytes()
     path.write_text("{")
@@ -103,7 +103,7 @@ def test_a_damaged_one_is_counted_again(run):
         (lambda kept: {}, "run: Field required"),
     ],
 )
-def test_a_damaged_file_is_named(run, change, says):
+def test_damaged_displacement_file_is_refused_by_its_path(run, change, says):
     path = run.path / "displacement.json"
     path.write_text(json.dumps(sealed(change(json.loads(path.read_text())))))
     with pytest.raises(RunError, match=says) as caught:
@@ -119,7 +119,7 @@ def test_a_source_with_markup_stays_text(run):
     assert "<img src=x" not in page
 
 
-def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
+def test_ground_truth_takes_precedence_over_a_model_and_equal_displacements_are_merged(kept, run):
     write_displacement(run, displacement_histogram(load_benchmark("demo"), rf.load_model("dis"), "dis"))
     assert list(displacements_of([run])) == ["demo, 1 pair (dis)"]
     assert list(displacements_of([run, kept])) == ["demo, 1 pair (ground truth)"]
@@ -128,7 +128,7 @@ def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 
-def test_lines_that_lie_on_each_other_are_both_seen():
+def test_coinciding_lines_are_both_visible():
     table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.5, 0.5]})
     (axes,) = displacement_figure({"a": table, "b": table, "c": table}).axes
     widths = [patch.get_linewidth() for patch in axes.patches]
@@ -141,7 +141,7 @@ def test_no_axis_goes_far_beyond_all_pixels():
     assert 100 < axes.get_ylim()[1] <= 130
 
 
-def test_what_cannot_be_drawn():
+def test_impossible_displacement_figure_is_refused():
     empty = pl.DataFrame({"low": [0.0], "high": [math.inf], "share": [0.0]})
     full = empty.with_columns(share=pl.Series([1.0]))
     with pytest.raises(UsageError, match="no displacements to draw"):

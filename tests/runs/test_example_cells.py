@@ -43,7 +43,7 @@ errors_of_samples = st.dictionaries(
 
 
 @given(errors_of_samples, st.booleans())
-def test_worst_and_median(errors, truth):
+def test_example_cells_are_the_worst_and_the_median(errors, truth):
     worst, median = example_cells(_rows(errors, truth))
     assert tuple((one.key, (one.corruption, one.severity)) for one in (worst, median)) == _expected(errors)
     assert (worst.kind, median.kind) == ("worst", "median")
@@ -57,5 +57,5 @@ def test_cre_of_a_cell_is_over_the_pixels_that_both_flows_have():
     assert [one.scores.cre for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
 
 
-def test_nothing_measured_nothing_chosen():
+def test_empty_rows_have_no_example_cells():
     assert example_cells(rows_frame([])) == []

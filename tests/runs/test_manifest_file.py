@@ -92,7 +92,7 @@ def refused(folder, before, match: str) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_another_shape_is_refused_and_kept(shape, whole, tmp_path):
+def test_manifest_of_a_different_structure_is_refused_and_not_overwritten(shape, whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
     refused(*damaged(whole, tmp_path, json.dumps(fitting(SHAPES[shape](manifest)))), r"manifest\.json is damaged")
 
@@ -108,7 +108,7 @@ def test_another_shape_is_refused_and_kept(shape, whole, tmp_path):
         ('{"schema": 1}', "was written with run schema 1, but this version reads 4"),
     ],
 )
-def test_no_json_and_an_older_schema_are_refused_and_kept(text, match, whole, tmp_path):
+def test_manifest_of_invalid_json_or_an_older_schema_is_refused_and_not_overwritten(text, match, whole, tmp_path):
     refused(*damaged(whole, tmp_path, text), rf"manifest\.json {match}")
 
 
@@ -140,7 +140,7 @@ def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
             Run(folder)
 
 
-def test_what_is_written_is_read(whole):
+def test_manifest_reads_back_equal(whole):
     assert sealed(Run(whole).manifest.record()) == json.loads((whole / "manifest.json").read_text())
 
 
@@ -154,7 +154,7 @@ def test_what_is_written_is_read(whole):
         '{"model": null, "data": null, "data_options": {"depth": {"folder": "/x"}}}',
     ],
 )
-def test_a_source_of_another_shape_is_one_sentence(text, tmp_path):
+def test_source_of_a_different_structure_is_refused_in_one_sentence(text, tmp_path):
     (tmp_path / "source.json").write_text(text)
     with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and give --model and --data instead"):
         RunSource.read(tmp_path)

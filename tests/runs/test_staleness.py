@@ -56,7 +56,7 @@ def summaries(monkeypatch):
     return calls
 
 
-def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
+def test_unchanged_run_is_not_summarised_again(folder, summaries):
     files = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.rglob("*") if path.is_file()}
     again = rf.evaluate(MODEL, output=folder, corruptions=["contrast", "high_light"], severities=[1])
     assert again.summary == rf.load_run(folder).summarize("image")
@@ -66,7 +66,7 @@ def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
     assert files[folder / "manifest.json"][0] == (folder / "manifest.json").read_bytes()
 
 
-def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
+def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
     """JSON sorts keys; tables and figures follow the paper's order, which the summary uses."""
     names = ["contrast+pixelate", "impulse_noise", "fog", "contrast"]
     rf.evaluate(MODEL, output=folder, corruptions=names, severities=[1])
@@ -144,7 +144,7 @@ def _asked(run):
 
 
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
-def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
+def test_stored_summary_equals_a_computed_one(folder, tmp_path, edit):
     assert (folder / CACHED_VALUES_FILE).is_file(), "the run's report stored the values"
     edit(folder)
     bare = shutil.copytree(folder, tmp_path / "copy")
@@ -159,7 +159,7 @@ def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
     assert rf.load_run(folder)._stored_means() == computed.summary
 
 
-def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
+def test_stored_summary_is_read_without_the_rows(folder, monkeypatch):
     for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
         (folder / name).unlink()
     run = rf.load_run(folder)
@@ -170,7 +170,7 @@ def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
     assert _asked(rf.load_run(folder)) == whole
 
 
-def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder):
+def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
     run = rf.load_run(folder)
     assert run.rows.height
     _double_errors(folder)
@@ -193,7 +193,7 @@ def test_means_that_another_process_writes_at_the_same_time_are_not_taken_for_th
     assert rf.load_run(folder).summary == run.summarize()
 
 
-def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
+def test_read_only_run_folder_stores_no_summary(folder, monkeypatch):
     (folder / STALENESS_FILE).unlink()
     run = rf.load_run(folder)
     whole = _asked(run)

@@ -91,7 +91,7 @@ def test_rows_of_one_corruption_are_those_among_all(folder):
     assert folder.rows(corruption="snow").is_empty()
 
 
-def test_merging_keeps_every_row_once(folder):
+def test_merging_stores_every_row_once(folder):
     for key in ("a", "ab"):
         _write(folder, key, CLEAN, (0,))
         _write(folder, key, "fog", (1, 2))
@@ -190,7 +190,7 @@ def test_small_shards_become_one_and_no_row_is_lost(folder):
     assert folder.rows().equals(before)
 
 
-def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
+def test_files_left_by_a_killed_run_are_deleted_at_the_next_start(folder):
     for key in ("done", "not merged", "begun", "predicted"):
         if key != "predicted":
             _write(folder, key, CLEAN, (0,))

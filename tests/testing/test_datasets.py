@@ -10,7 +10,7 @@ from robustflow.testing import ShiftedTruth, TexturePairs, check_dataset
 
 
 @pytest.mark.parametrize("size", [(64, 96), (33, 61)])
-def test_it_keeps_the_rules(size):
+def test_texture_pairs_pass_check_dataset(size):
     pairs = TexturePairs(4, size)
     assert check_dataset(pairs, samples=4) == "texture_pairs"
     assert {sample.shape for sample in pairs} == {size}
@@ -18,7 +18,7 @@ def test_it_keeps_the_rules(size):
 
 
 @pytest.mark.parametrize("key", ["0", "1", "2"])
-def test_the_flow_leads_each_pixel_to_itself(key):
+def test_flow_of_texture_pairs_maps_each_pixel_to_its_match(key):
     sample = TexturePairs(3, (40, 56), reach=6, seed=5).load(key)
     assert sample.occluded is not None
     y, x = np.nonzero(~sample.occluded)
@@ -27,7 +27,7 @@ def test_the_flow_leads_each_pixel_to_itself(key):
     assert sample.occluded.sum() == 40 * 56 - (40 - abs(v[0])) * (56 - abs(u[0]))
 
 
-def test_the_error_of_a_model_on_it_is_known(tmp_path):
+def test_zero_flow_has_the_known_error_on_texture_pairs(tmp_path):
     pairs = TexturePairs(1)
     benchmark = Benchmark("textures", pairs, ("0",), ("contrast",), (1,))
     run = rf.evaluate(ShiftedTruth(pairs.load("0").flow, u=3, v=4), benchmark, output=tmp_path)
@@ -35,11 +35,11 @@ def test_the_error_of_a_model_on_it_is_known(tmp_path):
     assert run.cre == 0.0
 
 
-def test_it_is_a_data_set_by_name():
+def test_texture_pairs_load_by_name():
     assert load_benchmark("demo", "robustflow.testing:TexturePairs").keys == ("0", "1", "2")
 
 
 @pytest.mark.parametrize("wrong", [{"count": 0}, {"size": (4, 40)}, {"reach": -1}])
-def test_what_cannot_be_made_is_refused(wrong):
+def test_impossible_texture_pairs_are_refused(wrong):
     with pytest.raises(UsageError, match="cannot create"):
         TexturePairs(**wrong)

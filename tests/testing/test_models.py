@@ -29,12 +29,12 @@ class Sure(ZeroFlow):
 
 
 @pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip((2, 1)), Sure()])
-def test_models_that_keep_the_rules(model):
+def test_check_model_accepts_models_that_keep_the_rules(model):
     assert check_model(model) == (model.__name__ if isinstance(model, type) else type(model).__name__)
 
 
 @pytest.mark.parametrize("name", ["dis", "farneback"])
-def test_the_models_that_ship_keep_them(name):
+def test_check_model_accepts_every_shipped_model(name):
     check_model(rf.load_model(name))
 
 
@@ -144,7 +144,7 @@ def never(frame1, frame2):
         (SureOfLess(), r"confidence on frames of 128x160 has the shape \(127, 160\); expected \(128, 160\)"),
     ],
 )
-def test_every_broken_rule_is_named(model, says):
+def test_check_model_names_every_broken_rule(model, says):
     with pytest.raises(ModelError, match=says) as error:
         check_model(model)
     assert "\n" not in str(error.value)

@@ -66,7 +66,7 @@ def test_scales_of_sparse_pairs_are_uniform_powers_and_equal():
     assert stats.kstest(np.log2([x for x, _ in scales]), stats.uniform(-0.3, 0.8).cdf).pvalue > _ALPHA
 
 
-def test_flips():
+def test_flips_have_their_stated_probabilities():
     dense, sparse, none = drawn(False), drawn(True), drawn(False, flip=False)
     assert share(sum(one.mirrored for one in dense), 0.5)
     assert share(sum(one.upside_down for one in dense), 0.1)
@@ -82,7 +82,7 @@ def test_sparse_crops_reach_the_borders_more_often():
     assert stats.binomtest(at_the_left, len(unscaled), 51 / (free + 100)).pvalue > _ALPHA
 
 
-def test_the_eraser():
+def test_eraser_draws_as_often_and_as_large_as_stated():
     every = [draw_eraser(Rng.of("e", n), SHAPE) for n in range(DRAWS)]
     assert share(sum(bool(one) for one in every), 0.5)
     counts = [len(one) for one in every if one]

@@ -177,7 +177,7 @@ def test_corrector_with_an_activation_after_its_encoder_is_rejected(given, corre
     assert (wrong - right).abs().max() > 0.01
 
 
-def test_rates_are_the_originals(given):
+def test_learning_rates_equal_the_originals(given):
     recipe = load_recipe("brightflow", "unsupervised")
     assert recipe.updates == recipe.steps
     for update, rate in given.cases["rates"]:

@@ -25,7 +25,7 @@ from .progress import StopAfter, weights  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
 
-def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for):
+def test_damaged_checkpoint_or_one_of_weights_only_is_refused_in_one_line(request_for):
     request = request_for()
     path = run_training(request, StopAfter(1))
     state = weights(path)
@@ -146,7 +146,7 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
 
 
 @pytest.mark.slow
-def test_a_disk_that_is_full_indeed(request_for, tmp_path):
+def test_training_on_a_full_disk_keeps_the_last_checkpoint(request_for, tmp_path):
     """An in-memory file system with room for only one checkpoint."""
     request = request_for(steps=4, checkpoints=Checkpoints(2))
     request.output.mkdir()
@@ -164,7 +164,7 @@ def test_a_disk_that_is_full_indeed(request_for, tmp_path):
 
 
 @pytest.mark.parametrize("content", [{"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, "<html>not found</html>"])
-def test_first_weights_of_another_network_or_none_are_one_line(request_for, tmp_path, content):
+def test_start_weights_of_a_different_network_or_missing_ones_are_refused_in_one_line(request_for, tmp_path, content):
     path = tmp_path / "other.pth"
     path.write_text(content) if isinstance(content, str) else torch.save(content, path)
     with pytest.raises(ModelError, match=r"other\.pth") as caught:

@@ -31,7 +31,7 @@ def still():
 
 
 @pytest.mark.parametrize("time", [0, 300, 999])
-def test_it_begins_where_the_noised_truth_says(still, time):
+def test_denoising_starts_at_the_noised_ground_truth(still, time):
     images = torch.rand(2, 1, 3, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(1)) * 255
     truth = torch.tensor([24.0, -16.0])[None, :, None, None].expand(1, 2, HEIGHT, WIDTH)
     noise = torch.tensor([0.7, -0.4])[None, :, None, None].expand(1, 2, HEIGHT // 8, WIDTH // 8)

@@ -41,7 +41,7 @@ def by_pillow(image: np.ndarray, jitter: Jitter) -> np.ndarray:
     seed=st.integers(0, 2**31),
     spread=st.sampled_from([256, 40, 3]),
 )
-def test_the_bytes_are_pillows(brightness, contrast, saturation, hue, order, seed, spread):
+def test_jitter_is_byte_identical_to_pillow(brightness, contrast, saturation, hue, order, seed, spread):
     image = (np.random.default_rng(seed).integers(0, spread, (23, 31, 3)) + (256 - spread) // 2).astype(np.uint8)
     jitter = Jitter(brightness, contrast, saturation, hue, tuple(order))
     before = image.copy()
@@ -49,7 +49,7 @@ def test_the_bytes_are_pillows(brightness, contrast, saturation, hue, order, see
     np.testing.assert_array_equal(image, before)
 
 
-def test_every_colour_and_every_turn_of_the_hue():
+def test_hue_shift_of_every_colour_equals_pillow():
     steps = np.arange(0, 256, 5, dtype=np.uint8)
     image = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(len(steps), -1, 3)
     for turn in range(-127, 128, 14):
@@ -58,7 +58,7 @@ def test_every_colour_and_every_turn_of_the_hue():
 
 
 @pytest.mark.parametrize("strength", [DENSE, SPARSE])
-def test_what_is_drawn(strength):
+def test_jitter_draws_its_stated_ranges(strength):
     drawn = [draw_jitter(Rng.of("test", number), strength) for number in range(3000)]
     for name in OPERATIONS:
         values, middle, most = [getattr(one, name) for one in drawn], float(name != "hue"), getattr(strength, name)

@@ -57,7 +57,7 @@ from .progress import (  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
 
-def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_training(request_for):
+def test_resumed_training_equals_an_uninterrupted_one_with_any_number_of_loaders(request_for):
     whole = request_for("whole", steps=4)
     run_training(whole)
     for stop, loaders in ((1, 0), (3, 1)):
@@ -69,7 +69,7 @@ def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_t
 
 
 @pytest.mark.slow
-def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
+def test_training_killed_at_ten_moments_resumes_to_the_same_weights(request_for, tmp_path):
     def start(request) -> subprocess.Popen:
         return subprocess.Popen(training_command(request, tmp_path), env=ONE_THREAD, stderr=subprocess.DEVNULL)
 
@@ -268,7 +268,7 @@ def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp
         run_training(request_for("skipped", steps=4, sources=[copy], skip_bad=True))
 
 
-def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
+def test_missing_data_or_start_weights_are_refused_in_one_line(request_for, tmp_path):
     with pytest.raises(DataError, match=r"flyingchairs split=train was not found .*flyingchairs=FOLDER"):
         run_training(request_for(sources=[tmp_path]))
     with pytest.raises(ModelError, match=r"no file .*nothing\.pth"):
@@ -302,7 +302,7 @@ def test_processes_wait_for_each_other_as_long_as_a_validation_may_take(monkeypa
         assert joined["timeout"] > timedelta(hours=12)
 
 
-def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):
+def test_validation_is_a_separate_run_and_the_best_weights_are_stored(request_for, chairs):
     validation = Validation("flyingchairs", chairs / "FlyingChairs_release", every=2, corruptions=["contrast"], limit=1)
     request = request_for(steps=3, validation=validation, iterations=1)
     run_training(request)
@@ -343,7 +343,7 @@ def test_best_weights_are_compared_on_the_same_pairs_alone(request_for, scored):
     assert (best["updates"], best["best"], best["best_on"]) == (4, 9.25, "other pairs")
 
 
-def test_a_validation_that_fails_costs_no_update_and_is_made_up_for(request_for, scored):
+def test_failed_validation_loses_no_update_and_is_repeated(request_for, scored):
     request = request_for(steps=4, validation=Validation("sintel", every=2), checkpoints=Checkpoints(1000))
     run_training(request)
     for name, fails, stop in (("failed", True, StopAfter(9)), ("stopped", False, StopAfter(2))):
@@ -399,7 +399,7 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
         run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"])))
 
 
-def test_a_mix_of_ones_own_and_one_that_cannot_be_read(request_for, tmp_path):
+def test_own_mix_file_is_used_and_an_unreadable_one_refused(request_for, tmp_path):
     mix = tmp_path / "mine.toml"
     mix.write_text('parts = [{data = "flyingchairs", augmentation = "dense", log2_scale = [0, 0.2], flip = false}]')
     request = request_for(steps=2, mix=str(mix))

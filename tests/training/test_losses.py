@@ -35,7 +35,7 @@ def test_the_sequence_loss_is_the_naive_loop():
     assert end_point_error(tensors[-1], *arguments).item() == pytest.approx(np.mean(errors), rel=1e-6)
 
 
-def test_pixels_that_do_not_count_have_no_gradient():
+def test_invalid_and_very_fast_pixels_have_no_gradient():
     flow = torch.zeros(1, 2, 2, 2, requires_grad=True)
     truth = torch.full((1, 2, 2, 2), 5.0)
     truth[0, :, 0, 0] = 300  # 424 px long

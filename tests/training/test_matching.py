@@ -28,7 +28,7 @@ def some(seed: int, pairs: int = 2):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_it_is_the_authors(seed):
+def test_matching_equals_the_authors_code(seed):
     theirs = pytest.importorskip("ptlflow.models.gmflownet.loss", reason="needs the ptlflow extra")
     confidence, image1, image2, truth = some(seed)
     settings = configparser.ConfigParser()
@@ -50,7 +50,7 @@ def test_it_is_the_authors(seed):
     torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-4, atol=1e-9)
 
 
-def test_it_is_the_naive_loop():
+def test_matching_equals_the_naive_loop():
     confidence, image1, image2, truth = some(9, pairs=1)
     matches = true_matches(image1, image2, truth)[0]
     right, wrong = [], []

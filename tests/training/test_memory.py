@@ -12,7 +12,7 @@ from robustflow.training.request import DataPlan
 pytestmark = pytest.mark.training
 
 
-def test_the_count_of_another_crop():
+def test_memory_of_a_different_crop_is_estimated():
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
     from robustflow.training.losses.sequence import sequence_loss

@@ -105,20 +105,20 @@ def assert_learned(request: Request) -> None:
 @pytest.mark.parametrize(
     ("method", "precision"), [*((method, "fp32") for method in SUPERVISED), ("raft_small", "bf16")]
 )
-def test_three_steps(method, precision, shared, tmp_path):
+def test_every_method_trains_for_three_steps(method, precision, shared, tmp_path):
     request = three_steps(method, precision, tmp_path, shared("data"))
     run_training(request)
     assert_learned(request)
 
 
 @pytest.mark.parametrize("method", [name for name in SUPERVISED if name not in ("samflow_b", "samflow_h")])  # memory
-def test_three_steps_of_two_processes(method, shared, tmp_path):
+def test_every_method_trains_for_three_steps_in_two_processes(method, shared, tmp_path):
     request = three_steps(method, "fp32", tmp_path, shared("data"))
     train_in_two_processes(request, tmp_path, timeout=1800)
     assert_learned(request)
 
 
-def test_raft_small_learns_one_pair_by_heart(shared, tmp_path):
+def test_raft_small_overfits_one_pair(shared, tmp_path):
     mix = tmp_path / "one.toml"
     mix.write_text(
         'parts = [{data = "middlebury", augmentation = "dense", log2_scale = [0.0, 0.0], flip = false}]\n', "utf-8"

@@ -43,7 +43,7 @@ class Net(nn.Module):
 OPTIONS = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
 
 
-def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
+def test_own_network_is_trained_and_its_checkpoint_loads(request_for, tmp_path, monkeypatch):
     (tmp_path / "own_net_for_test.py").write_text(OWN_NETWORK)
     monkeypatch.syspath_prepend(tmp_path)
     request = request_for(options=OPTIONS, frozen_norms="none")
@@ -214,7 +214,7 @@ def test_a_network_that_cannot_be_trained_is_named_in_a_sentence(
 
 
 @pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net", "arflow", "upflow", "brightflow"])
-def test_the_seed_is_that_of_every_random_weight(tmp_path, monkeypatch, kind):
+def test_seed_determines_every_random_weight(tmp_path, monkeypatch, kind):
     (tmp_path / "own_net_for_seed.py").write_text(OWN_NETWORK)
     monkeypatch.syspath_prepend(tmp_path)
     own = ":" in kind
@@ -265,7 +265,7 @@ class Net(nn.Module):
 """
 
 
-def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch):
+def test_network_with_a_custom_loss_is_trained_with_it(request_for, tmp_path, monkeypatch):
     (tmp_path / "own_loss_for_test.py").write_text(
         OWN_LOSS.replace("RETURNED", 'error, {"squared": error, "update": 7, "empty": float("nan")}')
     )

@@ -47,7 +47,7 @@ def _cases() -> list[str]:
 
 
 @pytest.mark.parametrize("case", _cases())
-def test_optimiser_steps_of_raft(shared, case):
+def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     folder = shared(RAFT)
     expected = json.loads((folder / "expected.json").read_text())[case]
@@ -105,7 +105,7 @@ def test_the_schedule_of_a_long_training_run_is_the_originals(shared):
             assert abs(one_cycle(step, 1000 * thousands, highest) - rate) < 1e-9
 
 
-def test_the_loss_of_arflow(shared):
+def test_loss_of_arflow_equals_the_originals(shared):
     folder = shared(ARFLOW)
     image1, image2 = (image(folder / f"frame_{number}.png")[None] / 255 for number in (1, 2))
     with np.load(folder / "flows.npz") as file:
@@ -143,7 +143,7 @@ def test_the_loss_of_arflow(shared):
         assert off <= 1e-4 * np.abs(gradient).max()
 
 
-def test_the_occlusion_maps_of_arflow(shared):
+def test_occlusion_maps_of_arflow_equal_the_originals(shared):
     folder = shared(ARFLOW)
     with np.load(folder / "flows.npz") as file:
         flow = torch.from_numpy(file["level0"])

@@ -29,7 +29,7 @@ _METHODS = {
 
 
 @pytest.mark.parametrize("stage", ["ood", "id"])
-def test_the_papers_tables(shared, stage):
+def test_recipes_equal_the_tables_of_the_papers(shared, stage):
     with open(shared(f"paper/recipes_{stage}.csv"), encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["model"] for row in rows} == set(_METHODS)
@@ -160,13 +160,13 @@ def test_the_digest_names_what_decides_the_weights():
         ("rafd", "ood", "unknown trainable method 'rafd': did you mean 'raft'"),
     ],
 )
-def test_an_unknown_name(method, stage, says):
+def test_unknown_recipe_is_refused(method, stage, says):
     with pytest.raises(UsageError, match=says):
         load_recipe(method, stage)
 
 
 @pytest.mark.parametrize("change", [{"steps": 0}, {"batch": -1}, {"learning_rate": 0.0}, {"precision": "fp8"}])
-def test_a_value_that_cannot_be(change):
+def test_invalid_value_of_a_recipe_is_refused(change):
     (name,) = change
     with pytest.raises(UsageError, match=f"recipe raft ood: {name} cannot be"):
         load_recipe("raft", "ood").changed(**change)

@@ -153,7 +153,7 @@ def test_recipe_of_a_case_has_its_settings_and_rates(name, case):
 
 
 @EACH_STEP
-def test_step_is_the_originals(name, case, number):
+def test_losses_and_gradient_norms_of_a_step_equal_the_originals(name, case, number):
     expected, step = pack_of(name).header["cases"][case], made(name, case)[0][number]
     tolerance = _LOSS.get(name, (1e-6, 1e-4))[number > 0]
     assert step.loss == pytest.approx(expected["loss"][number], rel=tolerance)

@@ -53,7 +53,7 @@ def small(method: str, folder: Path, **changes) -> Recipe:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "precision"), [*((method, "fp32") for method in MIXES), ("arflow", "bf16")])
-def test_three_steps(method, precision, shared, tmp_path):
+def test_every_unsupervised_method_trains_for_three_steps(method, precision, shared, tmp_path):
     recipe = small(method, tmp_path, precision=precision)
     data = DataPlan([shared("data")], loaders=0)
     request = Request(recipe, data, tmp_path / "out", start="random", device="cpu")
@@ -72,7 +72,7 @@ def test_three_steps(method, precision, shared, tmp_path):
     assert load_model(method, checkpoint=str(last), device="cpu").predict(frame, frame).shape == (64, 128, 2)
 
 
-def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_path):
+def test_resumed_training_equals_an_uninterrupted_one(request_for, tmp_path):
     recipe = small("arflow", tmp_path, steps=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs"))
     whole = replace(request_for("whole"), recipe=recipe)
     run_training(whole)
@@ -90,7 +90,7 @@ def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_pat
         ("brightflow", (128, 192), "so each side must be longer than 128; use a larger --crop"),
     ],
 )
-def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
+def test_invalid_crop_is_refused(method, crop, says, request_for, tmp_path):
     recipe = load_recipe(method, "unsupervised").changed(
         crop=crop, batch=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs")
     )
@@ -117,7 +117,7 @@ def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
 
 
 @pytest.mark.parametrize("stage", ["raw", "unsupervised"])
-def test_the_stages_of_arflow(stage):
+def test_arflow_has_its_published_stages(stage):
     recipe = load_recipe("arflow", stage)
     assert recipe.updates == 1000 * 1001
     assert round(recipe.objective.census_from * recipe.updates) == (50 * 1001 if stage == "raw" else 0)
@@ -126,7 +126,7 @@ def test_the_stages_of_arflow(stage):
 
 
 @pytest.mark.slow
-def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
+def test_arflow_overfits_one_pair(shared, tmp_path):
     """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops below half its initial
     value and far below the EPE of zero flow; the second stage continues from there without getting worse.
     """

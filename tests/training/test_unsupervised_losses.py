@@ -233,7 +233,7 @@ def test_the_moved_flow_is_true_to_the_moved_frames(number):
     assert off < 0.1 * off_still
 
 
-def test_a_look_changes_both_frames_alike_and_leaves_them_alone():
+def test_appearance_change_is_the_same_in_both_frames_and_leaves_the_input_unchanged():
     frame = np.random.default_rng(0).integers(60, 180, (24, 32, 3), dtype=np.uint8)
     before = frame.copy()
     looks = [draw_look(Rng.of("look", number), Appearance()) for number in range(400)]
@@ -252,7 +252,7 @@ def test_a_look_changes_both_frames_alike_and_leaves_them_alone():
 
 
 @pytest.mark.parametrize(("augmentation", "margin"), [("stretched", 0), ("cropped", 8)])
-def test_plain_augmentation(augmentation, margin):
+def test_stretched_and_cropped_frames_have_the_crop_size_and_flips(augmentation, margin):
     part = Part(data="kitti_multiview", augmentation=augmentation, flip=True, margin=margin)
     shape, crop = (120, 200), (64, 128)
     drawn = [draw_augmentation(Rng.of("plain", number), part, shape, crop) for number in range(400)]

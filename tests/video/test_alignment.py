@@ -103,7 +103,7 @@ def test_stream_without_a_frame_that_decodes_is_one_clear_error(made, ruins):
         decode(clip, ruined(read_packets(clip), ruins))
 
 
-def test_twice_the_same(made):
+def test_damage_is_the_same_in_two_calls(made):
     clip = made(lossless("veryfast"))
     for corruption, parameter in (("bit_error", 3_000), ("h264_crf", 37), ("h264_abr", 500_000)):
         first, second = (
@@ -115,7 +115,7 @@ def test_twice_the_same(made):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [1, 100])
-def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
+def test_damaged_real_clip_keeps_every_frame_in_its_place(tmp_path, shared, megabytes):
     """Test clips of about 1 MB and 100 MB with N from 50 M to 2 000; their intra-coded frames can be distinguished."""
     clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
     assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes

@@ -23,7 +23,7 @@ def read(folder: Path) -> int:
     return len((folder / "data").read_bytes())
 
 
-def test_made_once(tmp_path):
+def test_cache_entry_is_made_once(tmp_path):
     cache = FolderCache(tmp_path, 1000)
     assert cache.use("a", make, read) == 100
     assert cache.use("a", lambda folder: pytest.fail("made twice"), read) == 100
@@ -40,7 +40,7 @@ def test_an_entry_with_a_flipped_bit_is_made_again(tmp_path):
         assert (tmp_path / "a" / "data").read_bytes() == b"x" * 100
 
 
-def test_made_once_by_several_processes(tmp_path):
+def test_cache_entry_is_made_once_by_several_processes(tmp_path):
     code = f"""
 import os, time
 from pathlib import Path
@@ -58,7 +58,7 @@ print(FolderCache(root, 1000).use("a", slowly, lambda folder: (folder / "data").
     assert len(list(tmp_path.glob("made-*"))) == 1
 
 
-def test_the_least_recently_used_goes_first(tmp_path):
+def test_least_recently_used_cache_entry_is_deleted_first(tmp_path):
     cache = FolderCache(tmp_path, 450)
     for age, name in ((3, "a"), (2, "b"), (1, "c")):
         cache.use(name, make, read)
@@ -69,14 +69,14 @@ def test_the_least_recently_used_goes_first(tmp_path):
     assert sum(file.stat().st_size for entry in cache.entries() for file in entry.iterdir()) <= 450
 
 
-def test_what_is_in_use_stays_even_beyond_the_limit(tmp_path):
+def test_cache_entry_in_use_stays_even_beyond_the_limit(tmp_path):
     cache = FolderCache(tmp_path, 0)
     for name in "ab":
         assert cache.use(name, make, read) == 100
         assert [entry.name for entry in cache.entries()] == [name]
 
 
-def test_a_failure_leaves_nothing(tmp_path):
+def test_failed_cache_entry_leaves_no_file(tmp_path):
     def fail(folder: Path) -> None:
         make(folder)
         raise DataError("cannot")
@@ -88,12 +88,12 @@ def test_a_failure_leaves_nothing(tmp_path):
     assert cache.use("a", make, read) == 100
 
 
-def test_what_a_killed_process_left_is_cleared(tmp_path):
+def test_cache_files_left_by_a_killed_process_are_deleted(tmp_path):
     make(tmp_path / ".making-a")
     assert FolderCache(tmp_path, 1000).use("a", make, read) == 100
 
 
-def test_a_killed_process_holds_no_lock(tmp_path):
+def test_cache_lock_of_a_killed_process_is_released(tmp_path):
     code = f"""
 import time
 from pathlib import Path
@@ -110,7 +110,7 @@ FolderCache(Path({str(tmp_path)!r}), 1000).use("a", slowly, None)
     assert FolderCache(tmp_path, 1000).use("a", make, read) == 100
 
 
-def test_a_lock_that_cannot_be_taken_is_one_sentence(tmp_path):
+def test_cache_without_a_lock_is_refused_in_one_sentence(tmp_path):
     (tmp_path / ".a.lock").mkdir()
     with pytest.raises(DataError, match=f"cannot write {tmp_path}: "):
         FolderCache(tmp_path, 1000).use("a", make, read)

@@ -62,7 +62,7 @@ _SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     "encoding", [crf(30), pytest.param(abr(200_000), marks=_SLOW), pytest.param(lossless("medium"), marks=_SLOW)]
 )
-def test_memory_that_nobody_wrote_does_not_matter(encoding):
+def test_uninitialised_memory_does_not_change_the_encoded_bytes(encoding):
     """The stream does not depend on uninitialised memory; x264's fastest code fails this test (see `codec.EXACT`)."""
     code = f"""
 import hashlib, sys
@@ -111,7 +111,7 @@ def test_reader_seeks_across_groups_of_pictures(tmp_path):
     assert (ClipReader(clip).picture(17) == clips.pictures(40)[17]).all()
 
 
-def test_a_file_that_is_not_the_prepared_one(tmp_path):
+def test_reader_of_a_different_file_than_prepared_is_refused(tmp_path):
     clip = clips.clip(tmp_path / "a.mp4", 20)
     data = clip.path.read_bytes()
     clip.path.write_bytes(data[: len(data) // 2])
@@ -128,7 +128,7 @@ def test_no_frames_is_an_error_and_leaves_no_file(tmp_path):
     assert not (tmp_path / "a.mp4").exists()
 
 
-def test_values_that_cannot_be_meant():
+def test_invalid_codec_values_are_refused():
     for make in (lambda: crf(52), lambda: abr(0)):
         with pytest.raises(UsageError):
             make()

@@ -30,7 +30,7 @@ def clip(tmp_path_factory) -> ClipFile:
 
 
 @pytest.mark.parametrize("amount", [1, 2, 3, 129, 2000, 65_537, 1_000_000, 50_000_000, 2**31 - 1])
-def test_byte_for_byte_ffmpegs(clip, amount):
+def test_damaged_bytes_equal_those_of_ffmpeg(clip, amount):
     damage = Damage(amount)
     mine = [packet.data for packet in damage_packets(read_packets(clip), damage)]
     clean = [packet.data for packet in read_packets(clip)]
@@ -42,7 +42,7 @@ def test_byte_for_byte_ffmpegs(clip, amount):
 
 
 @given(st.lists(st.binary(max_size=300), max_size=8), st.integers(1, 2000), st.integers(0, 2**32 - 1))
-def test_the_rule_as_a_loop(packets, amount, state):
+def test_damage_equals_the_naive_loop(packets, amount, state):
     noise, total, expected = NoiseFilter(amount), state, []
     noise.state = state  # large enough for the 32-bit state to wrap around
     for data in packets:
@@ -56,7 +56,7 @@ def test_the_rule_as_a_loop(packets, amount, state):
     assert noise.state == total
 
 
-def test_frames_hit_are_named():
+def test_damage_lists_the_frames_it_hit():
     damage = Damage(7)
     packets = [Packet(bytes([0] * 6), 3), Packet(bytes([0]), 1), Packet(bytes([5]), 2)]
     out = list(damage_packets(packets, damage))
@@ -65,6 +65,6 @@ def test_frames_hit_are_named():
 
 
 @pytest.mark.parametrize("amount", [0, -1, 2**31, 1.5, True])
-def test_amounts_that_cannot_be_meant(amount):
+def test_invalid_amounts_of_damage_are_refused(amount):
     with pytest.raises(UsageError, match="noise amount"):
         NoiseFilter(amount)

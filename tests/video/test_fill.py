@@ -42,7 +42,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
     assert fill.dropped == len(strangers)
 
 
-def test_the_buffer_is_bounded():
+def test_buffer_of_waiting_frames_is_bounded():
     """A frame that arrives too late for the buffer is dropped."""
     late = REORDER + 5
     arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
@@ -52,6 +52,6 @@ def test_the_buffer_is_bounded():
     assert fill.dropped == 1
 
 
-def test_nothing_decoded_is_one_clear_error():
+def test_clip_without_a_decoded_frame_is_refused():
     with pytest.raises(DataError, match="none of the 5 frames"):
         list(fill_lost([], Fill(5)))

@@ -54,7 +54,7 @@ def test_brighter_frames_give_as_much_brighter_frames(saved):
     torch.testing.assert_close(found, expected + shift, atol=1e-5, rtol=0)
 
 
-def test_the_batch_changes_nothing(saved):
+def test_interpolation_does_not_depend_on_the_batch_size(saved):
     net, _ = saved
     (together,) = net(clip())
     for i in range(2):
@@ -62,14 +62,14 @@ def test_the_batch_changes_nothing(saved):
         torch.testing.assert_close(together[i : i + 1], alone, atol=1e-5, rtol=0)
 
 
-def test_the_authors_file(weights):
+def test_flavr_loads_the_authors_checkpoint(weights):
     net, path = weights
     loaded = load_flavr(path)
     assert not loaded.training
     assert torch.equal(loaded(clip())[0], net(clip())[0])
 
 
-def test_the_file_of_another_frame_rate_is_told(saved):
+def test_checkpoint_for_a_different_factor_is_refused(saved):
     _, path = saved
     with pytest.raises(ModelError, match=r"not a checkpoint of flavr \(4x\).*17 missing.*outconv\.1\.weight 3x64x7x7"):
         load_flavr(path)
@@ -88,7 +88,7 @@ def test_frames_are_the_networks_rounded_and_cropped(weights, interpolator):
         assert (frame == np.clip(np.rint(raw[:19, :26] * np.float32(255)), 0, 255).astype(np.uint8)).all()
 
 
-def test_other_factors(interpolator):
+def test_flavr_refuses_a_factor_that_it_was_not_trained_for(interpolator):
     with pytest.raises(UsageError, match="factor of 2"):
         interpolator.between([np.zeros((16, 16, 3), np.uint8)] * 4, 2)
 

@@ -44,7 +44,7 @@ def test_every_frame_is_at_its_time(count, factor):
 
 
 @given(st.integers(0, 3))
-def test_too_short_for_a_window(count):
+def test_clip_shorter_than_the_window_gives_no_frames(count):
     assert list(interpolate([np.zeros((2, 2, 3), np.uint8)] * count, Linear(), 4)) == []
     assert interpolated_count(count, 4) <= 1
 
@@ -67,7 +67,7 @@ def test_still_frames_stay_still():
 
 
 @pytest.mark.parametrize("shape", [(33, 47), (64, 16)])
-def test_odd_shapes(shape):
+def test_interpolation_keeps_odd_frame_sizes(shape):
     rng = np.random.default_rng(0)
     window = [rng.integers(0, 256, (*shape, 3), np.uint8) for _ in range(4)]
     made = FlowInterpolator().between(window, 2)

@@ -28,11 +28,11 @@ def test_means_are_the_rounded_means(seed, reaches):
         assert (means[reach] == np.rint(clip[6 - reach : 7 + reach].astype(np.float64).mean(0))).all()
 
 
-def test_white_does_not_overflow():
+def test_mean_of_white_frames_is_white():
     assert (mean_of_windows(lambda index: np.full((1, 1, 3), 255, np.uint8), 20, REACHES)[15] == 255).all()
 
 
-def test_no_window():
+def test_object_motion_without_a_window_is_refused():
     with pytest.raises(UsageError):
         mean_of_windows(lambda index: np.zeros((1, 1, 3), np.uint8), 0, [])
 

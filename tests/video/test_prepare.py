@@ -149,7 +149,7 @@ def test_a_clip_prepared_twice_at_the_same_time_is_made_once(long_source, tmp_pa
     assert finished == [later.manifest]
 
 
-def test_workers_do_not_matter(tmp_path):
+def test_prepared_files_do_not_depend_on_the_number_of_workers(tmp_path):
     clips.folder(tmp_path / "data" / "one", 70)
     clips.folder(tmp_path / "data" / "two", 70, 32, 48)
     sources = find_sources(tmp_path / "data")
@@ -194,7 +194,7 @@ def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(sourc
 
 
 @pytest.mark.parametrize(("step", "count"), [(32, 161), (96, 500), (16, 100), (5, 60)])
-def test_key_frames_by_the_papers_words(step, count):
+def test_key_frames_equal_the_description_in_the_paper(step, count):
     """Every `step`-th frame is used, except for the first and the last; the longest blur's window fits."""
     keys = choose_key_frames(count, step)
     every = list(range(0, count, step))
@@ -233,12 +233,12 @@ def test_frames_too_large_for_the_encoder_are_refused_before_anything_is_written
         clip_timing(wide, FLOW)
 
 
-def test_pictures_need_a_frame_rate(source):
+def test_folder_of_frames_needs_a_frame_rate(source):
     with pytest.raises(UsageError, match="--fps"):
         clip_timing(source, Preparation(interpolator="flow"))
 
 
-def test_finding_the_five_sequences(tmp_path):
+def test_five_gopro_sequences_are_found_in_the_release(tmp_path):
     for position, name in enumerate(SEQUENCES):
         clips.folder(tmp_path / ("train", "test", "")[position % 3] / name, 2)
     sources = find_sources(tmp_path)
@@ -255,14 +255,14 @@ def test_the_deblurring_release_is_refused(tmp_path):
         find_sources(tmp_path)
 
 
-def test_nothing_to_prepare(tmp_path):
+def test_folder_without_clips_is_refused(tmp_path):
     with pytest.raises(DataError, match="neither GoPro sequences"):
         find_sources(tmp_path)
     with pytest.raises(DataError, match="no such file"):
         find_sources(tmp_path / "missing")
 
 
-def test_the_estimate_is_above_what_it_takes_but_not_by_far(source, straight, tmp_path):
+def test_disk_estimate_is_slightly_above_the_size_of_the_files(source, straight, tmp_path):
     estimate = estimate_disk([source], tmp_path / "not" / "yet", FLOW, 10**9)
     used = sum(path.stat().st_size for path in straight.folder.rglob("*") if path.is_file())
     assert 0.9 * used < estimate.kept < 2 * used
@@ -272,7 +272,7 @@ def test_the_estimate_is_above_what_it_takes_but_not_by_far(source, straight, tm
         check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
 
 
-def test_a_folder_that_is_not_finished_or_not_ours(long_source, tmp_path):
+def test_unfinished_or_foreign_output_folder_is_refused(long_source, tmp_path):
     with pytest.raises(DataError, match="was it created by robustflow prepare"):
         read_folder(tmp_path)
     prepare_folder([long_source], tmp_path / "out", PLAIN)
@@ -297,7 +297,7 @@ def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
         read_folder(tmp_path)
 
 
-def test_nothing_is_written_where_nothing_can_come_of_it(long_source, tmp_path):
+def test_prepare_with_impossible_options_writes_nothing(long_source, tmp_path):
     short = PictureFolder(clips.folder(tmp_path / "short", 20))
     for settings, error in ((FLOW, DataError), (Preparation(fps=Fraction(240)), UsageError)):
         with pytest.raises(error):

@@ -43,6 +43,6 @@ def test_the_longest_readout_stays_within_the_frames_around_a_key_frame(height):
     assert (np.diff(offsets) >= 0).all()
 
 
-def test_no_readout():
+def test_rolling_shutter_without_master_frames_is_refused():
     with pytest.raises(UsageError):
         rolling_frames(lambda index: np.zeros((1, 1, 3), np.uint8), 0, [])

@@ -21,7 +21,7 @@ from . import clips
 from .videos import video
 
 
-def test_an_ordinary_video_with_sound(tmp_path):
+def test_video_with_sound_is_read(tmp_path):
     frames = clips.frames(12)
     source = VideoFile(video(tmp_path / "a.mp4", frames, sound=True))
     assert (source.count, source.size, source.fps) == (12, (48, 64), 30)
@@ -101,7 +101,7 @@ def test_a_turn_that_is_not_a_quarter_is_refused(tmp_path):
         VideoReader(path).frame(0)
 
 
-def test_ten_bits_become_eight(tmp_path):
+def test_ten_bit_video_is_converted_to_eight_bits(tmp_path):
     frames = clips.frames(6)
     source = VideoFile(video(tmp_path / "a.mkv", frames, pixels="yuv420p10le"))
     assert source.describe()["pixels"] == "yuv420p10le"
@@ -111,7 +111,7 @@ def test_ten_bits_become_eight(tmp_path):
         assert np.abs(ten.astype(int) - other).mean() < 3
 
 
-def test_odd_sizes(tmp_path):
+def test_video_of_odd_size_is_read(tmp_path):
     frames = clips.frames(5, 47, 63)
     source = VideoFile(video(tmp_path / "a.mkv", frames, pixels="yuv444p"))
     assert source.size == (47, 63)
@@ -144,7 +144,7 @@ def test_a_real_phone_video_with_an_uneven_rate(shared):
 
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}], ids=["index last", "index first"])
-def test_cut_short(tmp_path, options):
+def test_truncated_video_is_refused(tmp_path, options):
     path = video(tmp_path / "a.mp4", clips.frames(40, 96, 128), options=options)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 2 // 3])
@@ -152,7 +152,7 @@ def test_cut_short(tmp_path, options):
         list(VideoFile(path).frames())
 
 
-def test_damage_inside_is_not_passed_over(tmp_path):
+def test_video_with_damage_inside_is_refused(tmp_path):
     """If part of the file is garbage, frames may be missing; their number is checked."""
     path = video(tmp_path / "a.mp4", clips.frames(30, 96, 128), options={"movflags": "faststart"})
     data = bytearray(path.read_bytes())
@@ -192,7 +192,7 @@ def test_file_without_a_video_is_refused_and_a_list_of_other_files_never_followe
     ("name", "codec", "says"),
     [("a.wav", "pcm_s16le", "an unsupported container"), ("a.mp4", "aac", "no video stream")],
 )
-def test_sound_alone_is_refused(tmp_path, read, name, codec, says):
+def test_file_with_sound_only_is_refused(tmp_path, read, name, codec, says):
     with av.open(str(tmp_path / name), "w") as container:
         audio = container.add_stream(codec, rate=44100, layout="mono")
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.int16), format="s16", layout="mono")
@@ -203,12 +203,12 @@ def test_sound_alone_is_refused(tmp_path, read, name, codec, says):
         read(tmp_path / name)
 
 
-def test_missing(tmp_path, read):
+def test_missing_video_is_refused(tmp_path, read):
     with refused(DataError, "no such file"):
         read(tmp_path / "a.mp4")
 
 
-def test_pictures_of_two_sizes(tmp_path):
+def test_folder_of_frames_of_different_sizes_is_refused(tmp_path):
     folder = clips.folder(tmp_path / "seq", 3)
     write_image(folder / "000004.png", clips.frames(1, 50, 64)[0])
     with pytest.raises(DataError, match=r"50x64.*48x64"):
@@ -223,7 +223,7 @@ def test_pictures_without_leading_zeros_are_in_the_order_of_their_numbers(tmp_pa
     assert [int(frame[0, 0, 0]) for frame in PictureFolder(tmp_path).frames()] == [1, 2, 10]
 
 
-def test_no_pictures(tmp_path):
+def test_folder_without_images_is_refused(tmp_path):
     with pytest.raises(DataError, match="contains no images"):
         PictureFolder(tmp_path)
 

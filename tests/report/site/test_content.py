@@ -26,7 +26,7 @@ def _file(text: str):
     return parse_results(_HEAD + text, "mine.csv", "file")
 
 
-def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
+def test_runs_files_and_the_paper_are_separate_groups(small_run):
     one, two = _file("OOD,A,epe,average,1.00,\n"), _file("OOD,A,epe,average,2.00,\n")
     content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
     boards = {board.benchmark: board for board in content.boards}
@@ -76,7 +76,7 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
     assert "p < 0.001" in best[1]
 
 
-def test_no_useless_model_is_crowned(many_images, monkeypatch):
+def test_excluded_model_is_not_named_as_the_best(many_images, monkeypatch):
     """A model no better than zero flow is not named the best, although it has the lowest CRE because its error can
     hardly increase."""
     useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
@@ -90,14 +90,14 @@ def test_no_useless_model_is_crowned(many_images, monkeypatch):
     assert "hardly depends on the frames" in reason
 
 
-def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
+def test_comparison_of_the_best_two_of_many_corrects_for_the_selection(many_images):
     runs = [many_images("A" * (1 + index), 1 + 0.1 * index) for index in range(4)]
     said = headline(whole_content(runs, published=False))
     assert "The average EPE of A is lower than that of AA" in said[1]
     assert "corrected for 6 comparisons" in said[1]
 
 
-def test_no_winner_where_the_difference_is_none(many_images):
+def test_equal_models_have_no_winner(many_images):
     """Models with equal errors share the lead; neither wins because of its name."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
@@ -126,14 +126,14 @@ def test_corruption_does_not_always_raise_the_error(many_images, factor, says):
     assert says in headline(whole_content([many_images("A", factor)], published=False))[0]
 
 
-def test_one_run_is_compared_with_nothing(many_images, small_run):
+def test_single_run_has_no_comparison(many_images, small_run):
     said = headline(whole_content([many_images("A")], published=False))
     assert len(said) == 1
     assert "px: significant" in said[0]
     assert "too few images" in headline(run_content(small_run))[0]
 
 
-def test_the_paper_has_no_significance():
+def test_published_rows_have_no_significance():
     said = " ".join(headline(whole_content([])))
     assert "SAMFlow-H (OOD, EPE 8.39 px)" in said
     assert "FlowFormer (OOD, RCRE 1.29 px)" in said
@@ -156,7 +156,7 @@ class Blind(ConstantFlow):
         return {"name": "blind"}
 
 
-def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path, real_pictures):
+def test_run_without_any_mean_still_has_its_page(tmp_path, real_pictures):
     options = {"corruptions": ["contrast"], "severities": [1], "allow_invalid": True}
     with real_pictures():
         run = evaluate(Blind(), "demo", output=tmp_path, **options)
@@ -169,7 +169,7 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path, rea
     assert 'id="primary" data-page="blind"' in text
 
 
-def test_no_results_at_all_say_so():
+def test_page_without_results_says_so():
     with pytest.raises(UsageError, match="nothing to show"):
         whole_content([], [("empty.csv", _file(""))], published=False)
 
@@ -181,7 +181,7 @@ def test_no_results_at_all_say_so():
         ("rcre", (1, 3, 2), "corruptions are Fog (3.00 px), Snow (2.00 px); the mildest is Contrast (1.00 px)."),
     ],
 )
-def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):
+def test_mildest_corruption_is_not_listed_as_one_of_the_worst(metric, values, says):
     lines = "".join(
         f"OOD,A,{metric},{name},{value}.00,\n"
         for name, value in zip(("contrast", "fog", "snow"), values, strict=len(values) == 3)
@@ -202,7 +202,7 @@ def test_the_page_of_a_model_shows_corruptions_that_the_paper_does_not_have():
     assert page.tables[0].columns[0].strongest == 9.0
 
 
-def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp_path, monkeypatch):
+def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_path, monkeypatch):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     folders = [evaluate("dis", "demo", output=tmp_path / f"{seed}", seed=seed, **chosen).path for seed in (0, 1)]
     for folder in folders:
@@ -226,7 +226,7 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
     assert asked == [False, False, True, True]
 
 
-def test_intervals_of_averages_are_those_among_all(structured_rows):
+def test_intervals_of_averages_alone_equal_those_computed_with_all(structured_rows):
     whole = intervals(structured_rows)
     few = intervals(structured_rows, corruptions=False)
     kept = whole.filter(pl.col("corruption").is_in(["average", "clean"]))

@@ -46,7 +46,7 @@ def test_the_slider_shows_the_folders_pictures(copied):
     assert "CRE" in panels[0].numbers
 
 
-def test_no_folder_no_pictures(copied):
+def test_page_without_an_examples_folder_has_no_pictures(copied):
     shutil.rmtree(copied.path / "examples")
     assert run_examples(copied) is None
 
@@ -54,7 +54,7 @@ def test_no_folder_no_pictures(copied):
 @pytest.mark.parametrize(
     "name", ["../summary.json", "/etc/hostname", "..", ".hidden.jpg", "a/b.jpg", "a\\b.jpg", "x\n.jpg", "", "é.jpg"]
 )
-def test_only_plain_names(copied, name):
+def test_example_file_name_with_a_folder_or_odd_characters_is_refused(copied, name):
     _rewritten(copied, lambda record: record["slider"].update(clean=name))
     with pytest.raises(DataError, match=r"slider\.clean"):
         run_examples(copied)
@@ -81,13 +81,13 @@ def test_links_are_not_followed(copied, tmp_path):
         lambda record: record["slider"]["pictures"][0].update(severity=9),
     ],
 )
-def test_another_shape_is_refused(copied, change):
+def test_examples_of_a_different_structure_are_refused(copied, change):
     _rewritten(copied, change)
     with pytest.raises(DataError, match=r"examples\.json"):
         run_examples(copied)
 
 
-def test_what_is_not_a_picture_is_refused(copied):
+def test_example_that_is_not_an_image_is_refused(copied):
     (copied.path / "examples" / "clean.jpg").write_bytes(b"<svg onload=alert(1)>")
     with pytest.raises(DataError, match="not an image"):
         run_examples(copied)
@@ -96,7 +96,7 @@ def test_what_is_not_a_picture_is_refused(copied):
         run_examples(copied)
 
 
-def test_nothing_of_the_file_but_pixels_is_kept(copied):
+def test_metadata_of_example_images_are_dropped(copied):
     """A comment in the header of a JPEG file does not reach the page."""
     path = copied.path / "examples" / "clean.jpg"
     image = Image.open(path)

@@ -17,14 +17,14 @@ from robustflow.sealed import sealed
 from robustflow.severity import SEVERITIES
 
 
-def test_panels_of_twelve_runs_and_of_more_the_first(small_run):
+def test_example_panels_are_drawn_for_at_most_twelve_runs(small_run):
     assert MOST_RUNS == 12
     lines = [line for _ in range(MOST_RUNS + 1) for line in run_results([small_run])]
     assert list(examples_of(lines[:MOST_RUNS]).panels) == lines[:MOST_RUNS]
     assert list(examples_of(lines).panels) == lines[:1]
 
 
-def test_curves_of_the_eight_runs_with_the_lowest_error(many_images):
+def test_curves_are_drawn_for_the_eight_runs_with_the_lowest_error(many_images):
     """Runs in order from worst to best, so that a page cannot rely on their order."""
     runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
     (group,) = page_figures(whole_content(runs, published=False))
@@ -84,7 +84,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_kept_pair_that_was_changed_is_drawn_again(drawn, tmp_path, damage):
+def test_changed_file_of_the_embedded_pair_is_drawn_again(drawn, tmp_path, damage):
     first = embedded.embedded_slider()
     (kept,) = tmp_path.rglob("motorcycle.json")
     kept.write_text(DAMAGE[damage](kept.read_text()))

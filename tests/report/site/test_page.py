@@ -42,7 +42,7 @@ def data_of(text: str) -> dict:
     return next(block for block in Elements(text).data() if "boards" in block)  # the other one belongs to the slider
 
 
-def test_the_paper_and_its_observations_and_audit_are_there(published_page):
+def test_page_has_published_rows_observations_and_audit(published_page):
     text = unescape(re.sub("<[^>]*>", " ", published_page))
     shown = {}
     for board in data_of(published_page)["boards"]:
@@ -75,7 +75,7 @@ def test_nothing_but_the_pages_own_script_may_run(published_page):
     assert "url(" not in re.sub(r"url\(#[a-z0-9-]+\)", "", published_page)
 
 
-def test_ids_are_unique_and_every_reference_finds_its_own(published_page):
+def test_ids_are_unique_and_every_reference_has_its_target(published_page):
     page = Elements(published_page)
     ids = [attrs["id"] for _, attrs in page.found if "id" in attrs]
     assert len(ids) == len(set(ids))
@@ -180,7 +180,7 @@ def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
     assert "Mine" not in sections["demo"] + sections["GoPro-FC"]
 
 
-def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, many_images):
+def test_page_mentions_intervals_only_if_it_has_some(small_run, many_images):
     """A run on a single pair has no bands, brackets or whiskers; a run on forty images has all of them."""
     page, again = (render_site(whole_content([small_run], published=False)) for _ in range(2))
     assert page == again, "a page is the same every time"

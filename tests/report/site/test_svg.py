@@ -53,7 +53,7 @@ def test_ids_are_prefixed_and_colours_follow_the_page():
     assert 'role="img"' in text
 
 
-def test_panels_are_apart_and_all_of_one_size():
+def test_panels_do_not_overlap_and_have_one_size():
     """Panels are separate elements that do not overlap, so that a page can arrange them in rows."""
     figure = relations(_KITTI)
     panels = _svg(figure).findall("svg")
@@ -68,7 +68,7 @@ def test_panels_are_apart_and_all_of_one_size():
                 assert y <= float(mark.get("y")) <= y + height
 
 
-def test_points_of_one_line_are_told_apart():
+def test_points_of_one_line_have_distinct_labels():
     rows = rows_of(*(Truth().draw(np.random.default_rng(0), np.ones(3, int))[i] for i in (0, 1, 1)))
     root = _svg(severity_curves({"a": rows}))
     said = [mark.get("data-label") for mark in _marks(root)]
