@@ -211,7 +211,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
 
 def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]], where: str) -> None:
     start = window_of(model).before if isinstance(model, ClipModel) else 0
-    wrong = misread([(clip[start], clip[start + 1], np.float32(flow)) for clip, flow in predicted])
+    wrong = misread([(clip[start], clip[start + 1], flow.astype(np.float32)) for clip, flow in predicted])
     if wrong is not None:
         raise ModelError(
             f"the model's flow {where} looks {wrong.reading.describe()}: frame 2 warped by it differs from frame 1 by "
