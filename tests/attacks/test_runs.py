@@ -136,7 +136,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
 
     rows = {row["corruption"]: row for row in done.attack_rows.iter_rows(named=True)}
     assert set(rows) == {"clean", "random_sign", "random_gauss", *names}
-    assert [rows[name]["attack_evaluations"] for name in names] == [3, 4, 1]
+    assert [rows[name]["attack_evaluations"] for name in names] == [9, 12, 1]
     sources = done.manifest.identity.frames.attack_sources
     assert list(sources) == [names[2]]
     fgsm = run(tmp_path / "fgsm", attacks="fgsm", severities=3, count=1)
