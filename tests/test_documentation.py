@@ -131,7 +131,7 @@ def test_a_page_for_each_family_has_its_means(generated):
 
 
 @pytest.mark.parametrize("name", ["contrast", "frost"])
-def test_what_a_page_measures_is_what_a_run_measures(generated, small_demo, tmp_path, monkeypatch, name):
+def test_figures_of_the_corruption_pages_equal_a_run(generated, small_demo, tmp_path, monkeypatch, name):
     import robustflow as rf
 
     monkeypatch.setattr(skimage, "__file__", small_demo)

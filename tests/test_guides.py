@@ -100,7 +100,7 @@ def test_add_your_attack_with_torch(reader):
     assert "momentum:steps=2" in set(rf.load_run("runs/momentum").attack_rows["corruption"])
 
 
-def test_records(reader):
+def test_page_about_records_runs(reader):
     reader.follow("records.md")
     assert "0 findings" in reader.printed[-1]
     assert rf.load_run("mine.robustflow").summary == rf.Result("mine").summary

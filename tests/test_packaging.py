@@ -76,7 +76,7 @@ def test_pytorch_whose_weights_only_is_not_safe_is_excluded():
     assert list(requirement.specifier.filter(["2.5.1", "2.6.0"])) == ["2.6.0"]
 
 
-def test_versions_agree():
+def test_versions_agree_in_all_files():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest is not None
@@ -100,7 +100,7 @@ def test_the_workflow_runs_what_every_machine_runs():
     assert os.access(ROOT / ".ci" / "run", os.X_OK)
 
 
-def test_the_dockerfile_copies_what_there_is_and_what_it_lets_through():
+def test_dockerfile_copies_existing_files_that_dockerignore_admits():
     dockerfile = (ROOT / "Dockerfile").read_text()
     passed = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
     copied = {
@@ -120,7 +120,7 @@ def test_the_dockerfile_is_linted():
 
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("build") is None, reason="needs the library build (extra dev)")
-def test_wheel_and_source_hold_every_file_and_run(tmp_path):
+def test_wheel_and_source_distribution_are_complete_and_run(tmp_path):
     subprocess.run([sys.executable, "-m", "build", "--outdir", str(tmp_path), str(ROOT)], check=True, timeout=600)
     (wheel,), (source,) = tmp_path.glob("*.whl"), tmp_path.glob("*.tar.gz")
     package = {

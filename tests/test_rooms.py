@@ -43,7 +43,7 @@ def report(tmp_path_factory):
 @pytest.mark.parametrize(
     ("shared_exists", "silent"), [(True, ["attacks", "parity", "training"]), (False, ["attacks", "training"])]
 )
-def test_folder_without_a_test_that_ran_is_silent_unless_the_shared_data_are_absent(
+def test_folder_without_a_run_test_is_reported_unless_shared_data_are_absent(
     report, monkeypatch, tmp_path, shared_exists, silent
 ):
     monkeypatch.setenv("ROBUSTFLOW_SHARED", str(tmp_path if shared_exists else tmp_path / "absent"))

@@ -21,14 +21,14 @@ def flips(data: bytes, count: int = 200):
         yield bytes(flipped)
 
 
-def test_sealed_json_with_a_flipped_bit_is_nothing_or_means_the_same():
+def test_sealed_json_with_a_flipped_bit_is_rejected_or_equal():
     content = {"a": [1, 2.5, "text"], "b": {"c": None}, "small": 1e-9}
     for flipped in flips(json_bytes(sealed(content)), 1000):
         rest = unsealed(flipped)
         assert rest is None or json.loads(rest) == content
 
 
-def test_sealed_bytes_with_a_flipped_bit_are_nothing():
+def test_sealed_bytes_with_a_flipped_bit_are_rejected():
     for flipped in flips(sealed_bytes(b"some bytes", "x"), 200):
         assert unsealed_bytes(flipped, "x") is None
 

@@ -64,7 +64,7 @@ def test_finding_gives_the_printed_and_the_recomputed_value():
     assert (marked.given, marked.recomputed) == (16.79, 16.27)
 
 
-def test_cre_against_exact_decimal_arithmetic():
+def test_recomputed_cre_equals_exact_decimal_arithmetic():
     """The same check with exact decimal arithmetic finds the same cells."""
     expected = set()
     for line in published_results():
@@ -182,7 +182,7 @@ def test_wrong_best_mark_is_reported_and_a_tied_one_is_not():
         assert [f.check for f in audit_results(_csv(values, marked)).findings] == ["best"]
 
 
-def test_json_reads_back():
+def test_findings_read_back_from_json():
     text = _FOUND.model_dump_json()
     assert Audit.model_validate_json(text) == _FOUND
     assert json.loads(text)["findings"][0]["check"] == "swapped"

@@ -22,7 +22,7 @@ def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> li
     return parse_results("\n".join(lines), "made.csv", "made")
 
 
-def test_a_planted_power_law_and_a_model_off_it():
+def test_planted_power_law_is_recovered_with_the_residual_of_an_outlier():
     models = {f"m{i}": (1.0 + i, 3.0 * (1.0 + i) ** 0.7) for i in range(8)}
     on_line = effective_robustness(_results(models))["OOD"]
     assert [one.factor for one in on_line] == pytest.approx([1.0] * 8)
@@ -35,7 +35,7 @@ def test_a_planted_power_law_and_a_model_off_it():
     assert first.factor == pytest.approx(0.6)
 
 
-def test_settings_apart_or_together():
+def test_trend_is_fitted_per_setting_or_over_all():
     apart, together = effective_robustness(_OF_KITTI), effective_robustness(_OF_KITTI, by_setting=False)
     assert set(apart) == {"OOD", "ID"}
     assert len(together[""]) == 29
@@ -44,7 +44,7 @@ def test_settings_apart_or_together():
     assert {one.line.name for one in together[""]} - {one.line.name for one in without} == {"FlowDiffuser"}
 
 
-def test_too_few_models():
+def test_trend_of_too_few_models_is_refused():
     with pytest.raises(UsageError, match="needs at least 5 models"):
         effective_robustness(_results({f"m{i}": (1.0 + i, 2.0) for i in range(4)}))
     with pytest.raises(UsageError, match="needs at least 5 models"):

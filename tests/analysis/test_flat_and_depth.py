@@ -72,7 +72,7 @@ def test_runs_without_twins_have_no_such_table(runs):
         tables_of([alone], published=False, wanted=["flat-and-depth"])
 
 
-def test_every_twin_exists_and_is_one_by_depth():
+def test_every_twin_of_a_corruption_in_depth_exists():
     for flat, deep in TWINS:
         assert flat in CORRUPTIONS.names()
         assert deep in FURTHER["depth"]

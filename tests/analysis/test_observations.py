@@ -136,7 +136,7 @@ def test_verdicts_reverse_when_the_numbers_are_reversed():
         assert verdicts[7] == verdict
 
 
-def test_own_models_can_be_described():
+def test_observations_can_be_made_about_own_models():
     """If the user states the kind of each model, the observations about kinds are checked."""
     known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
     kinds = dict.fromkeys("ABDE", "supervised") | dict.fromkeys("CF", "unsupervised")
@@ -212,7 +212,7 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
     assert verdicts <= {"too little evidence", "cannot be computed"}
 
 
-def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
+def test_inconsistent_printed_cre_is_shown_beside_the_recomputed_one():
     """SAMFlow-B, OOD: EPE 8.53, clean 4.06, printed CRE 4.44."""
     assert "4.47 from the EPE (printed: 4.44)" in _part(2, "three best in CRE (OOD)").message
     assert "4.47 from the EPE (printed: 4.44)" in _part(2, "larger foundation model gives lower EPE and CRE: T").message

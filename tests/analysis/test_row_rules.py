@@ -109,7 +109,7 @@ _FOG = {
 
 
 @pytest.mark.parametrize("reason", RULES)
-def test_each_rule_catches_its_change(reason, measured_rows):
+def test_each_rule_rejects_its_planted_change(reason, measured_rows):
     of_row = {"corruption": "clean", "severity": 0} if reason in _CLEAN else {"corruption": "fog", "severity": 2}
     where = pl.all_horizontal(pl.col(name) == value for name, value in {"sample": "2", **of_row}.items())
     change = (_CLEAN | _FOG)[reason]

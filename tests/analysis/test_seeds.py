@@ -123,7 +123,7 @@ def test_models_that_do_not_differ_share_their_possible_ranks():
     assert table.filter(pl.col("model") != "bad").select("best", "worst").rows() == [(1, 2), (1, 2)]
 
 
-def test_the_order_moves_with_the_condition():
+def test_order_of_models_may_differ_between_conditions():
     scores = {
         "seed 0": {"a": 1.0, "b": 2.0, "c": 3.0},
         "seed 1": {"a": 1.0, "b": 2.5, "c": 2.0, "only here": 0.0},
@@ -137,7 +137,7 @@ def test_the_order_moves_with_the_condition():
         rank_stability({"seed 0": {"a": 1.0}, "seed 1": {"a": 1.0}})
 
 
-def test_an_order_without_a_difference_has_no_tau():
+def test_tied_order_has_no_tau():
     table = rank_stability({"seed 0": {"a": 1.0, "b": 1.0}, "seed 1": {"a": 1.0, "b": 2.0}})
     assert table["tau"].to_list() == [None] * 4
     assert "seed 1 (no tau: all scores under a condition are equal)" in render(

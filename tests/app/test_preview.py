@@ -105,7 +105,7 @@ def test_impossible_request_is_refused_in_one_line(app, changed, says):
         ({"index": 1}, "pair 2 of Motorcycle (Middlebury 2014) does not exist"),
     ],
 )
-def test_error_after_the_first_message_is_one_line(app, changed, says):
+def test_unknown_corruption_or_pair_is_reported_as_the_last_message(app, changed, says):
     _, messages = app.preview(**changed)
     assert says in messages[-1]["error"]
 

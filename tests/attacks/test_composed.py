@@ -19,7 +19,7 @@ from .smooth_net import linear_model, random_pair, smooth_model
 
 
 @pytest.mark.parametrize("name", ["fgsm", "pgd", "apgd", "pcfa"])
-def test_a_transfer_to_the_model_it_is_made_on_gives_the_frames_of_the_attack(name):
+def test_transfer_to_its_own_surrogate_equals_the_attack(name):
     options = FEW.get(name, {})
     _, alone = attacked_pair(name, norm="rms")
     transfer = load_attack("transfer", on=smooth_model(), attack=name, norm="rms", **options)

@@ -54,7 +54,7 @@ def test_the_best_pair_that_was_seen_is_kept(name):
 
 
 @pytest.mark.parametrize("name", ["bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"])
-def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
+def test_attack_returns_the_clean_pair_if_every_change_helps_the_model(name):
     clean = torch.from_numpy(images_of(*random_pair()))
 
     def already_at_the_target(images1, images2):

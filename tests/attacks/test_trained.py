@@ -124,7 +124,7 @@ def test_a_trained_attack_that_cannot_be_made_is_refused_in_one_line(name, error
     st.integers(30, 60),
     st.integers(0, 10**6),
 )
-def test_a_patch_is_one_disc_of_the_area_at_one_place(name, moved, severity, height, width, seed):
+def test_patch_is_a_disc_of_the_requested_area(name, moved, severity, height, width, seed):
     frames = np.random.default_rng(seed).integers(1, 255, (2, height, width, 3), np.uint8)
     budget = (0.2, 0.5, 1, 2, 5)[severity - 1]
 
@@ -175,7 +175,7 @@ def test_patch_is_moved_and_rotated_in_every_training_step(monkeypatch):
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(3, 25), st.integers(3, 25), st.floats(-180, 180), st.floats(0.5, 2))
-def test_a_turned_pattern_is_read_where_the_rotation_says(size, side, angle, scale):
+def test_rotated_pattern_is_sampled_at_rotated_positions(size, side, angle, scale):
     place = patch.Disc(slice(0, 2), (slice(0, size),) * 2, np.ones((size, size), bool), Rng.of(0), angle, scale)
     ramp = np.arange(side, dtype=np.float32) - (side - 1) / 2
     rows, columns = place.taken_from(np.zeros((3, side, side), np.float32))

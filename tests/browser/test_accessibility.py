@@ -19,7 +19,7 @@ for (const part of document.querySelectorAll("article, section, figure, .board")
 
 
 @pytest.mark.parametrize(("name", "state"), _VIEWS)
-def test_no_serious_violation(visit, pages, serious_violations, name, state):
+def test_pages_have_no_serious_accessibility_violation(visit, pages, serious_violations, name, state):
     """What the view hides and all but the first and last two rows of a table are removed: axe reads every element."""
     page = visit().page
     page.goto(pages[name].as_uri() + state)

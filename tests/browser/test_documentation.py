@@ -40,7 +40,7 @@ def site(tmp_path_factory):
     return folder
 
 
-def test_a_page_for_each_corruption_with_its_pictures(site):
+def test_each_corruption_has_a_page_with_its_images(site):
     for name in SHIPPED:
         page = (site / "corruptions" / f"{name}.html").read_text()
         pictures = re.findall(r'<img src="(images/[^"]+)"', page)
@@ -52,7 +52,7 @@ def test_a_page_for_each_corruption_with_its_pictures(site):
 @pytest.mark.browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", PAGES)
-def test_no_serious_violation_and_nothing_from_elsewhere(visit, site, serious_violations, name, scheme):
+def test_documentation_has_no_serious_violation_or_external_file(visit, site, serious_violations, name, scheme):
     seen = visit(color_scheme=scheme)
     seen.page.goto((site / f"{name}.html").as_uri())
     assert serious_violations(seen.page) == []
@@ -82,7 +82,7 @@ def test_the_tables_of_the_catalogue_fit_their_page(visit, site):
 
 @pytest.mark.browser
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_fits_a_phone(visit, site, name):
+def test_documentation_page_fits_a_phone(visit, site, name):
     page = visit(width=390, height=844).page
     page.goto((site / f"{name}.html").as_uri())
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")

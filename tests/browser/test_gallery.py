@@ -16,7 +16,7 @@ from robustflow.sample import Sample
 pytestmark = pytest.mark.browser
 
 
-def test_slider_changes_the_picture_and_nothing_is_fetched(visit, tmp_path: Path) -> None:
+def test_slider_changes_the_image_without_a_request(visit, tmp_path: Path) -> None:
     frame = data.astronaut()[:96, :160].copy()
     page_file = tmp_path / "gallery.html"
     cells = gallery(Sample("pair", (frame, frame)), [1, 5], ["contrast"])

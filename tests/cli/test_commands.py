@@ -226,7 +226,7 @@ def test_a_corruption_of_clips_names_the_command_that_makes_it_for_this_video(ro
     assert not Path("run").exists()
 
 
-def test_gallery_shows_a_corruption_of_ones_own(robustflow, walk, tmp_path, monkeypatch):
+def test_gallery_shows_an_own_corruption(robustflow, walk, tmp_path, monkeypatch):
     (tmp_path / "my_dusk.py").write_text(
         "class Dusk:\n    def draw(self, rng, severity, shape):\n        return 2 * severity\n"
         "    def apply(self, frame, state, index):\n        return frame // state\n"

@@ -56,13 +56,13 @@ def test_exported_rows_are_unchanged_after_reading(robustflow, run, format):
     assert reader(io.BytesIO(data), **options).equals(rows.sort("sample", "corruption", "severity"))
 
 
-def test_a_parquet_file_says_which_run_it_is(robustflow, run):
+def test_parquet_file_names_its_run(robustflow, run):
     robustflow("export", run, "--format", "parquet", "-o", "mine.parquet")
     digest = load_run(run).manifest.identity_digest
     assert pl.read_parquet_metadata("mine.parquet")["robustflow_run"] == digest
 
 
-def test_an_unknown_format_of_a_run_is_one_line_with_the_known_ones(robustflow, run):
+def test_unknown_export_format_is_refused_with_the_known_ones(robustflow, run):
     error = robustflow.refuses("export", run, "--format", "xlsx")
     assert "csv, parquet, card, croissant, every-eval-ever, huggingface, robustspring" in error
 

@@ -25,7 +25,7 @@ def records(robustflow, packed):
     return [*map(Path, packed)]
 
 
-def test_pack_and_verify(robustflow, runs, packed):
+def test_packed_record_verifies(robustflow, runs, packed):
     said = ("--author", "Ada", "--link", "https://example.org")
     records = [Path(robustflow.prints("pack", run, *said).strip()) for run in runs]
     assert {path.name: path.read_bytes() for path in records} == packed
@@ -36,7 +36,7 @@ def test_pack_and_verify(robustflow, runs, packed):
     assert "3 of 3 rows, drawn with seed 1" in checked
 
 
-def test_predictions_are_made_again(robustflow, records):
+def test_verify_repeats_predictions_on_request(robustflow, records):
     """A record of DIS verifies with DIS but not with Farneback, on the same frames."""
     out = robustflow.prints("verify", records[0], "--model", "dis")
     assert "3 of 3 rows" in out

@@ -168,7 +168,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run dis -c motion_blur", 2, "'camera_motion_blur' or 'object_motion_blur'"),
     ],
 )
-def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, arguments, code, says):
+def test_bad_input_is_refused_in_one_line_with_a_remedy(robustflow, tmp_path, make, arguments, code, says):
     if make:
         make(tmp_path / "data")
     output = ["-o", "run"] if arguments.startswith("run") else []
@@ -269,7 +269,7 @@ def test_full_disk_ends_a_run_in_one_line(robustflow, monkeypatch):
     "command",
     ["run -m dis -c fog -c snow", "run -m dis --severities 1 -s 2", "optics design --severity 1 --severity 2"],
 )
-def test_an_option_given_twice_is_refused_instead_of_half_of_it_ignored(robustflow, command):
+def test_option_given_twice_is_refused(robustflow, command):
     assert "is given 2 times" in robustflow.refuses(*command.split())
 
 
@@ -287,7 +287,7 @@ def test_an_option_given_twice_is_refused_instead_of_half_of_it_ignored(robustfl
         (("experiment", "robust-training", "--severities", ","), "--severities"),
     ],
 )
-def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustflow, tmp_path, command, empty):
+def test_empty_path_is_refused(robustflow, tmp_path, command, empty):
     write_frames(tmp_path)
     assert f"{empty} is empty: give a value" in robustflow.refuses(*command)
     assert not (tmp_path / "runs").exists()

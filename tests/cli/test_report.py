@@ -77,7 +77,7 @@ def test_figures_on_request_show_only_the_run_beside_published_tables(robustflow
     assert robustflow("report", "--published", "--only-own")[0] == 2
 
 
-def test_report_to_files(robustflow, runs):
+def test_report_is_written_to_files(robustflow, runs):
     out = robustflow.prints("report", runs[0], "-t", "epe", "-f", "latex", "-o", "epe.tex", "--figures", "figures")
     assert out.split()[0] == "epe.tex"
     assert r"\toprule" in Path("epe.tex").read_text()
@@ -139,7 +139,7 @@ def test_power_of_rows_without_variance_is_refused_in_one_line(robustflow, runs)
         robustflow.refuses("power", *wrong)
 
 
-def test_many_are_compared_in_a_line_each(robustflow, runs):
+def test_comparison_of_many_runs_prints_one_line_per_pair(robustflow, runs):
     third = (*runs, runs[0])  # the same run twice, distinguished by a number
     out = robustflow.prints("compare", *third, "--metric", "epe", "--format", "csv")
     first, same, _ = csv.DictReader(io.StringIO(out))

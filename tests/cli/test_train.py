@@ -20,7 +20,7 @@ from ..datasets import layouts
 pytestmark = pytest.mark.training
 
 
-def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
+def test_plan_names_missing_data_and_the_folders_searched(tmp_path):
     text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert text.count("missing  ") == 5
     assert "put it into a folder named sintel or mpisintel in a data folder, or pass --data sintel=FOLDER" in text

@@ -30,7 +30,7 @@ def shuffled_by_loops(pixels, rng, reach, iterations, swap):
 
 @pytest.mark.parametrize("swap", [False, True])
 @pytest.mark.parametrize(("reach", "iterations"), [(1, 2), (2, 1), (4, 2)])
-def test_the_index_map_is_the_loops_result(reach, iterations, swap):
+def test_index_map_equals_the_naive_loop(reach, iterations, swap):
     rng = Rng.of("glass", reach)
     numbers = np.arange(23 * 31).reshape(23, 31)
     expected = shuffled_by_loops(numbers, rng, reach, iterations, swap)
@@ -59,7 +59,7 @@ def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant):
     assert np.abs(got - twice).max() < 0.501
 
 
-def test_white_stays_white():
+def test_glass_blur_keeps_a_white_frame_white():
     white = np.full((32, 32, 3), 255, np.uint8)
     glass = GlassBlur()
     for severity in (1, 2, 3, 4, 5):

@@ -35,7 +35,7 @@ def test_each_severity_takes_its_lens(severity):
 
 
 @pytest.mark.parametrize(("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((375, 1242), (254,))])
-def test_flat_stays_flat_everywhere(shape, greys):
+def test_psf_blur_keeps_a_flat_frame_flat(shape, greys):
     for grey in greys:
         frame = np.full((*shape, 3), grey, np.uint8)
         for variant in ("default", "reference"):

@@ -57,7 +57,7 @@ def test_every_corruption_keeps_the_contract(name, size, severity, variant, seed
 
 
 @every_corruption
-def test_views_and_read_only_frames(name):
+def test_views_and_read_only_frames_are_accepted(name):
     whole = picture(70, 101)
     strided, reverse = whole[1:61:2, 3:99:3], picture(40, 50)[::-1, ::-1, ::-1]
     read_only = picture(40, 50, seed=1)
@@ -121,7 +121,7 @@ def test_keys_seeds_and_severities_change_what_is_drawn(name):
 
 
 @every_corruption
-def test_severities_differ(name):
+def test_severities_of_a_corruption_give_different_frames(name):
     frame = picture(96, 128)
     outputs = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, level)) for level in range(1, 6)}
     assert len(outputs) == 5
@@ -159,7 +159,7 @@ def test_threads_share_an_instance(name):
 @pytest.mark.slow
 @every_corruption
 @pytest.mark.parametrize("size", [(2160, 4096), (1999, 61), (17, 3001)])
-def test_large_and_long_frames(name, size):
+def test_large_and_elongated_frames_are_corrupted(name, size):
     frame = picture(*size)
     for out in corrupted(frame, frame, name, 5):
         assert out.shape == frame.shape
@@ -185,7 +185,7 @@ def test_the_paper_has_eight_temporal_corruptions():
     ]  # fmt: skip
 
 
-def test_file_class_and_name_are_one():
+def test_corruption_file_and_class_have_the_name_of_the_corruption():
     for name in CORRUPTIONS.names():
         kind = CORRUPTIONS.get(name)
         assert kind.name == name == kind.__module__.rpartition(".")[2]

@@ -50,7 +50,7 @@ def test_the_airlight_is_a_bright_near_grey(seed):
     assert red - green == pytest.approx(green - blue, abs=1e-3)
 
 
-def test_without_depth_it_is_refused_and_says_where_depth_comes_from():
+def test_fog_without_depth_is_refused_with_the_sources_of_depth():
     frame = picture(16, 16)
     with pytest.raises(UsageError, match=r"fog_3d requires the depth of the sample: .* --depth DIR"):
         corrupt(frame, frame, "fog_3d", 3)
@@ -81,13 +81,13 @@ MAP, MASK = np.ones((4, 6), np.float32), np.ones((4, 6), bool)
         (([[1.0]],) * 2, MASK, "give two NumPy maps"),
     ],
 )
-def test_depth_that_cannot_be_is_refused(maps, mask, message):
+def test_impossible_depth_is_refused(maps, mask, message):
     with pytest.raises(DataError, match=message):
         SceneDepth(maps, (mask,) * len(maps), Camera((5.0, 5.0), (2.0, 0.0)))
 
 
 @pytest.mark.parametrize("depth", [np.ones((8, 9), np.float32), np.ones((8, 9)), 5.0, "maps"])
-def test_depth_that_is_no_scene_depth_is_refused_in_a_sentence(depth):
+def test_depth_that_is_no_scene_depth_object_is_refused_in_one_sentence(depth):
     frame = picture(8, 9)
     with pytest.raises(UsageError, match=r"fog_3d: depth is \w+; pass a robustflow\.SceneDepth"):
         corrupt(frame, frame, "fog_3d", 3, depth=depth)
@@ -113,7 +113,7 @@ def test_depth_that_is_no_scene_depth_is_refused_in_a_sentence(depth):
         (((9.0, 9.0), (4, 4), np.eye(3), np.array([0, 0, 1e300])), "translation"),
     ],
 )
-def test_a_camera_that_cannot_be_is_refused(camera, message):
+def test_impossible_camera_is_refused(camera, message):
     with pytest.raises(DataError, match=f"camera: .*{message}"):
         Camera(*camera)
 

@@ -28,7 +28,7 @@ def smooth(height, width, seed):
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 @pytest.mark.parametrize("size", [(375, 1242), (97, 131), (16, 16), (17, 33)])
-def test_jpeg_is_pillows(severity, size):
+def test_jpeg_compression_equals_pillow(severity, size):
     frame = smooth(*size, severity)
     for variant in ("default", "reference"):
         corruption = load_corruption("jpeg_compression", variant)
@@ -39,7 +39,7 @@ def test_jpeg_is_pillows(severity, size):
 
 @settings(max_examples=60)
 @given(st.integers(16, 260), st.integers(16, 260), st.sampled_from(SEVERITIES))
-def test_pixelate_is_pillows_columns_first(height, width, severity):
+def test_pixelate_equals_pillow_with_columns_first(height, width, severity):
     frame = np.random.default_rng(height * 1000 + width).integers(0, 256, (height, width, 3), dtype=np.uint8)
     corruption = load_corruption("pixelate")
     factor = corruption.parameter(severity)
@@ -52,7 +52,7 @@ def test_pixelate_is_pillows_columns_first(height, width, severity):
 @pytest.mark.parametrize("severity", SEVERITIES)
 @pytest.mark.parametrize("variant", ["default", "reference", "paper"])
 @pytest.mark.parametrize("width", [64, 65, 129, 300])
-def test_contrast_by_the_formula(severity, variant, width):
+def test_contrast_equals_the_formula(severity, variant, width):
     frame = np.random.default_rng(width).integers(0, 200, (37, width, 3), dtype=np.uint8)
     frame[..., 2] //= 3
     corruption = load_corruption("contrast", variant)
@@ -77,7 +77,7 @@ def exact_saturation(pixel, alpha, beta):
 
 
 @pytest.mark.parametrize("parameter", [*load_corruption("saturate").severities, (1.37, 0.0321), (0.0, 1.0)])
-def test_saturate_to_the_last_half(parameter):
+def test_saturate_equals_the_formula_to_half_a_level(parameter):
     greys = np.arange(256, dtype=np.uint8)[:, None].repeat(3, axis=1)
     pixels = np.concatenate([greys, COLOURS.reshape(-1, 3)[:1500], COLOURS.reshape(-1, 3)[:500] // 32])
     alpha, beta = (Fraction(str(value)) for value in parameter)
@@ -86,6 +86,6 @@ def test_saturate_to_the_last_half(parameter):
         assert values == exact_saturation(pixel, alpha, beta), pixel
 
 
-def test_saturate_reference_swaps_the_mildest_two():
+def test_reference_variant_of_saturate_swaps_the_two_mildest_severities():
     paper, code = load_corruption("saturate"), load_corruption("saturate", "reference")
     assert [code.parameter(s) for s in SEVERITIES] == [paper.parameter(s) for s in (2, 1, 3, 4, 5)]

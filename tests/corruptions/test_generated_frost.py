@@ -105,7 +105,7 @@ def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(n
                 rf.corrupt(grey, grey, load_corruption(name, variant), 2)
 
 
-def test_frost_of_another_benchmark_on_the_demo_pair_needs_the_photographs(no_photographs, tmp_path):
+def test_frost_outside_the_demo_needs_the_photographs(no_photographs, tmp_path):
     motorcycle = load_benchmark("motorcycle").narrowed(["frost"], [1])
     with pytest.raises(AssetError, match="not found in"):
         rf.evaluate(ZeroFlow(), motorcycle, output=tmp_path / "run")

@@ -23,7 +23,7 @@ def exposed(name, severity):
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 @pytest.mark.parametrize(("name", "sign"), [("high_light", 1), ("low_light", -1)])
-def test_shift_of_v_to_the_last_half(name, sign, severity):
+def test_shift_of_v_equals_the_formula_to_half_a_level(name, sign, severity):
     corruption, state = exposed(name, severity)
     shift = sign * 255 * Fraction(str(corruption.parameter(severity)))
     pixels = np.concatenate([np.zeros((1, 3), np.uint8), COLOURS.reshape(-1, 3)[:3000]])
@@ -35,7 +35,7 @@ def test_shift_of_v_to_the_last_half(name, sign, severity):
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 @pytest.mark.parametrize("name", EXPOSURES)
-def test_hsv_round_trip(name, severity):
+def test_hsv_conversion_survives_a_round_trip(name, severity):
     corruption, state = exposed(name, severity)
     hsv = rgb2hsv(COLOURS)
     hsv[..., 2] = np.minimum(hsv[..., 2] * 2.0 ** corruption.parameter(severity), 1)
@@ -44,7 +44,7 @@ def test_hsv_round_trip(name, severity):
 
 
 @pytest.mark.parametrize("name", EXPOSURES)
-def test_one_frame_is_exposed_by_the_toss_of_a_coin(name):
+def test_exposed_frame_is_drawn_with_equal_probability(name):
     which = []
     for seed in range(200):
         first, second = corrupt(COLOURS, COLOURS, name, 3, seed=seed)

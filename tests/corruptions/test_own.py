@@ -120,7 +120,7 @@ def test_severities_of_the_wrong_number_or_form_are_refused():
             Fog(severities=((1.5, 2.0), wrong, (2.5, 1.7), (2.5, 1.5), (3.0, 1.4)))
 
 
-def test_an_object_that_counts_as_false_is_a_corruption():
+def test_falsy_object_is_accepted_as_a_corruption():
     empty = type("Empty", (Veil,), {"__len__": lambda self: 0})()
     assert not empty
     assert (rf.corrupt(FRAME, FRAME, empty, 3)[0] != FRAME).any()
@@ -158,7 +158,7 @@ def test_an_object_that_differs_from_its_name_cannot_be_in_a_run(made):
         (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],
 )
-def test_what_is_not_a_corruption_is_refused(rain_package, spec, message):
+def test_object_that_is_not_a_corruption_is_refused(rain_package, spec, message):
     with pytest.raises(UsageError, match=message):
         rf.corrupt(FRAME, FRAME, spec, 1)
 

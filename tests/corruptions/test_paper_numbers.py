@@ -49,7 +49,7 @@ CODE = {
 
 
 @pytest.mark.parametrize("name", [*PAPER, *CODE])
-def test_the_severities_are_those_written_down(name):
+def test_severities_equal_the_listed_parameters(name):
     assert load_corruption(name).severities == (PAPER | CODE)[name]
 
 

@@ -38,7 +38,7 @@ small = st.floats(-0.2, 0.2)
     seed=st.integers(0),
     second=st.sampled_from([None, (230.0, 220.0, 185.5, 80.0)]),
 )
-def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, second):
+def test_particle_moves_with_its_speed_and_the_camera(kind, angles, shift, seed, second):
     rotation, translation = Rotation.from_euler("xyz", angles).as_matrix(), np.array(shift)
     depth = plane(30.0, (180, 320), rotation=rotation, translation=translation, focal=200.0)
     depth = replace(depth, camera=replace(depth.camera, second=second))
@@ -168,7 +168,7 @@ def test_a_large_particle_is_opaque_and_centred_on_its_projection():
 
 
 @both
-def test_a_camera_of_unknown_motion_stands_still(kind):
+def test_camera_of_unknown_motion_is_at_rest(kind):
     frame = picture(60, 90)
     still = plane(20.0, (60, 90), rotation=np.eye(3), translation=np.zeros(3))
     unknown = plane(20.0, (60, 90))

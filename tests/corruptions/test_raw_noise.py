@@ -185,7 +185,7 @@ def test_grey_keeps_its_colour_on_average(grey):
 
 
 @pytest.mark.parametrize(("noise", "most", "mean"), [(1e-9, 1, 0.02), (1e-7, 2, 0.1), (1e-6, 6, 0.25)])
-def test_a_frame_stays_as_it_is_as_the_noise_vanishes(noise, most, mean):
+def test_frame_is_unchanged_in_the_limit_of_no_noise(noise, most, mean):
     """The remaining differences of a level come from the rounding to 14 bits."""
     corruption, frame = load_corruption("raw_noise"), picture(100, 120)
     state = RawState(draw_camera(Rng.of("vanishing")), Sensor(noise, noise), Rng.of("noise"))

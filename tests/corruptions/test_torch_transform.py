@@ -39,7 +39,7 @@ def test_items_of_a_batch_are_drawn_apart_and_pairs_of_a_batch_together():
     assert torch.equal(first[2], transform(image(3), key="b/2"))
 
 
-def test_structures_keep_all_but_the_images():
+def test_transform_of_a_structure_changes_only_its_images():
     sample = {"image1": tv_tensors.Image(image(0)), "image2": tv_tensors.Image(image(1)), "flow": torch.rand(2, 24, 32)}
     out = TorchCorruption(["contrast"], [5])(sample)
     assert isinstance(out["image1"], tv_tensors.Image)

@@ -38,7 +38,7 @@ def test_corner_of_a_small_fog_map_equals_the_whole_map(shape, size):
     assert np.abs(plasma_corner(rng, *shape, 1.7) - expected[: shape[0], : shape[1]]).max() < 1e-5
 
 
-def test_the_corner_of_a_large_map_differs_by_the_extremes_it_does_not_see():
+def test_corner_of_a_large_fog_map_is_scaled_by_its_own_extremes():
     rng = Rng.of("large")
     expected = whole_map(rng, 1024, 1.4)
     low, span = expected.min(), expected.max() - expected.min()

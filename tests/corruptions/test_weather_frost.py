@@ -113,7 +113,7 @@ def test_textures_are_fetched_once_and_again_when_the_cache_is_damaged(invented,
     assert len(pip.calls) == 2
 
 
-def test_a_wheel_with_another_picture_is_refused_and_nothing_is_kept(invented, pip):
+def test_wheel_with_a_wrong_texture_is_refused_and_not_cached(invented, pip):
     pip.tamper = "frost3.png"
     with pytest.raises(AssetError, match=r"frost3\.png in the wheel .* wrong SHA-256"):
         frost_assets.read_texture(0)
@@ -121,7 +121,7 @@ def test_a_wheel_with_another_picture_is_refused_and_nothing_is_kept(invented, p
 
 
 @pytest.mark.parametrize(("offset", "value"), [(8, 1), (10, 8)], ids=["encrypted", "not deflated"])
-def test_a_wheel_whose_entries_cannot_be_read_is_one_sentence(invented, tmp_path, offset, value):
+def test_unreadable_wheel_is_refused_in_one_sentence(invented, tmp_path, offset, value):
     wheel_of(invented, tmp_path / "it.whl")
     data = bytearray((tmp_path / "it.whl").read_bytes())
     data[data.index(b"PK\x01\x02") + offset] = value
@@ -141,7 +141,7 @@ def test_frost_without_a_home_folder_is_refused_in_one_sentence(monkeypatch, pla
         cache_folder("frost")
 
 
-def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch):
+def test_failed_download_names_both_remedies_in_one_line(invented, monkeypatch):
     monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):

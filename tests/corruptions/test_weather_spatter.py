@@ -41,7 +41,7 @@ def test_a_frame_is_the_reference_codes_result(severity):
     assert (np.abs(got - expected) > 0.51).mean() < 0.005
 
 
-def test_no_drop_leaves_the_frame_as_it_is():
+def test_spatter_without_a_drop_leaves_the_frame_unchanged():
     spatter = Spatter(severities=((0.1, 0.01, 2.0, 0.9, 0.6, False),) * 5)
     frame = np.random.default_rng(0).integers(0, 256, (16, 16, 3), dtype=np.uint8)
     assert np.array_equal(spatter.apply(frame, spatter.draw(Rng.of(0), 1, (16, 16)), 0), frame)
@@ -54,7 +54,7 @@ def test_mud_covers_in_rgb_order():
     assert muddy[muddy[:, 0].argmin()].tolist() == [63, 42, 20]
 
 
-def test_distances_are_opencvs():
+def test_distances_equal_those_of_opencv():
     edges = (np.random.default_rng(1).random((50, 70)) > 0.995).astype(np.uint8) * 255
     expected = np.minimum(cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5), 20)
     assert np.abs(chamfer_distance(edges, 20) / 10_000 - expected).max() < 2e-4

@@ -226,7 +226,7 @@ def test_own_maps_are_read_in_metres_for_both_frames_and_completed(clip, tmp_pat
 
 
 @pytest.mark.parametrize("shape", [(40, 56), (56, 40)])
-def test_without_a_focal_length_it_is_the_longer_side_of_the_frames(tmp_path, shape):
+def test_default_focal_length_is_the_longer_side_of_the_frames(tmp_path, shape):
     dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png", shape=shape))
     maps = write_both(tmp_path / "maps", shape)
     assert OwnDepth(maps, dataset).depth(dataset["a"]).camera.focal == (56.0, 56.0)

@@ -56,7 +56,7 @@ MOTION = turned(0.004, -0.01, 0.006), np.array([0.12, -0.03, -0.4])
     moved=st.tuples(*[st.floats(-0.8, 0.8)] * 3),
     seed=st.integers(0, 2**32),
 )
-def test_the_cameras_motion_is_found_among_things_that_move_by_themselves(angles, moved, seed):
+def test_camera_motion_is_fitted_despite_moving_objects(angles, moved, seed):
     rotation, translation = turned(*angles), np.array(moved)
     scene, rng = world(rotation, translation), np.random.default_rng(seed)
     flow = scene.flow + rng.normal(0, 0.02, scene.flow.shape).astype(np.float32)
@@ -68,7 +68,7 @@ def test_the_cameras_motion_is_found_among_things_that_move_by_themselves(angles
     np.testing.assert_allclose(fitted.rotation @ fitted.rotation.T, np.eye(3), atol=1e-12)
 
 
-def test_a_motion_that_few_points_show_stays_unknown():
+def test_camera_motion_supported_by_few_points_is_unknown():
     scene = world(*MOTION)
     known = np.zeros(scene.depth.shape, bool)
     known[::12, ::12] = True

@@ -228,7 +228,7 @@ def test_all_24_corruptions_are_in_the_table(prepared, tmp_path, quick_workers):
     assert two.rows.select(columns).sort(columns).equals(one.select(columns).sort(columns))
 
 
-def test_a_released_folder_reads_as_it_is(tmp_path):
+def test_released_folder_is_read_without_preparation(tmp_path):
     keys = ("GOPR0374_11_02/000032", "GOPR0374_11_02/000064", "GOPR0379_11_00/000032")
     images = {}
     for setting in ("clean", "fog_3", "brightness_3", "h264_crf_3", "fog_4"):

@@ -266,7 +266,7 @@ def test_gopro_folder_is_read(tmp_path: Path) -> None:
     refused("gopro", tmp_path, r"with a stride of 1, the frame after 000047\.png is missing")
 
 
-def test_gopro_plain_sequences(tmp_path: Path) -> None:
+def test_gopro_reads_plain_folders_of_frames(tmp_path: Path) -> None:
     for number in (1, 9, 17):  # every eighth frame
         picture(tmp_path / "GOPR0384_11_00" / f"{number:06d}.png")
     dataset = load_dataset("gopro", tmp_path)
@@ -284,7 +284,7 @@ ROOTS = {
 
 
 @pytest.mark.parametrize("name", ROOTS)
-def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> None:
+def test_folder_one_level_too_high_or_low_is_refused_with_the_right_one(tmp_path: Path, name: str) -> None:
     if name == "spring":
         pytest.importorskip("h5py")
     root = tmp_path / "here"

@@ -123,7 +123,7 @@ def test_grey_pairs_have_three_equal_channels(shared) -> None:
     assert (frame == frame[..., :1]).all()
 
 
-def test_colour_is_preferred(shared) -> None:
+def test_colour_frames_are_preferred_to_grey_ones(shared) -> None:
     dataset = load_dataset("kitti2012", shared("data/kitti2012_colour_noc_only"))
     key = dataset.keys()[0]
     assert {path.parent.name for path in dataset.files(key)} == {"colored_0", "flow_noc"}

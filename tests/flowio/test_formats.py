@@ -75,7 +75,7 @@ def test_kitti_holds_its_whole_range_exactly(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [512.0, -512.1, 511.9999])
-def test_kitti_refuses_what_it_cannot_hold_unless_it_is_invalid(tmp_path: Path, value: float) -> None:
+def test_kitti_refuses_valid_vectors_beyond_its_range(tmp_path: Path, value: float) -> None:
     flow = np.zeros((2, 2, 2), np.float32)
     flow[1, 0, 1] = value
     with pytest.raises(DataError, match=r"KITTI's -512 to 511\.984375"):

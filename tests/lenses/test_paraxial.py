@@ -21,7 +21,7 @@ def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
     assert order.back_focus == pytest.approx(lens.surfaces[-1].thickness - end.y[0] / slope, rel=1e-9)
 
 
-def test_the_entrance_pupil_is_where_the_stop_seems_to_be():
+def test_entrance_pupil_is_the_image_of_the_stop():
     lens = cooke_triplet()
     order = first_order_of(lens)
     chief, _ = trace(lens, bundle(-TINY * order.pupil_position, TINY), 0.55)
@@ -36,7 +36,7 @@ def test_a_stop_in_front_is_its_own_entrance_pupil():
     assert (order.pupil_position, order.pupil_magnification) == (0.0, 1.0)
 
 
-def test_the_lensmaker_equation():
+def test_focal_length_of_a_thin_lens_follows_the_lensmaker_equation():
     r1, r2, d = 40.0, -60.0, 5.0
     lens = lens_of([(0.0, 0.0, "air", 2.0), (r1, d, "N-SF6", 9.0), (r2, 30.0, "air", 9.0)], stop=0)
     n = 1.8051808

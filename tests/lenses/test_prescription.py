@@ -11,7 +11,7 @@ from ..refusals import refused
 from .lenses import cooke_triplet
 
 
-def test_what_is_written_is_read_back_equal(tmp_path):
+def test_written_prescription_reads_back_equal(tmp_path):
     lens = cooke_triplet()
     write_lens(lens, tmp_path / "lens.json")
     assert read_lens(tmp_path / "lens.json") == lens
@@ -45,7 +45,7 @@ def test_a_faulty_prescription_is_refused_in_one_line_that_names_the_fault(tmp_p
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"name": NaN}', "\x00\x01"])
-def test_what_is_not_a_prescription_is_refused(tmp_path, content):
+def test_file_that_is_not_a_prescription_is_refused(tmp_path, content):
     path = tmp_path / "lens.json"
     path.write_text(content)
     with pytest.raises(DataError, match="is not a lens prescription"):

@@ -49,7 +49,7 @@ def test_another_seed_finds_another_lens_that_meets_the_specification():
         assert lens.stop == 0
 
 
-def test_moves_only_help():
+def test_moves_never_raise_the_cost():
     specification, goal = goal_of(4)
     few = search(specification.elements, specification.stop, goal, Rng.of("m"), Budget(200, 4, 3, 0, 4, 4, 6))
     more = search(specification.elements, specification.stop, goal, Rng.of("m"), Budget(200, 4, 3, 12, 4, 4, 6))

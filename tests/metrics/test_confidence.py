@@ -94,7 +94,7 @@ def test_pixels_without_an_error_are_ignored_and_no_pixel_gives_none():
     assert confidence_correlation([], []) is None
 
 
-def test_a_confidence_of_another_size_or_nan_is_one_line():
+def test_confidence_of_a_wrong_size_or_nan_is_refused_in_one_line():
     with pytest.raises(DataError, match=r"shape \(3,\), but the errors have shape \(2,\)"):
         ause([1.0, 2.0], [1, 2, 3])
     with pytest.raises(DataError, match="NaN at 1 pixels"):

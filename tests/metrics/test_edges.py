@@ -73,7 +73,7 @@ def test_a_mask_of_another_size_is_refused():
 
 
 @pytest.mark.parametrize("shape", [(375, 1242), (900, 800), (1, 700)])
-def test_distances_equal_scipys(shape):
+def test_edge_distances_equal_scipy(shape):
     edges = np.random.default_rng(0).random(shape) < 3e-5
     edges[0, 0] = True
     np.testing.assert_array_equal(edge_distance(edges), distance_transform_edt(~edges))

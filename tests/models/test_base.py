@@ -49,7 +49,7 @@ class _OnAGpu:
         (np.zeros((4, 5, 2), np.int16), r"returned int16 \(4, 5, 2\) on sample"),
     ],
 )
-def test_an_answer_that_is_not_a_flow_is_an_error_that_says_what_it_is(answer, says):
+def test_answer_that_is_not_a_flow_is_refused_with_its_type(answer, says):
     with pytest.raises(ModelError, match=says):
         predict_checked(FunctionModel(lambda frame1, frame2: answer, {}), FRAMES, "a", "clean", 0)
 
@@ -70,7 +70,7 @@ class _Says:
 
 
 @pytest.mark.parametrize("identity", [{"x": float("nan")}, {"x": {"y": [float("inf")]}}, {"x": {(1, 2): 3}}])
-def test_an_identity_that_is_no_json_is_one_sentence(identity):
+def test_identity_that_json_cannot_hold_is_refused_in_one_sentence(identity):
     with pytest.raises(ModelError, match=r"^the model's identity\(\) cannot be written as JSON \(.*finite"):
         model_identity(_Says(identity))
 

@@ -45,7 +45,7 @@ def test_known_translation_right_and_up(moved, name, options, tolerance):
         {"poly_sigma": float("nan")},
     ],
 )
-def test_what_opencv_would_crash_on_or_answer_with_nothing_is_refused(options):
+def test_frames_on_which_opencv_would_crash_are_refused(options):
     (name,) = options
     with pytest.raises(UsageError, match=f"{name} must be a"):
         load_model("farneback", **options)

@@ -33,7 +33,7 @@ def test_every_method_of_the_paper_has_the_papers_year_and_type():
         assert {(entry.year, entry.type) for entry in variants} == {(method.year, method.type)}, name
 
 
-def test_the_catalog_agrees_with_itself():
+def test_catalog_entries_are_consistent():
     names = [(entry.model, entry.checkpoint) for entry in checkpoints()]
     assert len(set(names)) == len(names)
     for entry in checkpoints():
@@ -79,7 +79,7 @@ def test_checkpoint_with_a_backbone_of_unchecked_pre_training_is_never_ood():
     assert (flowformer.backbone, setting_on(training_of_entry(flowformer), "kitti-fc")) == ("imagenet", "OOD")
 
 
-def test_virtual_kitti_is_a_training_set_of_its_own():
+def test_virtual_kitti_is_separate_from_kitti():
     assert parse_training_sets("VK") == ("virtual-kitti",)
     assert setting_on(training_of({"name": "mine"}, "C+VK"), "kitti-fc") == "OOD"
     trained = {name for one in entries_of("gmflow_p_sc2_ref6") for name in one.trained_on.split("+")}

@@ -89,7 +89,7 @@ def test_blend_is_the_weighted_mean():
         np.testing.assert_allclose(found[y, x], mean / sum(weights), rtol=1e-6)
 
 
-def test_where_only_a_corner_covers_the_flow_is_exact():
+def test_flow_is_exact_where_only_a_tile_corner_covers():
     class Ramp:
         def predict(self, frame1, frame2):
             return np.random.default_rng(1).normal(0, 100, (*frame1.shape[:2], 2)).astype(np.float32)

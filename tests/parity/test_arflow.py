@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "arflow"
 
 
-def test_flows_and_features(pack, case):
+def test_flows_and_features_equal_the_original(pack, case):
     expected = pack.expected(case)
     if "flows_fw_4" not in expected:
         pytest.skip("a stretched case, compared in the next test")

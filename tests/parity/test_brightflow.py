@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "brightflow"
 
 
-def test_flows_and_features(pack, case):
+def test_flows_and_features_equal_the_original(pack, case):
     expected = pack.expected(case)
     net = pack.fill(BrightFlow(iterations=12))
     images = [2 * pack.image(f"{case}_im{i}") / 255 - 1 for i in (1, 2)]

@@ -27,7 +27,7 @@ def net():
     return Pack(shared_folder("parity", PACK)).fill(FlowDiffuser())
 
 
-def test_features_and_steps(pack, net, case):
+def test_features_and_steps_equal_the_original(pack, net, case):
     expected = pack.expected(case)
     height, width = pack.image(f"{case}_im1").shape[2:]
     sides = NETWORKS["flowdiffuser"].convention.padding_sides(height, width)

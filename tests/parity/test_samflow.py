@@ -52,7 +52,7 @@ def watching(net: SamFlow) -> Iterator[dict[str, torch.Tensor]]:
 class _Size:
     PACK, SIZE, SUFFIX = "", "", ""
 
-    def test_features_and_flow(self, pack, net, case):
+    def test_features_and_flow_equal_the_original(self, pack, net, case):
         """Compare all arrays of a case, from the first features to the flow, in one run of the network."""
         expected = pack.expected(case, self.SUFFIX)
         image1, image2 = (pack.image(f"{case}_im{i}") for i in (1, 2))
@@ -68,7 +68,7 @@ class _Size:
 
 
 class _SizeOf24Iterations(_Size):
-    def test_twice_the_iterations(self, pack, net, case):
+    def test_flow_after_twice_the_iterations_equals_the_original(self, pack, net, case):
         """Rounding errors grow with every iteration, and the pack's floor is for 12 iterations. Therefore measure the
         floor as described in the pack's README, with noise of 0.0001 grey levels on image 1.
         """

@@ -17,7 +17,7 @@ def images(pack, case):
     return [(pack.image(f"{case}_im{i}") - mean) * 0.0039216 for i in (1, 2)]
 
 
-def test_flows_features_and_visibility(pack, case):
+def test_flows_features_and_visibility_equal_the_original(pack, case):
     expected = pack.expected(case)
     net = pack.fill(UPFlow())
     image1, image2 = images(pack, case)

@@ -99,7 +99,7 @@ def test_a_name_that_is_neither_text_nor_a_whole_number_is_refused_as_a_name(par
 
 
 @pytest.mark.parametrize("key", [0, 1, 2**63, key_of("x")])
-def test_bits_and_bytes_are_even(key):
+def test_bits_and_bytes_are_uniformly_distributed(key):
     words = Rng(key).bits(N)
     ones = np.unpackbits(words.view(np.uint8).reshape(N, 8), axis=1).sum(axis=0)
     assert np.abs(ones - N / 2).max() < 5 * np.sqrt(N) / 2
@@ -147,13 +147,13 @@ def test_normals_pass_a_normality_test():
 
 
 @pytest.mark.parametrize("lag", [1, 2, 3, 4, 7, 64, 1242, 3726])
-def test_no_serial_correlation(lag):
+def test_successive_numbers_are_uncorrelated(lag):
     values = Rng.of("serial").uniforms(N)
     assert abs(np.corrcoef(values[:-lag], values[lag:])[0, 1]) < 5 / np.sqrt(N)
 
 
 @pytest.mark.parametrize("keys", ["neighbours", "single bits", "frames", "golden ratio"])
-def test_streams_are_independent(keys):
+def test_streams_of_different_names_are_uncorrelated(keys):
     """Streams with similar keys are uncorrelated, both at the same positions and with an offset."""
     base = key_of("base")
     family = {
@@ -176,7 +176,7 @@ def test_integers_stay_in_range(low, count):
     assert low <= Rng.of("range", low, count).integer(low, low + count) < low + count
 
 
-def test_integers_are_even():
+def test_integers_are_uniformly_distributed():
     stream = Rng.of("dice")
     throws = np.bincount([stream.integer(0, 6) for _ in range(6000)], minlength=6)
     assert scipy_stats.chisquare(throws).pvalue > 1e-3

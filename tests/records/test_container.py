@@ -166,7 +166,7 @@ def test_truncated_record_is_refused(packed, data):
 
 @settings(max_examples=50)
 @given(st.binary(max_size=400), st.integers(0, 2**32))
-def test_garbage_is_refused_in_words(packed, garbage, place):
+def test_random_bytes_are_refused_with_a_message(packed, garbage, place):
     place %= len(packed)
     for data in (garbage, packed[:place] + garbage, packed[:place] + garbage + packed[place + len(garbage) :]):
         if data != packed:

@@ -26,7 +26,7 @@ _FOG = (pl.col("corruption") == "fog") & (pl.col("severity") == 5)
 _PLANNED = ("planned", 0, "corruptions")
 
 
-def test_a_record_verifies_and_says_what_it_is_about(run, packed, tmp_path):
+def test_valid_record_verifies_and_states_its_subject(run, packed, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(packed)
     found = verify(tmp_path / "a.robustflow")
     assert found.ok, found.first_failure()

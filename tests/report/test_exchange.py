@@ -137,7 +137,7 @@ def test_croissant_is_valid_and_its_loader_reads_the_rows(run, tmp_path):
 
 
 @pytest.mark.parametrize("format", EXCHANGE_FORMATS)
-def test_what_was_exported_follows_from_the_record_and_a_changed_digit_does_not(run, record, loaded, tmp_path, format):
+def test_exported_file_is_confirmed_by_its_record_and_a_changed_digit_is_refused(run, record, loaded, tmp_path, format):
     paths = exported(run, format, tmp_path)
     assert compared(record, *paths).ok
     assert exchange_files(loaded, format, HUB) == exchange_files(run, format, HUB)

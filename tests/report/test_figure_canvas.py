@@ -66,7 +66,7 @@ def test_a_bubble_does_not_fill_its_panel():
     assert 900 < max(sizes) <= 1000
 
 
-def test_many_settings_stand_three_abreast():
+def test_panels_of_many_settings_are_in_rows_of_three():
     figure = clean_against_cre(_results(2, settings=7))
     assert len(figure.axes) == 7
     assert figure.get_figwidth() < 16

@@ -104,7 +104,7 @@ def test_terminal_shows_markup_as_text(name, colour):
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])
-def test_the_terminal_is_never_wider_than_it_is(width):
+def test_terminal_table_is_never_wider_than_the_terminal(width):
     text = render_terminal(build_table("epe", published_results()), width)
     assert max(map(len, text.splitlines())) <= width
     assert "51.76" in text
@@ -216,7 +216,7 @@ def test_a_format_of_the_users_own(tmp_path, monkeypatch):
         render(_table("RAFT"), "latx")
 
 
-def test_the_end_of_a_long_name_that_tells_two_runs_apart_is_printed_in_the_terminal():
+def test_terminal_prints_the_end_of_long_names_that_distinguishes_two_runs():
     names = [f"DIS (KITTI flow 2015, preset {preset})" for preset in ("medium", "ultrafast")]
     lines = tuple(Line(name, (TableCell("1.00"),)) for name in names)
     text = render(Table("x", "Errors", (Column("Clean"),), (Section("Runs", lines),)), "terminal")

@@ -87,7 +87,7 @@ def test_the_flow_back_is_not_asked_for_where_the_frames_are_equal(tmp_path):
     assert Counting.asked == 1 + 1 + 2, "the two frames are equal in clean and contrast"
 
 
-def test_a_confidence_of_another_size_or_nan_is_one_line(tmp_path):
+def test_confidence_of_a_wrong_size_or_nan_ends_the_run_in_one_line(tmp_path):
     for spoil, words in (("size", "has the shape"), ("nan", "NaN at 1 pixels")):
         with pytest.raises(ModelError, match=words) as error:
             run(tmp_path / spoil, Sure(spoil), "model", limit=1)

@@ -81,6 +81,6 @@ _SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize("delay", [0.0, *(pytest.param(delay, marks=_SLOW) for delay in (0.15, 0.6, 1.2))])
-def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
+def test_ctrl_c_while_workers_start_prints_one_line(tmp_path, delay):
     """Only one of the processes prints a message, even while others are still importing."""
     check_stopped_by_ctrl_c(start_run(tmp_path / "run", "Logged", "--workers", "2", PREDICTION_LOG=os.devnull), delay)

@@ -27,7 +27,7 @@ def _units(samples, corruptions, without_clean=()):
     workers=st.integers(1, 5),
     choices=st.lists(st.integers(0, 4), min_size=200, max_size=200),
 )
-def test_any_number_of_workers_does_everything_once_and_clean_first(
+def test_any_number_of_workers_does_every_unit_once_and_clean_ones_first(
     samples, corruptions, without_clean, workers, choices
 ):
     units = _units(samples, corruptions, without_clean)
@@ -74,7 +74,7 @@ def test_units_of_a_sample_after_the_clean_one_come_from_the_plans_end():
     feeders=st.integers(1, 4),
     random=st.randoms(use_true_random=False),
 )
-def test_any_number_of_feeders_does_everything_once_and_clean_first(
+def test_any_number_of_feeders_does_every_unit_once_and_clean_ones_first(
     samples, corruptions, without_clean, feeders, random
 ):
     units = _units(samples, corruptions, without_clean)

@@ -26,7 +26,7 @@ from .processes import descendants, finished, rows_so_far, start_run, wait_until
         ("dies", RunError, r"exit code 17\) while computing sample '0', \w+ severity \d"),
     ],
 )
-def test_a_predicting_process_in_trouble_ends_the_run(tmp_path, quick_workers, trouble, error, says):
+def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, says):
     options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
     model = ModelSpec("tests.runner.models_for_tests:Trouble", options)
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))

@@ -65,7 +65,7 @@ def test_pairs_that_know_no_common_frames_give_both_of_theirs():
         assert np.array_equal(still.load(key).frames[0], frame)
 
 
-def test_zero_flow_has_no_phantom_motion_and_no_reason_speaks_against_it(clip_folder, tmp_path):
+def test_zero_flow_has_no_phantom_motion_and_is_not_excluded(clip_folder, tmp_path):
     run = still_run(zero, clip_folder, tmp_path / "run")
     assert run.rows.height == 2 * FRAMES
     assert run.rows["epe_sum"].to_list() == [0.0] * run.rows.height
@@ -124,7 +124,7 @@ class Corrupted(TexturePairs):
 
 
 @pytest.mark.parametrize("name", ["kitti-fc", "gopro-fc"])
-def test_a_benchmark_that_stands_for_its_own_truth_is_refused_before_it_is_opened(name, tmp_path):
+def test_still_run_of_a_published_benchmark_is_refused_before_it_is_opened(name, tmp_path):
     with pytest.raises(UsageError, match=f"^{name} is a benchmark of moving scenes"):
         rf.evaluate("dis", name, tmp_path / "nothing here", tmp_path / "run", still=True)
 

@@ -145,7 +145,7 @@ def test_families_average_their_corruptions():
         assert summarize(rows_frame(rows)).families[family].epe == pytest.approx(1 + (len(names) - 1) / 2)
 
 
-def test_what_is_missing_is_listed_and_cre_compares_the_same_images():
+def test_missing_rows_are_listed_and_cre_is_over_the_same_images():
     partial = [r for r in THREE_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
     summary = summarize(rows_frame(partial))
     assert not summary.complete

@@ -200,7 +200,7 @@ def test_a_model_is_its_identity_and_not_its_name(base):
     assert [list(scores) for scores in order.scores.values()] == [["DIS (preset fast)", "DIS (preset ultrafast)"]] * 2
 
 
-def test_conditions_without_a_common_row_are_told_apart_by_what_was_measured(base):
+def test_runs_on_different_conditions_are_ranked_per_condition(base):
     parts = {name: (CELLS[0], *(cell for cell in CELLS if cell[0] == name)) for name in ("fog", "snow")}
     runs = [made_run(base, rows(shift, cells=cells), m) for cells in parts.values() for shift, m in enumerate("AB")]
     assert list(orders(runs, "cre").scores) == ["fog", "snow"]

@@ -48,7 +48,7 @@ def flip(path):
     path.write_bytes(bytes(content))
 
 
-def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
+def test_runs_over_two_own_clips_are_two_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short, long = _clip(tmp_path / "short", 3), _clip(tmp_path / "long", 9, 200)
     first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
@@ -134,7 +134,7 @@ def test_a_second_call_checks_the_whole_data_set(frames):
     assert (frames / DIGEST_LIST).read_bytes() == before
 
 
-def test_files_that_no_list_names_are_said_and_a_damaged_list_is_refused(three, tmp_path):
+def test_files_that_no_list_names_are_reported_and_a_damaged_list_is_refused(three, tmp_path):
     assert _digests("--data", three).exit_code == 0
     (three / DIGEST_LIST).write_text("".join((three / DIGEST_LIST).read_text().splitlines(keepends=True)[:-1]))
     with pytest.warns(UserWarning, match=r"does not list 1 file that the run reads \(2\.bmp"):

@@ -218,7 +218,7 @@ def test_the_digest_of_a_folder_is_of_its_shards(folder):
         _ = rf.load_run(folder).summary
 
 
-def test_a_file_of_the_package_that_goes_while_it_is_listed_is_left_out(monkeypatch):
+def test_package_file_deleted_while_listed_is_ignored(monkeypatch):
     code_digest.cache_clear()
     before = code_digest()
     listed = Path.rglob

@@ -72,7 +72,7 @@ def test_the_window_volume_is_the_same_with_gradients_and_its_gradient_is_the_pl
         torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-4, atol=1e-4)
 
 
-def test_the_time_is_one_for_a_step_and_the_noise_is_the_positions():
+def test_time_is_shared_by_a_step_and_noise_depends_on_the_position():
     recipe = load_recipe("flowdiffuser", "ood")
 
     def batch(pairs: int) -> Batch:

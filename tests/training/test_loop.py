@@ -133,7 +133,7 @@ def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):
     assert setting_of(training_of(named.identity, named.declared), "kitti-fc") == "OOD"
 
 
-def test_what_the_first_weights_have_seen_is_kept_and_is_unknown_where_nobody_says(request_for):
+def test_training_sets_of_the_start_weights_are_kept_or_unknown_if_undeclared(request_for):
     first = run_training(request_for("first"))
     second = run_training(request_for("second", start=str(first)))
     assert torch.load(second, weights_only=True)["robustflow_trained_on"] == "flyingchairs"
@@ -145,7 +145,7 @@ def test_what_the_first_weights_have_seen_is_kept_and_is_unknown_where_nobody_sa
     assert torch.load(fourth, weights_only=True)["robustflow_trained_on"] == "flyingthings3d+flyingchairs"
 
 
-def test_two_processes_stop_when_one_is_told_to_with_the_weights_of_one_process_to_rounding(request_for, tmp_path):
+def test_two_processes_stop_together_with_the_weights_of_one_process_to_rounding(request_for, tmp_path):
     """A signal reaches the processes at different times; a process that stops must not leave the other one waiting."""
     alone = request_for("alone", batch=1, accumulate=2, steps=12)
     run_training(alone, StopAfter(3))

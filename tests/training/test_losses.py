@@ -86,7 +86,7 @@ def test_coverage_is_the_naive_splat():
     np.testing.assert_allclose(coverage(torch.from_numpy(flow))[0, 0].numpy(), expected, atol=1e-9)
 
 
-def test_what_moves_out_of_the_frame_is_occluded_and_what_stays_is_not():
+def test_pixels_that_leave_the_frame_are_occluded():
     forward = torch.zeros(1, 2, 8, 10)
     forward[:, 0] = 3
     for seen in (seen_by_splat(-forward), seen_by_check(forward, -forward)):
@@ -104,7 +104,7 @@ def test_equal_images_are_at_no_distance_and_brightness_changes_census_less_than
 
 
 @pytest.mark.parametrize("second_order", [False, True])
-def test_smoothness_leaves_its_own_kind_of_motion_alone(second_order):
+def test_smoothness_is_zero_for_motion_of_its_order(second_order):
     y, x = torch.meshgrid(torch.arange(9.0), torch.arange(11.0), indexing="ij")
     image = torch.rand(1, 3, 9, 11, generator=torch.Generator().manual_seed(1))
     constant = torch.ones(1, 2, 9, 11)

@@ -97,7 +97,7 @@ def test_lost_frames_show_the_nearest_that_decodes_and_the_others_are_their_own(
 
 
 @pytest.mark.parametrize("ruins", [{0}, set(range(30))], ids=["the only idr", "all"])
-def test_stream_without_a_frame_that_decodes_is_one_clear_error(made, ruins):
+def test_stream_without_a_decodable_frame_is_refused(made, ruins):
     clip = made(lossless("veryfast"), 30, 48, 64)
     with pytest.raises(DataError, match=r"none of the 30 frames .* choose a lower severity"):
         decode(clip, ruined(read_packets(clip), ruins))

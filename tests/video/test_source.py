@@ -228,7 +228,7 @@ def test_folder_without_images_is_refused(tmp_path):
         PictureFolder(tmp_path)
 
 
-def test_a_video_whose_codec_is_damaged_is_one_sentence(tmp_path):
+def test_video_with_a_damaged_codec_is_refused_in_one_sentence(tmp_path):
     path = video(tmp_path / "a.mkv", clips.frames(1))
     path.write_bytes(path.read_bytes().replace(b"V_MPEG4/ISO/AVC", b"V_MPEG4/ISO/XVC"))
     with pytest.raises(DataError, match=r"a\.mkv: not a readable video \(its codec is unknown\)"):

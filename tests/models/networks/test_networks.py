@@ -78,7 +78,7 @@ def test_every_size_is_offered_with_the_same_options(name):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("name", SMALL)
-def test_a_checkpoint_makes_a_model_that_says_what_it_is(name, checkpoint, load):
+def test_loaded_checkpoint_is_stated_in_the_identity(name, checkpoint, load):
     model = load(name, **FEW.get(name, {}))
     identity = model.identity()
     assert identity["name"] == name

@@ -169,7 +169,7 @@ def test_clip_models_that_need_more_frames_use_the_whole_short_sequence(library,
 
 
 @pytest.mark.torch
-def test_how_many_frames_the_memory_gets(library):
+def test_memory_networks_get_the_declared_number_of_frames(library):
     assert load_model("memflow", checkpoint="random").window == CLIPS["memflow"].window
     assert load_model("memflow", checkpoint="random", before=2).window.before == 2
     for wrong in (0, 1.5):

@@ -196,7 +196,7 @@ def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
 
 
 @pytest.mark.torch
-def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path):
+def test_state_of_a_memory_network_outside_its_weights_is_set(library, tmp_path):
     import torch
 
     path = tmp_path / "memory.ckpt"
@@ -249,7 +249,7 @@ def test_the_first_import_is_silent(library):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("checkpoint", ["random", "kitti", None])
-def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(library, monkeypatch, checkpoint):
+def test_missing_optional_library_is_named_before_the_checkpoint(library, monkeypatch, checkpoint):
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
     monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets if cupy is missing
     with refused(ModelError, r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md"):

@@ -130,7 +130,7 @@ def test_names_that_equal_the_networks_are_used_as_they_are(path):
     assert torch.equal(fresh.model.first.weight, net.model.first.weight)
 
 
-def test_the_hash_is_checked_where_it_is_known(path, state):
+def test_hash_of_a_known_checkpoint_is_checked(path, state):
     torch.save(state, path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert load(path, sha256=digest)[1].sha256 == digest

@@ -23,7 +23,7 @@ def test_path_of_a_checkpoint_is_used_unchanged(tmp_path, monkeypatch):
 
 
 @pytest.mark.torch
-def test_a_published_name_goes_before_a_file_of_that_name(tmp_path, monkeypatch):
+def test_published_name_takes_precedence_over_a_file_of_that_name(tmp_path, monkeypatch):
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
     monkeypatch.chdir(tmp_path)

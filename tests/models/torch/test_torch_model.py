@@ -129,7 +129,7 @@ def test_batches_of_unequal_length_are_refused():
         (ModelError("made for more frames"), "^made for more frames$"),
     ],
 )
-def test_what_a_network_raises_names_the_size(error, says):
+def test_error_of_a_network_names_the_frame_size(error, says):
     model, net = spy()
     net.forward = lambda *images: (_ for _ in ()).throw(error)
     with refused(ModelError, says):
@@ -155,7 +155,7 @@ def test_invalid_execution_options_are_refused(options, error, says):
         network("spy", Spy(), InputConvention(), {}, **options)
 
 
-def test_auto_is_a_device_this_machine_has():
+def test_automatic_device_exists_on_this_machine():
     assert find_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
@@ -222,7 +222,7 @@ def test_on_the_cpu_not_a_bit_depends_on_the_batch():
 
 
 @pytest.mark.parametrize("name", NETS)
-def test_bf16_is_near_fp32_and_another_number(name):
+def test_bf16_flow_is_close_to_but_different_from_fp32(name):
     build, convention = NETS[name]
     net = seeded(build)
     full, half = (

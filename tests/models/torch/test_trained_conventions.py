@@ -144,7 +144,7 @@ def declared(made, options):
 
 
 @pytest.mark.parametrize(("made", "options"), _versions(RIGHT))
-def test_right_declaration_of_a_trained_network_is_accepted_without_a_word(made, options):
+def test_correct_declaration_of_a_trained_network_gives_no_warning(made, options):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = declared(made, options)
@@ -184,6 +184,6 @@ def test_undeclared_network_that_fits_several_conventions_names_them_best_first(
 
 
 @pytest.mark.slow
-def test_undeclared_network_that_returns_another_flow_is_told_what_it_returns():
+def test_undeclared_network_with_a_different_flow_format_is_refused_with_that_format():
     with pytest.raises(ModelError, match=OTHER_WAY):
         rf.TorchModel(Version(lambda flows: -flows[-1]), layout="pair", device="cpu")

@@ -47,7 +47,7 @@ def test_results_file_written_by_a_leaderboard_stays_apart_from_other_files():
     assert [[line.label for line in section.lines] for section in board.sections] == [["B"], ["A"]]
 
 
-def test_what_was_measured_comes_before_what_was_published(small_run, many_images):
+def test_measured_groups_come_before_published_ones(small_run, many_images):
     """Benchmarks are ordered by their number of runs, and those without runs by their number of models."""
 
     def order(*runs):
