@@ -114,7 +114,7 @@ def test_intervals_of_errors_as_dispersed_as_real_ones_cover(deviation, sizes):
 @pytest.mark.slow
 @pytest.mark.parametrize("deviation", [0.5, 1.1, REAL_DEVIATION])
 @pytest.mark.parametrize("groups", [14, 20, 30, 200, "drives of KITTI-FC"])
-def test_coverage_at_real_dispersion(deviation, groups):
+def test_intervals_at_real_dispersion_have_the_stated_coverage(deviation, groups):
     sizes = KITTI_DRIVES if isinstance(groups, str) else np.ones(groups, int)
     found = error_coverage(deviation, sizes, 0.4, repeats=1500, seed=51)
     assert all(92.0 <= found[key] <= 98.8 for key in ("epe", "cre", "crer")), found
@@ -122,7 +122,7 @@ def test_coverage_at_real_dispersion(deviation, groups):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("groups", [4, 5, 6, 8, 10])
-def test_coverage_of_few_images_at_real_dispersion(groups):
+def test_intervals_of_few_images_at_real_dispersion_have_the_stated_coverage(groups):
     found = error_coverage(REAL_DEVIATION, np.ones(groups, int), 1.0, repeats=1500, seed=52)
     assert all(87.0 <= found[key] <= 98.8 for key in ("epe", "cre", "crer")), found
 
@@ -139,14 +139,14 @@ def test_the_paired_test_keeps_its_level_roughly():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("clusters", "seed"), [(20, 10), (50, 11), (200, 12)])
-def test_coverage_for_independent_images(clusters, seed):
+def test_intervals_of_independent_images_have_the_stated_coverage(clusters, seed):
     found = _interval_coverage(Truth(), clusters, images=1, repeats=2000, seed=seed)
     assert all(LOW <= value <= HIGH + 1 for value in found.values()), found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("clusters", "seed"), [(5, 20), (10, 21), (20, 22), (40, 23)])
-def test_coverage_for_clustered_images(clusters, seed):
+def test_intervals_of_clustered_images_have_the_stated_coverage(clusters, seed):
     found = _interval_coverage(Truth(spread=0.4, within=0.4), clusters, images=20, repeats=1500, seed=seed)
     assert all(LOW <= value <= HIGH for value in found.values()), found
 
@@ -155,7 +155,7 @@ def test_coverage_for_clustered_images(clusters, seed):
 @pytest.mark.parametrize(
     ("clusters", "images", "seed"), [(20, 1, 30), (80, 1, 31), (200, 1, 32), (5, 20, 33), (12, 20, 34), (40, 20, 35)]
 )
-def test_level_of_the_paired_test(clusters, images, seed):
+def test_paired_test_holds_its_level(clusters, images, seed):
     truth = Truth() if images == 1 else Truth(spread=0.4, within=0.4)
     found = _rejections(truth, clusters, images, repeats=1500, seed=seed)
     assert max(found.values()) <= 7.0, found
@@ -186,7 +186,7 @@ def difference_rejections(images: int, deviation: float, blow_ups: float, repeat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("images", [14, 20, 30, 80])
-def test_level_of_the_paired_test_at_real_dispersion(images):
+def test_paired_test_at_real_dispersion_holds_its_level(images):
     assert difference_rejections(images, REAL_DEVIATION, 0.0, repeats=1500, seed=60) <= 6.5
 
 
@@ -231,7 +231,7 @@ def test_interval_of_crer_over_unequal_sequences_covers_more_than_that_of_a_mean
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("spread", "of_sequence", "least"), [(0.5, 0.0, 94.5), (0.7, 0.5, 94.5), (1.0, 0.8, 93.0)])
-def test_coverage_of_crer_over_unequal_sequences(spread, of_sequence, least):
+def test_intervals_of_crer_over_unequal_sequences_have_the_stated_coverage(spread, of_sequence, least):
     found = _crer_coverage(spread, of_sequence, repeats=2000, seed=41)
     assert least <= found["log"] <= HIGH, found
 

@@ -54,7 +54,7 @@ def _write(folder, content, name="results.json"):
     return path
 
 
-def test_a_file_of_the_reference_code(tmp_path):
+def test_results_file_of_the_reference_code_is_read(tmp_path):
     (line,) = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
     assert (line.setting, line.name) == ("own", "RAFT_ood_2024-11-01_10-00-00")
     assert (line.benchmark, line.note) == ("kitti-fc", NOTE)
@@ -68,7 +68,7 @@ def test_a_file_of_the_reference_code(tmp_path):
     assert "clean" not in cre
 
 
-def test_gopro_has_rcre_alone_and_its_averages_say_over_what(tmp_path):
+def test_gopro_results_have_only_rcre_and_averages_name_their_corruptions(tmp_path):
     few = {name: {"rCRE": [1, 2, 3, 4, 5], "rCRE_mean": 3.0} for name in ("h264_abr", "h264_crf", "bit_error")}
     (line,) = read_imported([_write(tmp_path / "RAFT", few)])
     assert (line.benchmark, {metric for metric, _ in line.values}) == ("gopro-fc", {"rcre"})

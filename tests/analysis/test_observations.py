@@ -26,12 +26,12 @@ def _part(number: int, words: str):
     return next(part for part in _PUBLISHED[number].parts if words in part.claim)
 
 
-def test_verdicts_on_the_published_data():
+def test_published_data_give_the_stated_verdicts():
     verdicts = {number: observation.verdict for number, observation in _PUBLISHED.items()}
     assert verdicts == dict.fromkeys((3, 4, 6, 7, 8), "holds") | dict.fromkeys((1, 2, 5, 9, 10), "too little evidence")
 
 
-def test_correlation_that_the_other_sign_is_as_likely_for_is_too_little_evidence():
+def test_correlation_of_uncertain_sign_is_too_little_evidence():
     """CRE against clean EPE in ID: Spearman +0.18 over 14 models, of which three are SAMFlow's sizes."""
     part = _part(1, "CRE grows with clean EPE (ID)")
     assert part.verdict == "too little evidence"

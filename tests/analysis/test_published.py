@@ -109,7 +109,7 @@ def test_methods_are_those_of_the_paper(tex):
     assert len(ours) == 15
 
 
-def test_29_variants_of_15_methods():
+def test_published_tables_have_29_variants_of_15_methods():
     kitti = values_frame(published_results()).filter(metric="epe")
     variants = set(kitti.select("setting", "model").iter_rows())
     assert len(variants) == 29

@@ -103,7 +103,7 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
     assert content.cells[line]["epe", "average"].text == f"{mean:.2f}"
 
 
-def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs):
+def test_excluded_model_is_never_marked_best_and_a_footnote_gives_the_reason(runs):
     """A model with the lowest errors under corruption that is no better than zero flow on clean frames."""
 
     def marked(*runs):
@@ -267,7 +267,7 @@ def test_runs_of_one_model_are_named_by_what_was_measured_or_by_digest_and_numbe
     ("model", "name"),
     [({"spec": " ", "name": "\t", "object": "a.B"}, "a.B"), ({"name": " A "}, "A"), ({"name": ""}, "(no name)")],
 )
-def test_a_blank_name_gives_way_to_the_next(runs, model, name):
+def test_blank_name_is_replaced_by_the_next_candidate(runs, model, name):
     run = Run(runs[1].path)
     change_identity(run, model)
     assert run.name == name
@@ -283,7 +283,7 @@ def test_published_rows_keep_their_marks_beside_runs(runs):
     assert noted == ["DIS", "Trained", "<img src=x onerror=alert(1)>"]
 
 
-def test_every_table_in_every_format(runs):
+def test_every_table_is_rendered_in_every_format(runs):
     tables = tables_of(runs, published=True)
     assert {table.name for table in tables} == set(ALL_TABLES) - {*ATTACK_TABLES, FLAT_AND_DEPTH}
     for format in FORMATS:
@@ -310,7 +310,7 @@ def test_results_of_runs_and_the_paper_are_grouped_by_frames(runs):
     assert [value.decimals for line in both[sample_set(runs[0])] for value in line.values.values()] == [None] * 3 * 13
 
 
-def test_real_pairs_beside_the_published_rows(shared, tmp_path):
+def test_run_on_real_pairs_is_shown_beside_the_published_rows(shared, tmp_path):
     """A run on KITTI pairs outside the paper's selection is listed in the table, marked, and not compared with its
     rows.
     """

@@ -57,7 +57,7 @@ def test_estimates_are_the_means_of_the_summary():
     settings_=st.integers(1, 3),
 )
 @settings(max_examples=40, deadline=None)
-def test_means_and_influence_against_their_definition(data, clusters, settings_):
+def test_means_and_influence_equal_their_definition(data, clusters, settings_):
     """Compute the mean from its definition, and the influence by finite differences of the weights."""
     rng = np.random.default_rng(data)
     count = rng.integers(0, 4, (clusters, settings_)).astype(float)
@@ -89,7 +89,7 @@ def test_means_and_influence_against_their_definition(data, clusters, settings_)
     kind=st.sampled_from(["mean", "ratio", "difference", "difference of ratios"]),
 )
 @settings(max_examples=60, deadline=None)
-def test_sums_of_products_give_what_influences_give(data, clusters, settings_, complete, kind):
+def test_covariance_from_sums_equals_that_from_influences(data, clusters, settings_, complete, kind):
     """The fast formula gives the same result as summing the influence of every cluster, with and without gaps."""
     rng = np.random.default_rng(data)
 
@@ -338,7 +338,7 @@ def test_equal_images_have_an_interval_without_width():
     assert found["low"] == found["high"] == pytest.approx(3.0)
 
 
-def test_without_ground_truth_there_is_rcre_alone():
+def test_rows_without_ground_truth_have_intervals_of_rcre_only():
     rows = _rows(10).with_columns(n_valid=pl.lit(None, pl.Int64), epe_sum=pl.lit(None, pl.Float64))
     found = intervals(rows)
     assert set(found["metric"]) == {"rcre"}
@@ -513,7 +513,7 @@ def test_many_models_are_corrected_over_all_pairs():
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
-def test_holm_against_its_definition(p_values):
+def test_holm_correction_equals_its_definition(p_values):
     adjusted = holm(p_values)
     order = np.argsort(p_values, kind="stable")
     for rank, index in enumerate(order):

@@ -111,7 +111,7 @@ def test_undefined_scores_are_none():
     assert (equal.rho, equal.given_motion) == (None, None)
 
 
-def test_over_models_noise_in_the_clean_error_couples_both():
+def test_noise_in_the_clean_error_correlates_ratio_and_clean_error_over_models():
     """In models that differ only by noise in their clean error, CRE seems to fall as this error grows, because CRE
     contains -EPE_clean.
     """

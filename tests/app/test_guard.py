@@ -230,7 +230,7 @@ def test_invalid_arguments_of_the_app_are_refused(refusal, arguments, says):
     assert says in refusal(*arguments)
 
 
-def test_other_machines_only_when_requested_and_with_a_warning(tmp_path):
+def test_app_listens_to_other_machines_only_on_request_and_warns(tmp_path):
     with running_app(tmp_path, "--host", "0.0.0.0") as running:
         port = running.host.rpartition(":")[2]
         assert running.ask("GET", "/choices", host=f"192.168.0.7:{port}")[0] == 200

@@ -66,7 +66,7 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs_or_those_of_a_spli
         ("video", None),
     ],
 )
-def test_families_stand_for_the_corruptions_that_a_benchmark_can_make(asked, chosen):
+def test_family_names_select_corruptions_that_the_benchmark_can_make(asked, chosen):
     demo = load_benchmark("demo")
     if chosen is None:
         with refused(UsageError, "video|noise"):
@@ -95,7 +95,7 @@ def test_without_flow_occ_kitti_fc_is_refused_and_kitti2015_warns(only_noc, tmp_
         load_benchmark("kitti-fc", tmp_path / "released")
 
 
-def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc, tmp_path, real_pictures):
+def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, only_noc, tmp_path, real_pictures):
     few = {"corruptions": ["contrast"], "severities": [1]}
     with real_pictures():
         noc = rf.evaluate("dis", "kitti2015", only_noc, tmp_path / "noc_run", **few)

@@ -121,7 +121,7 @@ def test_page_opened_without_a_token_says_where_to_get_it(visit, app):
     expect(page.locator("#error")).to_contain_text("token")
 
 
-def test_only_the_last_of_many_changes_counts(opened, app):
+def test_only_the_last_of_many_quick_changes_is_shown(opened, app):
     seen = opened()
     page = seen.page
     asked: list[str] = []

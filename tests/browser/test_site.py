@@ -178,7 +178,7 @@ def test_page_of_a_model_opens_and_returns(opened):
     assert page.locator("article:visible").count() == 0
 
 
-def test_a_model_page_begins_at_its_top_at_once(opened):
+def test_model_page_opens_at_its_top(opened):
     page = opened("leaderboard")
     page.evaluate("scrollTo({ top: 1200, behavior: 'instant' })")
     assert page.evaluate("scrollY") == 1200

@@ -128,7 +128,7 @@ def test_compare_prints_intervals_of_differences(robustflow, runs):
 
 
 @pytest.mark.parametrize("format", ["markdown", "latex", "csv", "html"])
-def test_a_comparison_in_a_format_for_papers(robustflow, runs, format):
+def test_comparison_is_printed_in_formats_for_papers(robustflow, runs, format):
     assert robustflow.prints("compare", *runs, "--format", format, "-o", "two.txt") == "two.txt\n"
     assert Path("two.txt").read_text() == render(compare(*map(Result, runs)).table(), format)
 

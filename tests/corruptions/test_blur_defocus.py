@@ -75,7 +75,7 @@ def test_the_reference_variant_cuts_the_fraction_off():
     st.sampled_from([0.0, 0.3, 0.5]),
     st.integers(0, 99),
 )
-def test_any_size_and_radius(height, width, radius, smoothing, seed):
+def test_defocus_blur_accepts_any_size_and_radius(height, width, radius, smoothing, seed):
     frame = noise(height, width, seed)
     expected = direct(frame, disk_kernel(radius, smoothing))
     assert np.abs(convolve_disk(frame, radius, smoothing) - expected).max() < 0.501

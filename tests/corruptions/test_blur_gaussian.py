@@ -40,7 +40,7 @@ def test_the_reference_variant_cuts_the_fraction_off_but_leaves_white_white():
 
 @settings(max_examples=25)
 @given(st.integers(1, 40), st.integers(1, 40), st.floats(0.05, 9.0), st.integers(0, 99))
-def test_any_size_and_width_of_the_filter(height, width, sigma, seed):
+def test_gaussian_blur_accepts_any_size_and_filter_width(height, width, sigma, seed):
     frame = noise(height, width, seed)
     assert np.abs(gaussian_frame(frame, sigma) - scipy_blur(frame, sigma)).max() < 0.501
 

@@ -79,7 +79,7 @@ def test_the_first_command_and_a_leaderboard_without_runs_need_no_network(tmp_pa
     assert '"shots":{"1":' in (tmp_path / "site/index.html").read_text()
 
 
-def test_the_textures_are_the_same_everywhere():
+def test_generated_textures_have_the_stored_digest():
     pictures = [generated_texture(slot) for slot in range(len(STYLES))]
     digest = hashlib.sha256(b"".join(picture.tobytes() for picture in pictures)).hexdigest()
     assert digest[:16] == "15ae25f6f56727b2"

@@ -62,7 +62,7 @@ def naive_sample(name, state, key, sample, value):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("severity", [1, 5])
-def test_every_sample_by_a_naive_loop(name, severity):
+def test_noise_of_every_sample_equals_the_naive_loop(name, severity):
     corruption = load_corruption(name)
     state = corruption.draw(Rng.of("naive", severity), severity, SHAPE)
     for index in (0, 1):

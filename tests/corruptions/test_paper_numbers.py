@@ -53,5 +53,5 @@ def test_severities_equal_the_listed_parameters(name):
     assert load_corruption(name).severities == (PAPER | CODE)[name]
 
 
-def test_the_radii_of_defocus_blur():
+def test_radii_of_defocus_blur_equal_the_paper():
     assert tuple(level.radius for level in load_corruption("defocus_blur").severities) == DEFOCUS_RADII

@@ -39,7 +39,7 @@ class Haze(DepthCorruption):
 """
 
 
-def test_an_entry_point_is_a_corruption(tmp_path):
+def test_corruption_of_an_entry_point_is_registered(tmp_path):
     site = tmp_path / "site"
     info = site / "weather-1.0.dist-info"
     info.mkdir(parents=True)

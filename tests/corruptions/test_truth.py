@@ -76,7 +76,7 @@ def test_elastic_transform_moves_content_and_leaves_no_truth(severity):
 
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
-def test_the_field_of_elastic_transform_folds(severity):
+def test_displacement_field_of_elastic_transform_is_not_invertible(severity):
     """Where the Jacobian determinant is negative, several places show one point, so no true flow can be transformed."""
     corruption = load_corruption("elastic_transform")
     y, x = (place.astype(np.uint8)[..., None].repeat(3, axis=2) for place in np.indices((128, 250)))

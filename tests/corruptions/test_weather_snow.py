@@ -22,7 +22,7 @@ def naive_layer(field, parameter, angle, shape):
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("shape", [(16, 16), (47, 83)])
-def test_a_frame_is_the_reference_codes_formula(severity, shape):
+def test_snow_equals_the_formula_of_the_reference(severity, shape):
     snow, rng = Snow(), Rng.of("snow", severity)
     frame = np.random.default_rng(severity).integers(0, 256, (*shape, 3), dtype=np.uint8)
     state = snow.draw(rng, severity, shape)

@@ -31,7 +31,7 @@ def naive(frame, rng, parameter):
 
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
-def test_a_frame_is_the_reference_codes_result(severity):
+def test_spatter_equals_the_reference(severity):
     spatter, shape = Spatter(), (120, 170)
     frame = np.random.default_rng(severity).integers(0, 256, (*shape, 3), dtype=np.uint8)
     expected = naive(frame, Rng.of("spatter"), spatter.parameter(severity))

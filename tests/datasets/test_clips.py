@@ -41,7 +41,7 @@ def test_sintel_gives_the_frames_around_a_pair(tmp_path, place):
 
 
 @pytest.mark.parametrize("direction", ["FW", "BW"])
-def test_spring_in_both_directions(tmp_path, direction):
+def test_spring_gives_the_frames_around_a_pair_in_both_directions(tmp_path, direction):
     pytest.importorskip("h5py", reason="needs the h5 extra")
     train = spring(tmp_path, frames=4)
     numbers = (1, 2, 3, 4) if direction == "FW" else (4, 3, 2, 1)
@@ -64,7 +64,7 @@ def test_kitti_with_its_multi_view_extension_gives_the_frames_around_a_pair(tmp_
     assert dataset.around("000007", 5) == range(2)
 
 
-def test_middlebury_with_eight_frames(tmp_path):
+def test_middlebury_with_eight_frames_gives_those_around_a_pair(tmp_path):
     for scene, numbers in (("Army", range(7, 15)), ("Venus", (10, 11))):
         for number in numbers:
             picture(tmp_path / "other-data" / scene / f"frame{number:02d}.png")
@@ -75,7 +75,7 @@ def test_middlebury_with_eight_frames(tmp_path):
 
 
 @pytest.mark.parametrize("step", [1, 2])
-def test_folders_in_steps_of_the_pair(tmp_path, step):
+def test_folder_gives_the_frames_around_a_pair_in_steps(tmp_path, step):
     for number in range(1, 12):
         picture(tmp_path / "walk" / f"{number}.png")
     for number in range(1, 4):

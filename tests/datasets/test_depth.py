@@ -86,7 +86,7 @@ def test_implausible_median_depth_warns_of_a_wrong_unit(metres, warned, recwarn)
     assert any("check the unit" in str(each.message) for each in recwarn) is warned
 
 
-def test_of_points_that_meet_in_frame_2_the_nearest_is_seen():
+def test_nearest_of_points_that_meet_in_frame_2_is_visible():
     flow = np.zeros((1, 4, 2), np.float32)
     flow[0, :, 0] = 2, 1, 0, -1
     found = carried(np.array([[5.0, 3.0, 9.0, 1.0]]), flow, np.array([[True, True, True, False]]))

@@ -25,7 +25,7 @@ from .layouts import picture
 refused = partial(layouts.refused, "folder")
 
 
-def test_frames_in_natural_order(tmp_path: Path) -> None:
+def test_folder_gives_frames_in_natural_order(tmp_path: Path) -> None:
     for number in (1, 2, 9, 10, 11):
         picture(tmp_path / f"frame{number}.png")
     (tmp_path / "notes.txt").write_text("no frame")

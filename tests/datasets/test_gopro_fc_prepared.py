@@ -196,7 +196,7 @@ def test_cache_keeps_its_limit_and_evicted_variants_are_computed_again(prepared,
     assert len(small.clip_records()) == 3  # the error is remembered
 
 
-def test_the_reference_variant_damages_with_5_m(prepared):
+def test_bit_errors_of_the_reference_variant_use_5_m(prepared):
     default = GoProFCPrepared(prepared)
     assert load_corruption("bit_error", "reference").severities[4] == 5_000_000
     assert default.with_variant("default") is default

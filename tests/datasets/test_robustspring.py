@@ -34,7 +34,7 @@ def root(tmp_path) -> Path:
     return robustspring(tmp_path / "RobustSpring")
 
 
-def test_both_cameras_both_directions_all_sequences(root):
+def test_robustspring_has_both_cameras_and_directions_of_all_sequences(root):
     pairs = RobustSpring(root)
     assert check_dataset(pairs) == "robustspring"
     assert isinstance(pairs, CorruptedClips)
@@ -64,7 +64,7 @@ def test_frames_are_those_of_the_files(root, direction, first, second):
     assert np.array_equal(pairs.corrupted_frame(key, 2, RAIN, 1), read_image(path))
 
 
-def test_the_benchmark_is_closed_over_what_is_unpacked(root):
+def test_benchmark_has_only_the_unpacked_corruptions(root):
     benchmark = load_benchmark("robustspring", root)
     assert benchmark.closed
     assert (benchmark.corruptions, benchmark.severities) == ((FOG, RAIN), (1,))

@@ -21,7 +21,7 @@ from .lenses import aimed, cooke_triplet
 
 @settings(max_examples=200)
 @given(st.floats(-50.0, 50.0))
-def test_polynomial_cosine_and_sine(turns):
+def test_polynomial_cosine_and_sine_equal_numpy(turns):
     cosine, sine = _cos_sin_turns(turns)
     assert cosine == pytest.approx(np.cos(2 * np.pi * turns), abs=2e-8)
     assert sine == pytest.approx(np.sin(2 * np.pi * turns), abs=2e-8)

@@ -38,7 +38,7 @@ def test_a_plano_hyperbolic_lens_has_no_spherical_aberration():
 
 
 @pytest.mark.parametrize("shape", [-2.0, -1.0, 0.0, 0.7, 1.0, 2.0])
-def test_spherical_aberration_of_a_thin_lens(shape):
+def test_spherical_aberration_of_a_thin_lens_equals_third_order_theory(shape):
     """Third-order aberration, object at infinity (Jenkins & White, "Fundamentals of Optics", eq. 9m):
 
     1/s_h - 1/s_p = h^2 / (8 f^3) / (n (n - 1)) [(n+2)/(n-1) q^2 - 4(n+1) q + (3n+2)(n-1) + n^3/(n-1)]

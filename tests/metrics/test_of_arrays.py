@@ -72,7 +72,7 @@ def test_masks_of_another_size_are_refused():
         rf.metrics.epe(flow, flow, np.ones((4, 3), bool))
 
 
-def test_lucas_kanade_estimate_of_kitti_2012(shared):
+def test_metrics_of_a_lucas_kanade_estimate_of_kitti_2012_have_known_values(shared):
     """The published EPE and Fl of this estimate on its noc map are 10.6271 px and 78.560 %."""
     folder = shared("data/kitti2012_colour_noc_only")
     (estimate,) = (folder / "LKflow").glob("*.png")

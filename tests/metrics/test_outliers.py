@@ -26,7 +26,7 @@ def test_wauc_never_rewards_a_larger_error(a, b):
     assert 1 >= _wauc(small) >= _wauc(large) >= 0
 
 
-def test_wauc_of_perfect_and_of_hopeless_flow():
+def test_wauc_is_1_for_perfect_and_0_for_useless_flow():
     assert _wauc(0) == 1
     assert _wauc(5.001) == _wauc(1e300) == 0
 

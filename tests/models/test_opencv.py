@@ -22,7 +22,7 @@ def moved():
     ("name", "options", "tolerance"),
     [("farneback", {}, 0.5), ("dis", {}, 0.1), ("dis", {"preset": "fast"}, 0.2), ("dis", {"preset": "ultrafast"}, 0.4)],
 )
-def test_known_translation_right_and_up(moved, name, options, tolerance):
+def test_translation_to_the_right_and_up_is_recovered(moved, name, options, tolerance):
     flow = load_model(name, **options).predict(*moved)
     inside = flow[32:-32, 32:-32].reshape(-1, 2)
     np.testing.assert_allclose(np.median(inside, axis=0), (5, -3), atol=tolerance)
@@ -87,7 +87,7 @@ def test_invalid_frames_are_refused(name, other):
 
 
 @pytest.mark.parametrize(("height", "width", "fits"), [(8, 12, True), (12, 8, True), (11, 11, False), (7, 40, False)])
-def test_the_smallest_frames_of_dis(height, width, fits):
+def test_dis_accepts_its_smallest_frames(height, width, fits):
     frame = np.random.default_rng(0).integers(0, 255, (height, width, 3)).astype(np.uint8)
     if fits:
         assert np.isfinite(load_model("dis").predict(frame, frame)).all()

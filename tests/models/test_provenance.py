@@ -133,7 +133,7 @@ def _on_kitti(sets: str, keys: list[str], **protocol: str) -> Provenance:
     return Provenance.of(training, "kitti-fc", keys, protocol)
 
 
-def test_in_domain_is_granted_by_the_evaluated_pairs():
+def test_setting_is_in_domain_if_trained_on_that_of_the_evaluated_pairs():
     """All of these used to be labelled "ID" because of their names."""
     evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
     assert _on_kitti("K:train", evaluation).setting == "ID"
@@ -178,7 +178,7 @@ def test_a_video_of_the_user_is_not_of_gopros_domain_because_gopro_fc_reads_it(s
     assert sequence.setting == {"C+T": "OOD", "G": "LEAKED", "G:train": "ID"}[sets]
 
 
-def test_a_later_call_with_training_pairs_makes_a_run_leaked():
+def test_run_is_leaked_after_a_call_with_training_pairs():
     by_hand = Provenance(setting="ID", trained_on=("kitti2015:train",), basis="declared", note="by hand")
     first = by_hand.on("kitti-fc", ["000000"], {})
     assert (first.setting, first.note) == ("ID", "by hand")

@@ -31,7 +31,7 @@ def position_frames(height, width):
     return frame1, 255 - frame1
 
 
-def test_origins_and_blend_are_the_authors(shared):
+def test_tile_origins_and_blending_equal_the_authors_code(shared):
     cases = json.loads(shared("parity/samflow_t/tiling.json").read_text())
     assert cases
     for case in cases.values():

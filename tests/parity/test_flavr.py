@@ -38,7 +38,7 @@ def test_one_interpolated_frame_equals_the_original(pack, case):
     compare(pack, case, pack.expected(case, "_nout1"), 1)
 
 
-def test_keys_of_seven_frames_between(pack):
+def test_checkpoint_keys_for_seven_frames_equal_the_original(pack):
     net = pack.fill(FLAVR(7), "keys_nout7.json")
     assert len(net([pack.image("a_im0")[:, :, :16, :24] / 255] * 4)) == 7
 

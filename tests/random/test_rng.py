@@ -126,7 +126,7 @@ def test_flipped_bit_of_key_or_counter_flips_half_of_the_output_bits(what):
         assert np.abs(flips - rows / 2).max() < 5.5 * np.sqrt(rows) / 2
 
 
-def test_uniforms_pass_a_uniformity_test():
+def test_uniforms_have_the_uniform_distribution():
     values = Rng.of("uniform").uniforms(N)
     assert ((values >= 0) & (values < 1)).all()
     assert (values * 2**53 % 1 == 0).all()
@@ -136,7 +136,7 @@ def test_uniforms_pass_a_uniformity_test():
         assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
 
 
-def test_normals_pass_a_normality_test():
+def test_normals_have_the_normal_distribution():
     values = Rng.of("normal").normals(N)
     assert scipy_stats.kstest(values, "norm").pvalue > 1e-3
     for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):

@@ -204,7 +204,7 @@ def test_bands_are_mentioned_where_they_are_drawn():
     assert "intervals" not in alone.caption
 
 
-def test_no_statistic_of_fewer_than_five_models_and_no_chart_of_a_single_bar():
+def test_figures_of_too_few_models_are_left_out():
     four = _own("OOD", "OOD", "OOD", "OOD")
     for draw in (relations, effective_trend):
         with pytest.raises(UsageError, match="5 models"):

@@ -198,7 +198,7 @@ def test_latex_of_many_lines_continues_in_another_table():
     assert ["The end." in part for part in floats] == [False, False, True]
 
 
-def test_a_format_of_the_users_own(tmp_path, monkeypatch):
+def test_custom_table_format_is_available(tmp_path, monkeypatch):
     (tmp_path / "mine_json.py").write_text(
         "import json\n\n\ndef lines(table):\n"
         "    return json.dumps([[c.text for c in line.cells] for s in table.sections for line in s.lines])\n\n\n"

@@ -102,7 +102,7 @@ def test_the_mix_of_the_paper_has_its_shares():
 
 
 @pytest.mark.parametrize("stage", ["unsupervised", "sintel"])
-def test_brightflow_erases_nothing_and_flips(stage):
+def test_brightflow_recipe_flips_and_does_not_erase(stage):
     assert all(part.flip and not part.eraser for part in mix_parts(load_recipe("brightflow", stage).mix))
 
 

@@ -49,7 +49,7 @@ def test_conversion_is_the_standards(rgb):
     assert np.abs(back - exact).max() <= 0.5 + 0.02
 
 
-def test_close_to_ffmpegs_converter():
+def test_conversion_is_within_rounding_of_ffmpeg():
     frame = frames(1, 96, 128)[0]
     theirs = av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(format="yuv420p").to_ndarray()
     mine = rgb_to_i420(frame)

@@ -203,7 +203,7 @@ def test_key_frames_equal_the_description_in_the_paper(step, count):
         assert keys == every[1:-1]
 
 
-def test_ten_pairs_per_second(tmp_path):
+def test_prepared_clip_has_ten_pairs_per_second(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 110))
     timing = clip_timing(source, Preparation(fps=Fraction(240), step=96, interpolator="flow"))
     assert timing.key_frames == (96, 192, 288)

@@ -135,7 +135,7 @@ def test_rounded_times_are_a_constant_rate(tmp_path):
     assert not source.variable
 
 
-def test_a_real_phone_video_with_an_uneven_rate(shared):
+def test_phone_video_of_uneven_frame_rate_is_read(shared):
     path = shared("data", "video", "handheld_video-10.m4v")
     with pytest.raises(DataError, match="variable frame rate"):
         VideoFile(path)

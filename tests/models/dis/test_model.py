@@ -68,7 +68,7 @@ def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, s
         assert error_inside(flow, u, v) < 0.1
 
 
-def test_colours_of_one_luminance_move():
+def test_motion_of_colours_of_equal_luminance_is_found():
     """The pattern has the same grey level everywhere, so only the colour method can detect its motion."""
     red = texture(0, (160, 208), 3.0)[..., 0] // 2 + 60
     blue = texture(1, (160, 208), 3.0)[..., 0] // 2 + 60

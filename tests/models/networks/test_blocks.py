@@ -65,7 +65,7 @@ def test_lookup_is_the_definition():
         np.testing.assert_allclose(found[sample], expected, atol=2e-5)
 
 
-def test_windows_of_a_level_one_pixel_wide():
+def test_lookup_interpolates_in_a_level_one_pixel_wide():
     found = sample_window(torch.ones(1, 1, 1, 1), torch.tensor([[0.25, 0.0]]), radius=1)
     # x offsets vary slowest: the entries at y offset 0 from each of the three columns, at x = -0.75, 0.25, 1.25
     np.testing.assert_allclose(found.reshape(3, 3)[:, 1], [0.25, 0.75, 0.0], atol=1e-6)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.torch
 
 
 @pytest.mark.parametrize("first_rows", [False, True])
-def test_attention_with_decomposed_relative_positions(first_rows):
+def test_attention_adds_decomposed_relative_positions(first_rows):
     torch.manual_seed(0)
     height, width, grid, heads, channels = 3, 4, 5, 2, 8
     attention = Attention(channels, heads, grid, first_rows)

@@ -110,7 +110,7 @@ def test_only_an_option_changes_the_flow_and_the_identity(name, option, one, oth
 
 
 @pytest.mark.torch
-def test_bf16_of_samflow_is_near_fp32(load):
+def test_samflow_in_bf16_is_close_to_fp32(load):
     full, low = (
         load("samflow_t", precision=precision, **FEW["samflow_t"]).predict(*noise_pair(30, 45))
         for precision in ("fp32", "bf16")

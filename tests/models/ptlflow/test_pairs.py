@@ -125,7 +125,7 @@ def test_models_of_the_library_load_by_name(library):
 
 
 @pytest.mark.torch
-def test_a_network_that_returns_its_confidence_gives_the_librarys(library):
+def test_confidence_of_a_network_equals_that_of_the_library(library):
     import torch
 
     frames = textured_pair(64, 96)
@@ -151,7 +151,7 @@ LAYOUTS = {
 @pytest.mark.torch
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", ["csflow", "flowformer"])
-def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
+def test_checkpoints_of_the_authors_and_of_ptlflow_load(library, tmp_path, layout, name):
     """CSFlow's keys have a prefix in ptlflow that the authors' files do not have. FlowFormer would predict in tiles if
     the stored `train_size` were applied.
     """

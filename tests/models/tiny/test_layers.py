@@ -87,6 +87,6 @@ def test_resized_ramp_stays_a_ramp():
     np.testing.assert_allclose(found[..., 1], 2.0, atol=1e-6)
 
 
-def test_features_of_mean_square_one():
+def test_normalised_features_have_mean_square_one():
     found = layers.normalised(maps(np.random.default_rng(4), 3, 5, 16), 1e-9)
     np.testing.assert_allclose((found**2).mean(axis=2), 1.0, atol=1e-4)

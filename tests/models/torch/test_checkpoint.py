@@ -109,7 +109,7 @@ def test_a_file_that_contains_itself_is_refused(path):
         load(path)
 
 
-def test_only_the_networks_own_entries_of_a_training_runner(path, state):
+def test_only_network_entries_are_read_from_the_checkpoint_of_a_trainer(path, state):
     runner = {f"module.model.{key}": value for key, value in state.items()}
     runner |= {"module.corrector.first.weight": torch.zeros(1), "module.first.weight": torch.zeros(1)}
     torch.save(runner, path)

@@ -147,7 +147,7 @@ def test_module_whose_weights_have_no_values_is_refused(layer, says):
         declared(net, layout="pair")
 
 
-def test_the_module_of_the_user_stays_as_it_was():
+def test_module_of_the_user_is_not_modified():
     net = Channels().train()
     declared(net).predict(*noise_pair())
     assert net.training
@@ -256,7 +256,7 @@ def test_invalid_options_of_user_modules_are_refused(options, says):
         declared(Channels(), **options)
 
 
-def test_module_and_factory_from_the_command_line(tmp_path, monkeypatch):
+def test_command_line_accepts_a_module_or_a_factory(tmp_path, monkeypatch):
     (tmp_path / "nets_of_a_user.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
     first, second = noise_pair()
