@@ -283,6 +283,15 @@ def test_brightflows_visibility_equals_its_formula(occlusion):
     close(brightflow.visibility(*arguments, occlusion)[:, 0], expected, 1e-5)
 
 
+def test_offsets_are_added_inside_each_crop():
+    whole, offsets = RNG.random((2, 3, 11, 17)), RNG.random((2, 3, HEIGHT - 3, WIDTH - 3))
+    expected = whole.copy()
+    for number, (x, y) in enumerate([(4, 1), (0, 5)]):
+        expected[number, :, y : y + 5, x : x + 9] += offsets[number]
+
+    close(brightflow.with_offsets(tensor(whole), tensor(offsets), tensor([[4.0, 1.0], [0.0, 5.0]])), expected)
+
+
 def test_offsets_are_kept_where_pixels_that_they_improve_land():
     target, without = 255 * IMAGES
     better = target + RNG.normal(0, 40, target.shape)

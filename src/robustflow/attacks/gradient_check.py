@@ -11,7 +11,7 @@ from ..models.base import model_identity
 from ..random.rng import Rng
 from ..sample import Flow
 from .evaluation import Evaluation, evaluate
-from .images import WHITE
+from .images import WHITE, Images
 from .problem import Problem
 
 _APART, _ROUNDING = 0.05, 0.01
@@ -68,5 +68,5 @@ def check_gradient(problem: Problem, rng: Rng) -> None:
         problem.troubles.add("gradient_misleading")
 
 
-def _signs(rng: Rng, images: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _signs(rng: Rng, images: Images) -> np.ndarray:
     return np.where(rng.bits(images.size) & np.uint64(1), 1, -1).reshape(images.shape)
