@@ -55,17 +55,17 @@ class Child:
                 "concurrent.futures.ProcessPoolExecutor instead"
             )
         context = multiprocessing.get_context("spawn")
-        self.pipe, theirs = context.Pipe()
+        self.pipe, child_end = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
         # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
-        self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=False)
+        self._process = context.Process(target=child_main, args=(child_end, watched, target, arguments), daemon=False)
         script = nullcontext() if runs_script else _no_script()
         with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
             self._process.start()
         self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
         """Stop the process immediately."""
-        theirs.close()
+        child_end.close()
         watched.close()
 
     def send(self, message: Any) -> None:

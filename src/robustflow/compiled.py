@@ -168,8 +168,8 @@ def _check_folder(folder: Path) -> None:
         about = part.stat()
         fixed = part != folder and about.st_mode & stat.S_ISVTX  # sticky bit (/tmp): others cannot replace files
         group = reached and about.st_mode & stat.S_IWGRP and not _is_private(about.st_gid)
-        theirs = part == folder and about.st_uid not in (0, os.geteuid())
-        if theirs or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
+        foreign = part == folder and about.st_uid not in (0, os.geteuid())
+        if foreign or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
             raise UsageError(
                 f"other users can write to {part}, from which numba would load compiled code; remove their write "
                 "permission (chmod go-w), or set NUMBA_CACHE_DIR to a folder that only you can write to"

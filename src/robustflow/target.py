@@ -123,11 +123,11 @@ def _reason(name: str, cause: BaseException, missing: str) -> str:
 def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:
     """Raise if an installed module hides the module in the working folder."""
     file, first = getattr(sys.modules[name], "__file__", None), name.partition(".")[0]
-    mine = next((path for path in (here / f"{first}.py", here / first) if path.exists()), None)
-    if mine is not None and (file is None or not Path(file).is_relative_to(here)):
+    local = next((path for path in (here / f"{first}.py", here / first) if path.exists()), None)
+    if local is not None and (file is None or not Path(file).is_relative_to(here)):
         raise UsageError(
-            f"'{name}' for {kind} '{target}' is {file or 'part of Python'}, not {mine}: an installed module takes "
-            f"precedence; rename {mine.name}"
+            f"'{name}' for {kind} '{target}' is {file or 'part of Python'}, not {local}: an installed module takes "
+            f"precedence; rename {local.name}"
         )
 
 

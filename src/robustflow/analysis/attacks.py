@@ -84,9 +84,9 @@ def attack_scores(run: Run) -> list[AttackScore]:
     for name in names:
         of_attack, spent = means[name], _seconds(run, name)
         for place, severity in enumerate(of_attack.severities):
-            mine = rows.filter(corruption=name, severity=severity)
+            attack_rows = rows.filter(corruption=name, severity=severity)
             at: dict[str, Any] = {metric: values[place] for metric, values in of_attack.by_severity.items()}
-            warnings = pl.Series(mine["attack_warnings"]).str.split(",").explode().drop_nulls()
+            warnings = pl.Series(attack_rows["attack_warnings"]).str.split(",").explode().drop_nulls()
             counts = {text: int((warnings == text).sum()) for text in warnings.unique().sort() if text}
             norm = norm_of(name)
             scores.append(
@@ -95,15 +95,15 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     severity=severity,
                     norm=norm,
                     budget=GREY_LEVELS[norm][severity - 1],
-                    samples=mine.height,
-                    median=_mean(mine, "attack_median"),
-                    capped=image_mean(mine, "attack_capped_sum", "n_valid"),
-                    way_gone=_mean(mine, "attack_way_gone", 100.0),
-                    late_gain=_mean(mine, "attack_late_gain"),
-                    start_spread=_mean(mine, "attack_start_spread"),
-                    linf=_mean(mine, "attack_linf") or 0.0,
-                    rms=_mean(mine, "attack_rms") or 0.0,
-                    evaluations=_mean(mine, "attack_evaluations") or 0.0,
+                    samples=attack_rows.height,
+                    median=_mean(attack_rows, "attack_median"),
+                    capped=image_mean(attack_rows, "attack_capped_sum", "n_valid"),
+                    way_gone=_mean(attack_rows, "attack_way_gone", 100.0),
+                    late_gain=_mean(attack_rows, "attack_late_gain"),
+                    start_spread=_mean(attack_rows, "attack_start_spread"),
+                    linf=_mean(attack_rows, "attack_linf") or 0.0,
+                    rms=_mean(attack_rows, "attack_rms") or 0.0,
+                    evaluations=_mean(attack_rows, "attack_evaluations") or 0.0,
                     seconds=spent,
                     warnings=counts,
                     **at,

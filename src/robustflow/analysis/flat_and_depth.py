@@ -92,8 +92,8 @@ def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]
         common = common_to(having)
         shared = set.intersection(*(_severities(part, twin) for part in common.rows.values() for twin in twins))
         if shared:
-            kept = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
-            found.append(_compared(twins, tuple(sorted(shared)), metric, kept, excluded, common.remark, seed))
+            parts = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
+            found.append(_compared(twins, tuple(sorted(shared)), metric, parts, excluded, common.remark, seed))
     return found
 
 

@@ -169,9 +169,9 @@ class ModelResult:
         does not match the published EPE (see `robustflow audit`)."""
         epe = self.numbers("epe")
         clean = epe.pop(CLEAN, None)
-        made = {} if clean is None else {of: value - clean for of, value in epe.items()}
-        given = {of: value for (metric, of), value in self.values.items() if metric == "cre"}
-        return made | {of: value.number for of, value in given.items() if value.decimals is None}
+        computed = {} if clean is None else {of: value - clean for of, value in epe.items()}
+        printed = {of: value for (metric, of), value in self.values.items() if metric == "cre"}
+        return computed | {of: value.number for of, value in printed.items() if value.decimals is None}
 
     @cached_property
     def family_crer(self) -> Mapping[str, float]:

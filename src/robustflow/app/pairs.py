@@ -81,8 +81,8 @@ class SourceStore:
         with self._lock:
             number = secrets.token_hex(8)
             self._sources[number] = source
-            gone = [self._sources.popitem(last=False)[1] for _ in range(len(self._sources) - self._kept)]
-        for old in gone:
+            removed = [self._sources.popitem(last=False)[1] for _ in range(len(self._sources) - self._kept)]
+        for old in removed:
             old.close()
         return number
 

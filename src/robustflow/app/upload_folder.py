@@ -41,13 +41,13 @@ class UploadFolder:
 
 def remove_abandoned() -> None:
     """Remove this user's upload folders whose app is no longer running."""
-    for held in Path(gettempdir()).glob(f"{PREFIX}*{_LOCK}"):
-        folder = held.with_name(held.name.removesuffix(_LOCK))
+    for lock_file in Path(gettempdir()).glob(f"{PREFIX}*{_LOCK}"):
+        folder = lock_file.with_name(lock_file.name.removesuffix(_LOCK))
         try:
-            if held.lstat().st_uid != os.getuid() or held.is_symlink() or folder.is_symlink():
+            if lock_file.lstat().st_uid != os.getuid() or lock_file.is_symlink() or folder.is_symlink():
                 continue
-            with FileLock(held, blocking=False):
+            with FileLock(lock_file, blocking=False):
                 shutil.rmtree(folder, ignore_errors=True)
-                held.unlink(missing_ok=True)
+                lock_file.unlink(missing_ok=True)
         except (Timeout, OSError):
             continue  # its app is running, or another app is removing it

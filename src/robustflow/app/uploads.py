@@ -42,13 +42,13 @@ def limited(request: Request, most: int) -> Request:
     announced = request.headers.get("content-length", "0")
     if not announced.isdigit() or int(announced) > most:
         raise _too_large(most)
-    taken = 0
+    received = 0
 
     async def receive() -> Message:
-        nonlocal taken
+        nonlocal received
         message = await request.receive()
-        taken += len(message.get("body", b""))
-        if taken > most:
+        received += len(message.get("body", b""))
+        if received > most:
             raise _too_large(most)
         return message
 
@@ -69,18 +69,18 @@ def source_of(form: FormData, folder: Path) -> PairSource:
         DataError: a file is damaged or too large, or files do not match each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
-    kept = False
+    in_use = False
     try:
         if set(files) == {"clip"}:
             clip = _clip(files["clip"], folder)
-            kept = True  # decoded when requested
+            in_use = True  # decoded when requested
             return clip
         if {"frame1", "frame2"} <= set(files) <= {"frame1", "frame2", "truth"}:
             return _pair(files, folder)
     except RobustFlowError as error:
         raise type(error)(re.sub(rf"{re.escape(str(folder))}/(?:\w+/)?", "", str(error))) from error
     finally:
-        if not kept:
+        if not in_use:
             shutil.rmtree(folder, ignore_errors=True)
     raise UsageError("give two frames, optionally with ground truth, or one clip")
 

@@ -131,9 +131,9 @@ class Ball:
         """Keep only the pixels with the largest changes, as many per frame as the budget allows."""
         sizes = np.abs(change).max(axis=1).reshape(2, -1)
         order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
-        kept = np.zeros_like(sizes, bool)
-        np.put_along_axis(kept, order, True, axis=1)
-        return change * kept.reshape(2, 1, *change.shape[2:])
+        changed = np.zeros_like(sizes, bool)
+        np.put_along_axis(changed, order, True, axis=1)
+        return change * changed.reshape(2, 1, *change.shape[2:])
 
     def step(self, images: Images, gradient: Images, size: float) -> Images:
         """Take one gradient step and project the result into the ball.

@@ -78,8 +78,8 @@ class OwnAttack(Attack):
 
     def options(self) -> dict[str, Any]:
         """See `Attack.options`."""
-        mine = super().options()
-        return {name: mine[name] for name in _COMMON if name in mine} | dict(self.given)
+        options = super().options()
+        return {name: options[name] for name in _COMMON if name in options} | dict(self.given)
 
     @property
     def source(self) -> str:

@@ -89,8 +89,8 @@ class _Search:
         elif attack.box == "clipping":
             self.variables, self._pair = frames, self._clipped
         else:
-            kept = 1 - _INSIDE
-            self.variables = [torch.atanh(2 * kept * frame - kept) for frame in frames]
+            scale = 1 - _INSIDE
+            self.variables = [torch.atanh(2 * scale * frame - scale) for frame in frames]
             self._pair = self._changed
         for variable in self.variables:
             variable.requires_grad_()
@@ -142,8 +142,8 @@ class _Search:
         """Compute the pair and its change from the tanh variables."""
         import torch
 
-        kept = 1 - _INSIDE
-        frames = [(torch.tanh(variable) + kept) / (2 * kept) for variable in self.variables]
+        scale = 1 - _INSIDE
+        frames = [(torch.tanh(variable) + scale) / (2 * scale) for variable in self.variables]
         change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
         return self._both_frames([frame.clamp(0, 1) for frame in frames]), change
 

@@ -56,11 +56,11 @@ class Square(Attack):
             side = min(max(round(float(np.sqrt(part * height * width))), 1), height, width)
             top, left = rng.integer(0, height - side + 1), rng.integer(0, width - side + 1)
             chosen = [moved[rng.integer(0, len(moved))]] if not joint else list(moved)
-            tried = signs.copy()
-            tried[chosen, :, top : top + side, left : left + side] = _signs(rng, channels)[:, None, None]
-            now = problem.score_of_frames(frames_of(self._inside(clean, tried * budget, joint)))
+            candidate = signs.copy()
+            candidate[chosen, :, top : top + side, left : left + side] = _signs(rng, channels)[:, None, None]
+            now = problem.score_of_frames(frames_of(self._inside(clean, candidate * budget, joint)))
             if now > score:
-                score, signs = now, tried
+                score, signs = now, candidate
         return problem.best
 
     @staticmethod

@@ -86,8 +86,8 @@ class Transfer(Attack):
         """See `Attack.options`; includes the options of the inner attack and of the surrogate."""
         if not isinstance(self.on, str):
             raise UsageError("in a run, the attack transfer needs the name of its model: transfer:MODEL")
-        mine = {"on": self.on, "attack": self.attack.name}
-        chosen = {option: value for option, value in mine.items() if value not in ("tiny", "apgd")}
+        options = {"on": self.on, "attack": self.attack.name}
+        chosen = {option: value for option, value in options.items() if value not in ("tiny", "apgd")}
         return {**chosen, **self.attack.options(), **dict(self.model_options)}
 
     @property

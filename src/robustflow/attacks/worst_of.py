@@ -88,8 +88,8 @@ class WorstOf(Attack):
     @property
     def label(self) -> str:
         """See `Attack.label`."""
-        mine = {each.name for each in fields(Attack)} - {"norm"}
-        options = {name: value for name, value in self.options().items() if name in mine}
+        own_fields = {each.name for each in fields(Attack)} - {"norm"}
+        options = {name: value for name, value in self.options().items() if name in own_fields}
         options |= {name: value for part in self.parts for name, value in part.options().items()}
         names = _PLUS.join(part.name for part in self.parts)
         return ":".join([self.name, names, *(f"{name}={value}" for name, value in options.items())])

@@ -48,8 +48,8 @@ def app(
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
         raise UsageError(f"{options[0][0]} is a model option: give the model with --model")
-    given = [] if model is None else [ModelSpec(model, options)]
-    serve(given, host, port, browser, lambda line: print(line, flush=True), _warn)
+    specs = [] if model is None else [ModelSpec(model, options)]
+    serve(specs, host, port, browser, lambda line: print(line, flush=True), _warn)
 
 
 def _warn(line: str) -> None:

@@ -93,8 +93,8 @@ def examples(
             f"{result.path / FOLDER}"
         )
     before = RunSource.read(result.path)
-    given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
-    spec = before.model_to_reuse(dict(given)) if model is None else ModelSpec(model, tuple(given))
+    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
+    spec = before.model_to_reuse(dict(options)) if model is None else ModelSpec(model, tuple(options))
     source = RunSource(spec, data or before.data, before.data_options | data_options(data_option, depth, focal))
     setup = restore_setup(result, source)
     if sample is not None and corruption is not None and severity is not None:

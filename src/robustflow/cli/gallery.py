@@ -200,9 +200,9 @@ def _attacked(shown: _GalleryRequest, sample: "Sample", attacks: list[str], mode
         seed=shown.seed,
         key=sample.key,
     )
-    made = [attacked(each) for each in chosen]
+    galleries = [attacked(each) for each in chosen]
     make_folder(shown.output)
-    write_bytes(shown.output / "attacks.webp", draw_attacks(first, made, model))
+    write_bytes(shown.output / "attacks.webp", draw_attacks(first, galleries, model))
     typer.echo(str(shown.output / "attacks.webp"))
 
 

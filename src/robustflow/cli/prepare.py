@@ -99,8 +99,8 @@ def gopro_fc(
     with ProgressBar() as progress:
         clips = prepare_folder(sources, output, preparation, workers or 1, limit, progress.stage, prepare_all)
     pairs = sum(len(clip.pairs) for clip in clips)
-    made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
-    typer.echo(f"{output}: {made}; next: robustflow run --benchmark gopro-fc --data {output}")
+    counts = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
+    typer.echo(f"{output}: {counts}; next: robustflow run --benchmark gopro-fc --data {output}")
 
 
 @prepare.command("digests")

@@ -178,8 +178,8 @@ def _draw(artefact: "Artefact", runs: "list[Result]", output: Path) -> list[Path
     from ..report.figures import write_figures
 
     drawn = figures_of(runs, published=True)
-    mine = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
-    return write_figures(mine, output / "figures", ("png", "svg"))
+    matching = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
+    return write_figures(matching, output / "figures", ("png", "svg"))
 
 
 def _print(table: "Table", format: str) -> None:

@@ -93,9 +93,9 @@ def condition_folder(root: str | Path, condition: str, spring: str | Path | None
         return _folder(root, [condition])
     if spring is not None:
         return locate("Spring", spring, ["test"], expected="test/, which contains 0003/frame_left/") / "test"
-    beside = user_path(root).absolute().parent / "spring" / "test"
-    if not any((user_path(root) / name).is_dir() for name in _CLEAN_NAMES) and beside.is_dir():
-        return beside
+    neighbour = user_path(root).absolute().parent / "spring" / "test"
+    if not any((user_path(root) / name).is_dir() for name in _CLEAN_NAMES) and neighbour.is_dir():
+        return neighbour
     return _folder(root, _CLEAN_NAMES, "; or give the folder of Spring's frames with -D spring=FOLDER")
 
 

@@ -80,11 +80,11 @@ def field_rays(
         for channel in CHANNELS:
             parts = []
             for wavelength in channel_wavelengths(channel, samples):
-                sx, sy, kept, _ = landing(
+                sx, sy, weights, _ = landing(
                     *arrays, lens.indices(wavelength), clear, lens.stop, lens.stop_radius, tangents[f],
                     y[2 * count + f], y[count + f], x[3 * count + f], columns, rows, 1e-9, 1.15,
                 )  # fmt: skip
-                parts.append(np.stack([sx / PIXEL, sy / PIXEL, np.where(kept > 0.5, 1.0, 0.0)]))
+                parts.append(np.stack([sx / PIXEL, sy / PIXEL, np.where(weights > 0.5, 1.0, 0.0)]))
             colours.append(np.concatenate(parts, axis=1))
         result.append(colours)
     return result

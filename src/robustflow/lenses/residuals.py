@@ -94,10 +94,10 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
     x, y, miss = aim(curvature, conic, thickness, index[-1], stop, radius, tangents, pupil, magnification)
     if not miss < AIM_TOLERANCE:
         return False
-    radii, lost = clear_radii(
+    radii, missed = clear_radii(
         curvature, conic, thickness, index[-1], x, y, np.concatenate((tangents, tangents, tangents, tangents))
     )
-    if lost > 0:
+    if missed > 0:
         return False
     clear = radii.copy()
     clear[stop] = np.inf
@@ -110,15 +110,15 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
     unbounded, position, shadow = 0.0, 0, 0.0
     for f in range(count):
         for w in range(3 * samples):
-            px, py, kept, asked = landing(
+            px, py, weights, unblocked = landing(
                 curvature, conic, thickness, index[w], clear, stop, radius, tangents[f],
                 y[2 * count + f], y[count + f], x[3 * count + f], columns, rows, 0.12, 1.06,
             )  # fmt: skip
             colour, place = w // samples, (w % samples) * rays
             for i in range(rays):
                 sx[colour, place + i], sy[colour, place + i] = px[i] / PIXEL, py[i] / PIXEL
-                weight[colour, place + i] = kept[i]
-                shadow += asked[i] - kept[i]
+                weight[colour, place + i] = weights[i]
+                shadow += unblocked[i] - weights[i]
         unbounded += blur_statistics(sx, sy, weight, t, re, s, rms, mean)
         for colour in range(3):
             for k in range(5):

@@ -186,8 +186,8 @@ def _curve(errors: Values, key: Values) -> Values:
     total = np.concatenate(([0.0], np.cumsum(errors[order])))
     ends = _ends_of_ties(key[order])
     count = errors.size
-    kept = -(-count * (STEPS - np.arange(STEPS)) // STEPS)
-    curve: Values = np.interp(kept, ends, total[ends]) / kept
+    counts = -(-count * (STEPS - np.arange(STEPS)) // STEPS)
+    curve: Values = np.interp(counts, ends, total[ends]) / counts
     return curve
 
 

@@ -126,8 +126,8 @@ class ModelSpec:
         >>> ModelSpec("raft", (("device", "cuda"),)).on("cuda:1").devices()
         ('cuda:1',)
         """
-        kept = [(key, value) for key, value in self.options if key != "device"]
-        return ModelSpec(self.name, (*kept, ("device", device)))
+        other_options = [(key, value) for key, value in self.options if key != "device"]
+        return ModelSpec(self.name, (*other_options, ("device", device)))
 
     def preflight(self) -> None:
         """Raise an error if a file or library is missing, without importing heavy libraries; see `preflight`."""

@@ -112,10 +112,10 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
         ModelError: the network reads only some of its inputs.
     """
     inputs = list(inputs)
-    lost = [name for name in inputs if name not in read]
-    if 0 < len(lost) < len(inputs):
+    unused = [name for name in inputs if name not in read]
+    if 0 < len(unused) < len(inputs):
         raise ModelError(
-            f"the network does not read its input {', '.join(lost)[:60]}: the same example tensor was passed to the "
+            f"the network does not read its input {', '.join(unused)[:60]}: the same example tensor was passed to the "
             "exporter for both frames, which merged them into one input; export it with two different tensors"
         )
 

@@ -70,8 +70,8 @@ def window_of(model: Any) -> Window:
     declared = model.window
     parts = tuple(declared) if isinstance(declared, tuple | list) else ()
     counts, ends = parts[:2], parts[2:]
-    whole = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
-    if not (whole and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
+    counts_valid = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
+    if not (counts_valid and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
         raise ModelError(
             f"the model's window is {declared!r}; declare (before, after), the numbers of frames before frame 1 and "
             "after frame 2, at least one in total, and optionally the behaviour at the ends: "

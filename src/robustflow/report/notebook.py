@@ -40,11 +40,11 @@ def result_html(run: Run) -> str:
 def result_table(run: Run) -> Table:
     """Tabulate the means of a run, overall and by corruption class."""
     summary = run.summary
-    shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
-    shown = shown[:-1] if summary.epe is not None else shown  # the photometric error stands in for a missing error
-    columns = [Column(metric_label(metric)) for metric in shown]
+    metrics = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
+    metrics = metrics[:-1] if summary.epe is not None else metrics  # the photometric error replaces a missing EPE
+    columns = [Column(metric_label(metric)) for metric in metrics]
     scores = [("all", summary), *((FAMILY_LABELS[name], of) for name, of in summary.families.items())]
-    lines = [Line.of_numbers(label, (getattr(of, metric) for metric in shown)) for label, of in scores]
+    lines = [Line.of_numbers(label, (getattr(of, metric) for metric in metrics)) for label, of in scores]
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := comparison_note(run)) else []
     benchmark = benchmark_words(run.benchmark)

@@ -106,10 +106,10 @@ def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     if not benchmark.dataset.has_flow:
         return
     try:
-        kept = read_displacement(result)
+        stored = read_displacement(result)
     except RunError:
-        kept = None  # damaged, so the histogram is computed again
-    if kept is None:
+        stored = None  # damaged, so the histogram is computed again
+    if stored is None:
         samples = replace(benchmark, keys=tuple(result.manifest.samples))
         write_displacement(result, displacement_histogram(samples))
 

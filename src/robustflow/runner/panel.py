@@ -128,8 +128,8 @@ def _figure(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
             add_picture(figure, left, top, each * width / height, each, picture, title, _TITLE_PT)
     if all(picture is not None for _, picture in pictures):
         _wheel(figure.add_axes((0.005, 0.06 / total, _WHEEL_IN / _WIDTH_IN, _WHEEL_IN / total)))
-        beside = 0.005 + (_WHEEL_IN + 0.15) / _WIDTH_IN
-        figure.text(beside, (0.06 + _WHEEL_IN / 2) / total, _WHEEL_SAYS, va="center", fontsize=13)
+        x = 0.005 + (_WHEEL_IN + 0.15) / _WIDTH_IN
+        figure.text(x, (0.06 + _WHEEL_IN / 2) / total, _WHEEL_SAYS, va="center", fontsize=13)
     _error_scale(figure, figure.add_axes((0.52, 0.5 / total, 0.46, 0.14 / total)))
     return figure
 

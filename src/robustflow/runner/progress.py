@@ -81,9 +81,9 @@ class TerminalProgress:
         """Start a run of `total` units, of which `finished` were completed by earlier calls."""
         self._folder, self._total = plain(str(folder), None), total
         self._finished, self._evaluations = finished, 0
-        kept = f", {finished} already finished" if finished else ""
+        already = f", {finished} already finished" if finished else ""
         self._console.print(
-            f"{self._folder}: {counted(total, 'step')} (one pair under one condition per step){kept}{self._engine}",
+            f"{self._folder}: {counted(total, 'step')} (one pair under one condition per step){already}{self._engine}",
             highlight=False,
             soft_wrap=True,
         )

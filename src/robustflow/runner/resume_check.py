@@ -35,10 +35,10 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     Raises:
         RunError: the frames, ground truth or predictions differ.
     """
-    kept = stored_clean_rows(folder, plan.benchmark.keys)
-    if not kept:
+    stored = stored_clean_rows(folder, plan.benchmark.keys)
+    if not stored:
         return
-    before = kept[last_changed(plan, kept)]
+    before = stored[last_changed(plan, stored)]
     only_data = job.options.window is None and is_named_by_content(plan.model_identity)
     model = NoMotion() if only_data else job.load_model()
     options = replace(job.options, confidence=None) if only_data else job.options

@@ -94,12 +94,12 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
     ).select(*ROW_KEY, *_DIGESTS)
     differ = ~(pl.col("frames_digest") & pl.col("truth_digest"))
     pairs = same.filter(differ, corruption=CLEAN)["sample"].unique().sort().to_list()
-    kept = same.filter(~pl.col("sample").is_in(pairs))
-    corruptions = kept.filter(differ)["corruption"].unique().sort().to_list()
-    kept = kept.filter(~pl.col("corruption").is_in(corruptions))
-    if kept.is_empty() or (corruptions and not (kept["corruption"] != CLEAN).any()):
+    common = same.filter(~pl.col("sample").is_in(pairs))
+    corruptions = common.filter(differ)["corruption"].unique().sort().to_list()
+    common = common.filter(~pl.col("corruption").is_in(corruptions))
+    if common.is_empty() or (corruptions and not (common["corruption"] != CLEAN).any()):
         raise RunError(_nothing_alike(names, same))
-    cells = kept.select(ROW_KEY)
+    cells = common.select(ROW_KEY)
     remark = ""
     if any(one.height != cells.height for one in rows):
         counts = joined([f"the {one.height} in {name}" for name, one in zip(names, rows, strict=True)])

@@ -46,8 +46,8 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
         }
         for cell in cells
     ]
-    shown = next(cell.key for cell in cells if cell.kind == "median")
-    of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
+    median = next(cell.key for cell in cells if cell.kind == "median")
+    of_sample = rows.filter((pl.col("sample") == median) & (pl.col("corruption") != CLEAN))
     names = ordered(of_sample["corruption"].unique())
     conditions = sorted(
         of_sample.select("corruption", "severity").iter_rows(), key=lambda cell: (names.index(cell[0]), cell[1])
@@ -58,7 +58,7 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     ]
     return {
         "version": VERSION,
-        "slider": {"key": shown, "clean": "clean.jpg", "pictures": pictures},
+        "slider": {"key": median, "clean": "clean.jpg", "pictures": pictures},
         "panels": panels,
     }
 
@@ -87,6 +87,6 @@ def drop_examples(run: Path) -> None:
     """Remove a run's outdated example pictures."""
     home = run / FOLDER
     if home.is_dir():
-        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder
-        home.rename(gone)
-        shutil.rmtree(gone, ignore_errors=True)
+        old = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder
+        home.rename(old)
+        shutil.rmtree(old, ignore_errors=True)

@@ -125,20 +125,20 @@ class Identity(_IdentityPart):
         kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
         if kind is None:
             return f"it differs in: {parts}"
-        mine, recorded = getattr(self.frames, parts), getattr(before.frames, parts)
-        if edited := [name for name in mine if name in recorded and mine[name] != recorded[name]]:
+        current, recorded = getattr(self.frames, parts), getattr(before.frames, parts)
+        if edited := [name for name in current if name in recorded and current[name] != recorded[name]]:
             return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
-        if added := [name for name in mine if name not in recorded]:
+        if added := [name for name in current if name not in recorded]:
             return f"it was started without {_ADDED[kind]} {', '.join(added)}"
         return f"it was also started with the {kind} {', '.join(recorded)}"
 
     def edited_corruptions(self, before: Identity) -> list[str]:
         """Return the user's corruptions whose source differs between two identities; empty if anything else differs
         too."""
-        mine, recorded = self.frames.corruptions, before.frames.corruptions
+        current, recorded = self.frames.corruptions, before.frames.corruptions
         if differing_fields(self, before) != "corruptions":
             return []
-        return [name for name in mine if name in recorded and mine[name] != recorded[name]]
+        return [name for name in current if name in recorded and current[name] != recorded[name]]
 
 
 def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
@@ -148,8 +148,8 @@ def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPa
     >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
     'seed'
     """
-    mine, other = _fields(now), _fields(before)
-    return ", ".join(sorted(key for key in mine.keys() | other.keys() if mine.get(key) != other.get(key))) or "identity"
+    new, old = _fields(now), _fields(before)
+    return ", ".join(sorted(key for key in new.keys() | old.keys() if new.get(key) != old.get(key))) or "identity"
 
 
 def _fields(part: _IdentityPart | Mapping[str, Any]) -> Mapping[str, Any]:

@@ -55,19 +55,19 @@ class RowPlaces:
         severities = rows.select(pl.col("severity").cast(pl.Int8)).collect().to_series().to_numpy()
         out = {}
         for number, corruption in enumerate(corruptions):
-            mine = np.flatnonzero(corruption_of == number).astype(np.int32)
+            rows_of_corruption = np.flatnonzero(corruption_of == number).astype(np.int32)
             if corruption == CLEAN:
-                out[CLEAN, 0] = mine
+                out[CLEAN, 0] = rows_of_corruption
                 continue
-            for severity in np.unique(severities[mine]).tolist():
-                out[corruption, severity] = mine[severities[mine] == severity]
+            for severity in np.unique(severities[rows_of_corruption]).tolist():
+                out[corruption, severity] = rows_of_corruption[severities[rows_of_corruption] == severity]
         return cls(samples, sample_of, out)
 
     def row_counts(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
         """Return the index of each sample and condition, and the number of rows of each sample under each condition."""
         count = np.zeros((len(self.samples), len(self.places)), np.int32)
-        for number, mine in enumerate(self.places.values()):
-            count[:, number] = np.bincount(self.sample_of[mine], minlength=len(self.samples))
+        for number, places in enumerate(self.places.values()):
+            count[:, number] = np.bincount(self.sample_of[places], minlength=len(self.samples))
         numbers = {condition: number for number, condition in enumerate(self.places)}
         return {sample: number for number, sample in enumerate(self.samples)}, numbers, count
 
@@ -131,7 +131,7 @@ def _means(
     """Return the mean of one metric for each condition; only its two columns are in memory."""
     total, count, factor = columns
     sums, counts = _array(rows, total), _array(rows, count)
-    return {at: _mean_over(sums[mine], counts[mine], factor, averaging) for at, mine in places.items()}
+    return {at: _mean_over(sums[indices], counts[indices], factor, averaging) for at, indices in places.items()}
 
 
 def _array(rows: pl.DataFrame | pl.LazyFrame, column: str) -> np.ndarray:

@@ -76,19 +76,19 @@ class RunSource:
         """
         if self.model is None:
             return None
-        kept = {key: value for key, value in self.model.options if key not in given}
+        options = {key: value for key, value in self.model.options if key not in given}
         if self.model.name in _OF_FILES or not _registered(self.model.name):
             raise RunError(
                 f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file; "
                 "code named in a run's folder is never loaded: give --model yourself if you trust it"
             )
-        for key, value in kept.items():
+        for key, value in options.items():
             if isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
                     f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; files "
                     f"named in a run's folder are never opened: give {_option(key)} yourself if you trust it"
                 )
-        return ModelSpec(self.model.name, tuple((kept | dict(given)).items()))
+        return ModelSpec(self.model.name, tuple((options | dict(given)).items()))
 
 
 _OF_FILES = ("precomputed", "onnx")
@@ -117,8 +117,8 @@ def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
     {'step': 2, 'root': 'a', 'limit': 'inf'}
     """
-    kept = (str, int, type(None))
+    types = (str, int, type(None))
     return {
-        name: value if isinstance(value, kept) or (isinstance(value, float) and math.isfinite(value)) else str(value)
+        name: value if isinstance(value, types) or (isinstance(value, float) and math.isfinite(value)) else str(value)
         for name, value in options
     }

@@ -154,9 +154,9 @@ class RunFolder:
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)
-        mine = [path for path in shards if shard_name(path) == name or shard_name(path).startswith(f"{name}.")]
-        if [shard_name(path) for path in mine] != [name]:
-            merge_shards(mine, name)
+        parts = [path for path in shards if shard_name(path) == name or shard_name(path).startswith(f"{name}.")]
+        if [shard_name(path) for path in parts] != [name]:
+            merge_shards(parts, name)
         self.clean_path(key).unlink(missing_ok=True)
         self.pack(_MANY_SHARDS)
 
@@ -164,10 +164,10 @@ class RunFolder:
         """Remove the rows and clean flows of some samples."""
         for path in list_shards(self.rows_folder):
             rows = read_shard(path)
-            left = rows.filter(~pl.col("sample").is_in(list(keys)))
-            if left.height < rows.height:
-                if left.height:
-                    write_shard(self.rows_folder, shard_name(path), left)
+            remaining = rows.filter(~pl.col("sample").is_in(list(keys)))
+            if remaining.height < rows.height:
+                if remaining.height:
+                    write_shard(self.rows_folder, shard_name(path), remaining)
                 path.unlink()
         for key in keys:
             self.clean_path(key).unlink(missing_ok=True)
@@ -216,9 +216,9 @@ class RunFolder:
 
     def keep_clean(self, keys: Iterable[str]) -> None:
         """Remove all clean flows except those of the given samples; keep other files."""
-        kept = {self.clean_path(key) for key in keys}
+        paths = {self.clean_path(key) for key in keys}
         for path in (self.path / "clean").iterdir():
-            if _CLEAN_FLOW.fullmatch(path.name) and path not in kept:
+            if _CLEAN_FLOW.fullmatch(path.name) and path not in paths:
                 path.unlink(missing_ok=True)
 
     def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:

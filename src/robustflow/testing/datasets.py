@@ -78,10 +78,10 @@ class TexturePairs(Samples):
         corners = ((reach, reach), (reach - v, reach - u))
         frames = tuple(np.ascontiguousarray(texture[y : y + height, x : x + width]) for y, x in corners)
         rows, columns = np.mgrid[:height, :width] + np.array([v, u])[:, None, None]
-        gone = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
+        outside = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
         flow = np.empty((height, width, 2), np.float32)
         flow[:] = (u, v)
-        return Sample(key, frames, flow, np.ones((height, width), bool), gone)
+        return Sample(key, frames, flow, np.ones((height, width), bool), outside)
 
 
 def check_dataset(dataset: Any, samples: int = 3) -> str:

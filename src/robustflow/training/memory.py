@@ -30,10 +30,10 @@ def expected_memory(recipe: Recipe) -> float | None:
     if row is None:
         return None
     pixels, rounds = recipe.crop[0] * recipe.crop[1], recipe.iterations or 1
-    kept = (row["pixel"] + rounds * row["iteration_pixel"]) * pixels
-    kept += (row["pixel_pair"] + rounds * row["iteration_pixel_pair"]) * pixels**2
+    per_pair = (row["pixel"] + rounds * row["iteration_pixel"]) * pixels
+    per_pair += (row["pixel_pair"] + rounds * row["iteration_pixel_pair"]) * pixels**2
     weights = _BYTES * (_COPIES * row["learning"] + row["frozen"])
-    return (recipe.batch * kept + weights) / 2**30
+    return (recipe.batch * per_pair + weights) / 2**30
 
 
 @cache

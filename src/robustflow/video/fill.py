@@ -79,8 +79,8 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
         if index > next_index:
             source, shown = previous or (index, picture)
             fill.lost.append((next_index, index - 1, source))
-            for lost in range(next_index, index):
-                yield lost, shown
+            for missing in range(next_index, index):
+                yield missing, shown
         yield index, picture
         previous = (index, picture)
         next_index = index + 1
@@ -91,5 +91,5 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
     if next_index < fill.count:
         source, shown = previous
         fill.lost.append((next_index, fill.count - 1, source))
-        for lost in range(next_index, fill.count):
-            yield lost, shown
+        for missing in range(next_index, fill.count):
+            yield missing, shown

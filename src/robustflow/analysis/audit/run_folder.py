@@ -42,9 +42,9 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
 
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:
-    given = _read_summary(run.path / "summary.json")
+    stored = _read_summary(run.path / "summary.json")
     count, findings = 0, []
-    for path, left, right in _leaves((), given, run.document()):
+    for path, left, right in _leaves((), stored, run.document()):
         if path == ("run",):
             continue
         count += 1

@@ -116,10 +116,10 @@ def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
     per_cell = values.group_by("sample", "_seed", "severity").agg(pl.col(metric).mean(), pl.len())
     wanted = per_cell.filter(pl.col("len") == whole.height)
     complete = wanted.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
-    kept = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
-    if kept.is_empty():
+    measured_everywhere = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
+    if measured_everywhere.is_empty():
         raise RunError(
             "no image was measured with every seed under the same corruptions and severities; "
             "run all seeds on the same pairs"
         )
-    return kept[metric].to_numpy().reshape(complete.height, len(runs), levels)
+    return measured_everywhere[metric].to_numpy().reshape(complete.height, len(runs), levels)

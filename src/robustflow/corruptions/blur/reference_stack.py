@@ -65,12 +65,12 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     except OSError as error:
         raise DataError(f"cannot read the PSF stack {path}: {error.strerror}") from error
     source = hashlib.sha256(data).hexdigest()
-    kept = cache_folder("psf") / f"{source}.stack"
-    stack = _read_kept(kept, source)
+    cached = cache_folder("psf") / f"{source}.stack"
+    stack = _read_kept(cached, source)
     if stack is None:
         stack = _read_tensor(path, data)
-        make_folder(kept.parent)
-        write_bytes(kept, sealed_bytes(stack.tobytes(), source))
+        make_folder(cached.parent)
+        write_bytes(cached, sealed_bytes(stack.tobytes(), source))
     try:
         return PsfField(stack[:, :, ::-1, ::-1])
     except DataError as error:

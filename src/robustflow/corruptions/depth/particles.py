@@ -111,9 +111,9 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     table = np.empty((numbers.sum(), 13))
     keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
     box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
-    kept = _draw(keys, numbers, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
-    parts = [table[:kept, first : first + 3].copy() for first in (0, 3, 6, 9)]  # contiguous, as when they are unpickled
-    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
+    count = _draw(keys, numbers, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
+    parts = [table[:count, first : first + 3].copy() for first in (0, 3, 6, 9)]  # contiguous, as after unpickling
+    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:count, 12].copy(), lenses, motion)
 
 
 def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float, float]:
@@ -139,10 +139,10 @@ def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
     """
     lens = particles.lenses[index]
     out = np.empty((len(particles.diameters), 7))
-    kept = _project(
+    count = _project(
         particles.positions[index], particles.velocities[index], particles.diameters, lens, *particles.motion, out
     )
-    return out[:kept]
+    return out[:count]
 
 
 def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
@@ -178,7 +178,7 @@ def _draw(
     distance proportional to its diameter, so the diameter is a sum of four exponential variates, and the distance is
     proportional to the largest of three uniform variates.
     """
-    kept = 0
+    count = 0
     still, uniform = np.zeros(3), np.empty(13)
     for frame in range(2):
         lens = lenses[frame]
@@ -204,14 +204,14 @@ def _draw(
                 z = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2] * dz - FRAME_INTERVAL * vz
                 if _in_view(x, y, z, diameter, box, lenses[0]):
                     continue
-            row = out[kept]
+            row = out[count]
             row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, vx, vy, vz
             x, y, z = x + FRAME_INTERVAL * vx, y + FRAME_INTERVAL * vy, z + FRAME_INTERVAL * vz
             row[6], row[7], row[8] = moved(rotation, translation, x, y, z)
             row[9], row[10], row[11] = moved(rotation, still, vx, vy, vz)
             row[12] = diameter * 1e-3
-            kept += 1
-    return kept
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -222,7 +222,7 @@ def _project(
 
     The exposure is centred on the time of the frame, and the camera moves as it does between the two frames.
     """
-    kept = 0
+    count = 0
     part = 0.5 * EXPOSURE / FRAME_INTERVAL
     for i in range(diameters.size):
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
@@ -236,11 +236,11 @@ def _project(
         dx, dy, dz = part * (nx - x), part * (ny - y), part * (nz - z)
         if z < NEAREST or z - dz < 0.5 * NEAREST or z + dz < 0.5 * NEAREST:
             continue
-        row = out[kept]
+        row = out[count]
         row[0], row[1] = lens[0] * (x - dx) / (z - dz) + lens[2], lens[1] * (y - dy) / (z - dz) + lens[3]
         row[2], row[3] = lens[0] * (x + dx) / (z + dz) + lens[2], lens[1] * (y + dy) / (z + dz) + lens[3]
         row[4] = z
         row[5] = 0.5 * lens[0] * diameters[i] / z
         row[6] = _PIXEL + 0.5 * lens[0] * _LENS_DIAMETER * abs(1.0 / z - 1.0 / _FOCUS)
-        kept += 1
-    return kept
+        count += 1
+    return count

@@ -155,8 +155,8 @@ def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any
     first, last = max(-x0, 0), min(width - x0, n)
     for j in range(_U(first), _U(last)):
         x = _U(x0) + j
-        mine = _U(own[x] == layer)
-        sums[j + _U(1)] = words[x] * mine + words_behind[x] * (_U(behind[x] == layer) & ~mine)
+        in_front = _U(own[x] == layer)
+        sums[j + _U(1)] = words[x] * in_front + words_behind[x] * (_U(behind[x] == layer) & ~in_front)
     for part in (range(first), range(last, n)):
         for j in part:
             x = mirrored(x0 + j, width)

@@ -45,8 +45,8 @@ def until(sums: Any, row: Any, end: Any, bits: Any) -> Any:
     `sums` contains, for each pixel, the sum of the pixels to its left.
     """
     i, last = end >> bits, np.int64(row.size - 1)
-    kept = min(max(i, 0), last)
-    return (sums[np.uint64(kept)] << np.uint64(bits)) + np.uint64(end - (kept << bits)) * row[np.uint64(kept)]
+    inside = min(max(i, 0), last)
+    return (sums[np.uint64(inside)] << np.uint64(bits)) + np.uint64(end - (inside << bits)) * row[np.uint64(inside)]
 
 
 @njit(cache=True, nogil=True, inline="always")

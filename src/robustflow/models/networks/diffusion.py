@@ -18,29 +18,29 @@ STEPS = 1000
 def cosine_betas() -> Tensor:
     """Return the noise variances, float64 (1000,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
     time = torch.linspace(0, STEPS, STEPS + 1, dtype=torch.float64) / STEPS
-    kept = torch.cos((time + 0.008) / 1.008 * math.pi / 2) ** 2
-    return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)
+    signal = torch.cos((time + 0.008) / 1.008 * math.pi / 2) ** 2
+    return (1 - signal[1:] / signal[:-1]).clamp(0, 0.999)
 
 
 def register_schedule(module: nn.Module) -> None:
     """Register the checkpoints' twelve float64 buffers on `module`; only `alphas_cumprod` is used for prediction."""
     betas = cosine_betas()
-    kept = torch.cumprod(1 - betas, dim=0)
-    before = torch.cat((kept.new_ones(1), kept[:-1]))
-    variance = betas * (1 - before) / (1 - kept)
+    signal = torch.cumprod(1 - betas, dim=0)
+    before = torch.cat((signal.new_ones(1), signal[:-1]))
+    variance = betas * (1 - before) / (1 - signal)
     buffers = {
         "betas": betas,
-        "alphas_cumprod": kept,
+        "alphas_cumprod": signal,
         "alphas_cumprod_prev": before,
-        "sqrt_alphas_cumprod": kept.sqrt(),
-        "sqrt_one_minus_alphas_cumprod": (1 - kept).sqrt(),
-        "log_one_minus_alphas_cumprod": (1 - kept).log(),
-        "sqrt_recip_alphas_cumprod": (1 / kept).sqrt(),
-        "sqrt_recipm1_alphas_cumprod": (1 / kept - 1).sqrt(),
+        "sqrt_alphas_cumprod": signal.sqrt(),
+        "sqrt_one_minus_alphas_cumprod": (1 - signal).sqrt(),
+        "log_one_minus_alphas_cumprod": (1 - signal).log(),
+        "sqrt_recip_alphas_cumprod": (1 / signal).sqrt(),
+        "sqrt_recipm1_alphas_cumprod": (1 / signal - 1).sqrt(),
         "posterior_variance": variance,
         "posterior_log_variance_clipped": variance.clamp(min=1e-20).log(),
-        "posterior_mean_coef1": betas * before.sqrt() / (1 - kept),
-        "posterior_mean_coef2": (1 - before) * (1 - betas).sqrt() / (1 - kept),
+        "posterior_mean_coef1": betas * before.sqrt() / (1 - signal),
+        "posterior_mean_coef2": (1 - before) * (1 - betas).sqrt() / (1 - signal),
     }
     for name, values in buffers.items():
         module.register_buffer(name, values)

@@ -100,8 +100,8 @@ class FlowDiffuser(nn.Module):
         attention = self.update.aggregator.attention(inp)
         start = pixel_grid(context8)
         small = F.interpolate(truth, size=context8.shape[2:], mode="bilinear", align_corners=True) / 8
-        kept = self.alphas_cumprod[time]
-        sample = kept.sqrt() * self.scale * small / size + (1 - kept).sqrt() * noise
+        signal = self.alphas_cumprod[time]
+        sample = signal.sqrt() * self.scale * small / size + (1 - signal).sqrt() * noise
         target = start + sample.clamp(-1, 1).to(start.dtype) * _REACH * size
         coarse = self._rounds(pyramid, inp, attention, net, target, time)
         net, target = coarse[-1]

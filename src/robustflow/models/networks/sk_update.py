@@ -66,9 +66,9 @@ class MotionEncoder(nn.Module):
 
     def forward(self, flow: Tensor, correlation: Tensor) -> Tensor:
         """Map a flow (N, 2, H, W), in pixels of this resolution, and correlations (N, 324, H, W) to (N, 128, H, W)."""
-        seen = self.convc2(F.gelu(self.convc1(correlation)))
+        correlation_features = self.convc2(F.gelu(self.convc1(correlation)))
         moved = self.convf2(self.convf1(flow))
-        return torch.cat((self.conv(torch.cat((seen, moved), dim=1)), flow), dim=1)
+        return torch.cat((self.conv(torch.cat((correlation_features, moved), dim=1)), flow), dim=1)
 
 
 class Aggregator(nn.Module):

@@ -53,7 +53,7 @@ class OnnxNetwork(PairNetwork):
         self.device = device
         with opened(path, sha256) as (file, digest):
             model = _parse(path, file.read())
-        beside = _external_files(path, model)
+        weight_files = _external_files(path, model)
         self._session = _session(path, self.device, threads)
         nodes = self._session.get_inputs()
         self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
@@ -67,7 +67,7 @@ class OnnxNetwork(PairNetwork):
         self._settings = {
             "name": f"onnx:{path.stem}",
             "checkpoint": digest,
-            **({"external_data": beside} if beside else {}),
+            **({"external_data": weight_files} if weight_files else {}),
             "layout": self._layout,
             "inputs": [node.name for node in self._inputs],
             "output": self._output,

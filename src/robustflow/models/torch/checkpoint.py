@@ -73,13 +73,13 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     """
     path = user_path(path)
     content, digest = read_content(path, sha256)
-    beside = content.get("hyper_parameters") if isinstance(content, dict) else None
+    hyper_parameters = content.get("hyper_parameters") if isinstance(content, dict) else None
     declared = content.get(TRAINED_ON) if isinstance(content, dict) else None
     return Checkpoint(
         path,
         digest,
         _weights(path, content),
-        beside if isinstance(beside, dict) else {},
+        hyper_parameters if isinstance(hyper_parameters, dict) else {},
         declared if isinstance(declared, str) else None,
     )
 
@@ -136,8 +136,8 @@ def _load(path: Path, file: BinaryIO) -> Any:
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:
     for _ in HELD_AS:
-        held = content if isinstance(content, dict) else {}
-        content = next((held[name] for name in HELD_AS if isinstance(held.get(name), dict)), content)
+        entries = content if isinstance(content, dict) else {}
+        content = next((entries[name] for name in HELD_AS if isinstance(entries.get(name), dict)), content)
     if not isinstance(content, dict) or not content:
         raise ModelError(
             f"{path}: contains {type(content).__name__}, not named weights; save the network's state_dict()"

@@ -176,36 +176,36 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     except ModelError as error:
         return declared, f"could not be checked on shifted textures: {error}"
     named = [one for one in outputs if one.way.output == declared.output]
-    mine = named[0] if named else trial.preferred(outputs)[0]
+    chosen = named[0] if named else trial.preferred(outputs)[0]
     remark = ""
-    if declared.output is None and mine is not outputs[-1]:
-        declared = mine.way
+    if declared.output is None and chosen is not outputs[-1]:
+        declared = chosen.way
         remark = (
-            f"output {mine.way.output} is used, because its error on shifted textures is {mine.mean:.2g} px, and "
-            f"that of the last output is {outputs[-1].mean:.2g} px. To be sure, declare it: {mine.way.line()}"
+            f"output {chosen.way.output} is used, because its error on shifted textures is {chosen.mean:.2g} px, and "
+            f"that of the last output is {outputs[-1].mean:.2g} px. To be sure, declare it: {chosen.way.line()}"
         )
-    if mine.mean <= _SURE * _ZERO:
+    if chosen.mean <= _SURE * _ZERO:
         return declared, remark
-    _refuse_misread(mine)
+    _refuse_misread(chosen)
     ways = [replace(declared, scaling=scaling, order=order) for scaling, order in product(SCALINGS, ORDERS)]
-    others = [*outputs, *trial.rank([way for way in ways if way != declared], better_than=mine)]
+    others = [*outputs, *trial.rank([way for way in ways if way != declared], better_than=chosen)]
     others = sorted((one for one in others if one.sees), key=lambda one: one.mean)
-    better = [one for one in others if one.clearly_beats(mine, _WRONG)]
+    better = [one for one in others if one.clearly_beats(chosen, _WRONG)]
     if better:
         message = (
-            f"on shifted textures, the declared {mine.way.describe()} has an error of {mine.mean:.2g} px, compared "
-            f"with {_ZERO:.2g} px for zero flow; better conventions, best first: {_named(better, mine)}; declare the "
+            f"on shifted textures, the declared {chosen.way.describe()} has an error of {chosen.mean:.2g} px, compared "
+            f"with {_ZERO:.2g} px for zero flow; better conventions, best first: {_named(better, chosen)}; declare the "
             f"one used in training, for example the first with {better[0].way.line()}"
         )
-        if not mine.sees:
+        if not chosen.sees:
             raise ModelError(message)
         return declared, message
-    if mine.mean > _WELL * _ZERO:
-        like = "" if mine.sees else "as is typical of networks without trained weights"
-        like = f"it looks {mine.misread.reading.describe()}" if mine.misread else like
+    if chosen.mean > _WELL * _ZERO:
+        like = "" if chosen.sees else "as is typical of networks without trained weights"
+        like = f"it looks {chosen.misread.reading.describe()}" if chosen.misread else like
         return declared, (
-            f"on shifted textures, its error with {mine.way.describe()} is {mine.mean:.2g} px, while that of zero flow "
-            f"is {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
+            f"on shifted textures, its error with {chosen.way.describe()} is {chosen.mean:.2g} px, while that of zero "
+            f"flow is {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
             "weights, and that the network returns its finest flow, (u right, v down) in pixels from frame 1 to frame 2"
         )
     return declared, remark
@@ -272,12 +272,12 @@ class _Trial:
         for number, pair in enumerate(self._pairs):
             if number == _FIRST_ROUND and candidates:
                 limit = _FAR * min(one.mean for one in candidates.values()) + 0.01
-                kept = {
+                promising = {
                     (way.scaling, way.order, way.layout)
                     for way, one in candidates.items()
                     if one.mean <= limit and (better_than is None or one.clearly_beats(better_than, _WRONG))
                 }
-                ways = [way for way in ways if (way.scaling, way.order, way.layout) in kept]
+                ways = [way for way in ways if (way.scaling, way.order, way.layout) in promising]
             for way in ways:
                 self._try(way, pair, candidates)
         whole = [one for one in candidates.values() if len(one.errors) == len(self._pairs)]

@@ -110,20 +110,20 @@ def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, Sequence[ModelResult]]], published: bool, alone: bool
 ) -> Content:
     # a page about its runs averages over all corruptions of each run, although it also shows the paper's lines
-    beside, detailed = published and not alone, len(runs) <= MOST_DETAILED
+    with_paper, detailed = published and not alone, len(runs) <= MOST_DETAILED
     of_frames: dict[str, list[Run]] = {}
     for run in runs:
         of_frames.setdefault(sample_set(run), []).append(run)
         if not detailed:
-            _ = run.summary, exclusion_reasons(run), interval_ends(run, corruptions=False, beside_published=beside)
+            _ = run.summary, exclusion_reasons(run), interval_ends(run, corruptions=False, beside_published=with_paper)
             run.release_rows()
-    note_of_run = dict(zip(map(id, runs), comparison_notes(runs, beside), strict=True))
+    note_of_run = dict(zip(map(id, runs), comparison_notes(runs, with_paper), strict=True))
     lines: list[ModelResult] = []
     titles = {PAPER: "Published values"}
     for frames, group in of_frames.items():
         notes = [note_of_run[id(run)] for run in group]
         titles[frames] = f"Measured: {notes[0] or 'the frames of the paper'}"
-        lines += run_results(group, beside, notes, detailed)
+        lines += run_results(group, with_paper, notes, detailed)
     lines += published_results() if published else ()
     verified = {line.frames for line in lines} | {PAPER}
     for name, read in files:
@@ -139,7 +139,7 @@ def _content(
         raise UsageError(
             "nothing to show: there are no results; give runs or results files, or include the published results"
         )
-    return Content(title, lines, page_ids(lines), titles, alone, beside)
+    return Content(title, lines, page_ids(lines), titles, alone, with_paper)
 
 
 _LONGEST_ID = 40

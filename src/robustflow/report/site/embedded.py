@@ -38,11 +38,11 @@ def embedded_slider() -> Slider | None:
         return None
     frames = (digest_of_bytes(frame.tobytes()) for frame in sample.frames)
     source = digest_of_value([code_digest(), *frames], size=16)
-    kept = _read(source)
-    if kept is None:
-        kept = example_slider(sample.frames[0], gallery(sample, SEVERITIES, classes=DEMO_CLASSES), _TITLE)
-        _write(kept, source)
-    return kept
+    slider = _read(source)
+    if slider is None:
+        slider = example_slider(sample.frames[0], gallery(sample, SEVERITIES, classes=DEMO_CLASSES), _TITLE)
+        _write(slider, source)
+    return slider
 
 
 def _read(source: str) -> Slider | None:

@@ -48,13 +48,13 @@ def audits(content: Content, benchmark: str) -> list[Audit]:
     """Audit the values of a benchmark in the paper's tables and in results files; use `robustflow audit RUN` for
     runs."""
     results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
-    made = []
+    sections = []
     for frames, lines in by_frames(results).items():
         if frames == PAPER and content.alone:
             continue
         audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
-        made.append(audit_results(lines, audited))
-    return made
+        sections.append(audit_results(lines, audited))
+    return sections
 
 
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:

@@ -240,9 +240,9 @@ def _anatomy(run: Run) -> Table | None:
     lines = [line for line in whole.lines if any(cell.text != DASH for cell in line.cells[:2])]
     if not lines:
         return None
-    kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
+    without_slope = tuple(Line(line.label, line.cells[:-1]) for line in lines)
     remarks = tuple(remark.partition("; slope: ")[0] + "." for remark in whole.remarks)
-    return replace(whole, columns=whole.columns[:-1], sections=(Section("", kept),), remarks=remarks)
+    return replace(whole, columns=whole.columns[:-1], sections=(Section("", without_slope),), remarks=remarks)
 
 
 def scale_top(values: Iterable[float | None]) -> float:

@@ -87,8 +87,8 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
         },
     )
     for index, (panel, box) in enumerate(zip(panels, boxes, strict=True)):
-        shown = f"{box.x0:.1f} {box.y0:.1f} {box.width:.1f} {box.height:.1f}"
-        svg = ElementTree.SubElement(plot, "svg", {"class": "chart", "viewBox": shown})
+        view_box = f"{box.x0:.1f} {box.y0:.1f} {box.width:.1f} {box.height:.1f}"
+        svg = ElementTree.SubElement(plot, "svg", {"class": "chart", "viewBox": view_box})
         svg.extend([*clips, panel] if index == 0 else [panel])
     return Markup(ElementTree.tostring(plot, encoding="unicode"))
 

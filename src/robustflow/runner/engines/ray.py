@@ -160,8 +160,8 @@ class _Crew:
             self._remove_actor(member, error)
             return None
         if member.host is None:
-            host, theirs = answer
-            check_installed(host, self._installed, theirs)
+            host, installed = answer
+            check_installed(host, self._installed, installed)
             member.begin(host, self._sent, self._identity, self._first_files)
             return None
         value = self._value(member, answer)

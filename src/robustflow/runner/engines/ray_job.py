@@ -40,5 +40,5 @@ def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
 
 def variables() -> dict[str, str]:
     """Return environment variables for every actor: the paths of the user's files, and one thread per library."""
-    mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
-    return mine | ONE_THREAD
+    settings = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
+    return settings | ONE_THREAD

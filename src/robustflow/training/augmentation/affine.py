@@ -97,12 +97,12 @@ def _inside(
         along_x, along_y = larger * wider, larger / wider
         sine, cosine = math.sin(angle), math.cos(angle)
         step = np.array([[cosine * along_x, sine * along_y, x], [-sine * along_x, cosine * along_y, y], [0, 0, 1]])
-        tried = step @ before
-        corners = np.linalg.inv(tried) @ _CORNERS
+        candidate = step @ before
+        corners = np.linalg.inv(candidate) @ _CORNERS
         side = np.array([[shape[1]], [shape[0]]])
         places = 0.5 * (side - 1) * (corners[:2] + 1)
         if (places >= 0).all() and (places < side).all():
-            return tried
+            return candidate
     raise UsageError(
         f"in {_ATTEMPTS} draws, every transform of the second pass extended beyond the frame; increase the zoom or "
         "reduce the motion"

@@ -124,8 +124,8 @@ class Brightflow(LabelFree):
         offsets = self._offsets(frame, frames, ways, place)
         everywhere = with_offsets(whole, offsets, place.corners).clamp(0, 255)
         warped, corrected = _warped(whole, flow, place), _warped(everywhere, flow, place)
-        kept = kept_offsets(frames.crops[other], warped, corrected, flow) * ways[frame].visible[-1]
-        return with_offsets(whole, offsets * kept, place.corners).clamp(0, 255)
+        improves = kept_offsets(frames.crops[other], warped, corrected, flow) * ways[frame].visible[-1]
+        return with_offsets(whole, offsets * improves, place.corners).clamp(0, 255)
 
     def _smoothness(self, image: Tensor, way: _Way) -> Tensor:
         second_order = self._settings.second_order

@@ -28,9 +28,9 @@ class MotionEncoder(nn.Module):
         """Map a flow (N, 2, H, W), in pixels of this resolution, and correlations (N, correlation, H, W) to (N, 128, H,
         W).
         """
-        seen = F.relu(self.convc2(F.relu(self.convc1(correlation))))
+        correlation_features = F.relu(self.convc2(F.relu(self.convc1(correlation))))
         moved = F.relu(self.convf2(F.relu(self.convf1(flow))))
-        return torch.cat((F.relu(self.conv(torch.cat((seen, moved), dim=1))), flow), dim=1)
+        return torch.cat((F.relu(self.conv(torch.cat((correlation_features, moved), dim=1))), flow), dim=1)
 
 
 class FlowHead(nn.Module):
