@@ -161,6 +161,17 @@ def test_rounded_frames_are_the_largest_ones_inside_the_budget(budget, norm, per
     assert np.array_equal(ball.to_8_bits(images), levels(ball) + expected)
 
 
+def test_the_size_of_a_change_is_its_norm():
+    change = np.zeros((2, 3, 4, 5), np.float32)
+    change[0, 0, 0, 0], change[1, :, 1, 2], change[1, 2, 3, 3] = 4, -1, 2
+
+    sizes = {norm: ball_of(norm=norm).size_of(change) for norm in ("linf", "rms", "area")}
+
+    assert sizes == pytest.approx({"linf": 4, "rms": np.sqrt(23 / 120), "area": 10})
+    assert ball_of(norm="rms", per_frame=True).size_of(change) == pytest.approx(np.sqrt(16 / 60))
+    assert ball_of(norm="area", moved="first").size_of(change) == 5
+
+
 def test_each_condition_of_a_ball_excludes_a_pair():
     ball = ball_of(10, moved="joint")
     same = np.zeros_like(ball.clean)

@@ -242,13 +242,14 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
             )
 
 
-def _check_differentiable(model: Differentiable, clips: list[list[Frame]], flows: list[Flow], where: str) -> None:
+def _check_differentiable(model: AnyModel, clips: list[list[Frame]], flows: list[Flow], where: str) -> None:
     import torch
 
     for clip, flow in zip(clips, flows, strict=True):
         check_same_flow(model, evaluate(Evaluation(model, where, images=images_of(*clip[:2]))).flow, flow, where)
     if getattr(model, "batched_gradients", False) is not True:
         return
+    assert isinstance(model, Differentiable)
     pairs = torch.from_numpy(np.stack([images_of(*clip[:2]) for clip in clips]))
     with torch.no_grad():
         together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
