@@ -60,7 +60,7 @@ class Child:
         self._began = False
         # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
         self._process = context.Process(target=child_main, args=(child_end, watched, target, arguments), daemon=False)
-        script = nullcontext() if runs_script else _no_script()
+        script = nullcontext() if runs_script else _without_user_script()
         with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
             self._process.start()
         self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
@@ -137,7 +137,7 @@ def may_have_children() -> bool:
 
 
 @contextmanager
-def _no_script() -> Iterator[None]:
+def _without_user_script() -> Iterator[None]:
     """Start a process that does not run the user's script."""
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")

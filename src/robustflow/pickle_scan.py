@@ -143,11 +143,11 @@ def scan_pickle(file: BinaryIO, size: int) -> None:
         elif name == "MARK":
             marks.append(len(stack))
         elif name in _TUPLES or name == "TUPLE":
-            items = _popped(stack, _TUPLES[name] if name in _TUPLES else len(stack) - marks.pop())
-            stack.append(_with(_Pickled("tuple", items), items))
+            items = _pop(stack, _TUPLES[name] if name in _TUPLES else len(stack) - marks.pop())
+            stack.append(_add_parts(_Pickled("tuple", items), items))
         elif name in _ADDED:
             count = _ADDED[name]
-            items = _popped(stack, len(stack) - marks.pop() if count is None else count)
+            items = _pop(stack, len(stack) - marks.pop() if count is None else count)
             _add(stack[-1], items, "list" if name.startswith("APPEND") else "dict")
         elif name in ("BINPUT", "LONG_BINPUT"):
             memo[argument] = stack[-1]
@@ -157,14 +157,14 @@ def scan_pickle(file: BinaryIO, size: int) -> None:
         elif name == "GLOBAL":
             stack.append(_Pickled("global", _allowed(str(argument).replace(" ", "."))))
         elif name in ("REDUCE", "NEWOBJ"):
-            called, arguments = _popped(stack, 2)
+            called, arguments = _pop(stack, 2)
             stack.append(_called(called, arguments))
         elif name == "BUILD":
-            (state,) = _popped(stack, 1)
+            (state,) = _pop(stack, 1)
             if stack[-1].kind != "ignored":
                 _add(stack[-1], [_Pickled("constant", ""), state], "dict")
         elif name == "BINPERSID":
-            (identifier,) = _popped(stack, 1)
+            (identifier,) = _pop(stack, 1)
             stack.append(_storage(identifier, size))
         elif name not in ("PROTO", "STOP"):
             raise RefusedError(f"opcode {name}")
@@ -172,7 +172,7 @@ def scan_pickle(file: BinaryIO, size: int) -> None:
         raise RefusedError(f"{stack[-1].parts} parts, most of them the same")
 
 
-def _popped(stack: list[_Pickled], count: int) -> list[_Pickled]:
+def _pop(stack: list[_Pickled], count: int) -> list[_Pickled]:
     items = stack[len(stack) - count :]
     if len(items) < count:
         raise ValueError("its stack is empty")
@@ -180,7 +180,7 @@ def _popped(stack: list[_Pickled], count: int) -> list[_Pickled]:
     return items
 
 
-def _with(whole: _Pickled, items: Iterable[_Pickled]) -> _Pickled:
+def _add_parts(whole: _Pickled, items: Iterable[_Pickled]) -> _Pickled:
     for item in items:
         whole.parts += item.parts
         whole.depth = max(whole.depth, item.depth + 1)
@@ -198,7 +198,7 @@ def _add(whole: _Pickled, items: list[_Pickled], kind: str) -> None:
         whole.value.extend(items)
     elif any(key.kind != "constant" for key in items[::2]):
         raise RefusedError("dict whose keys are not numbers or strings")
-    _with(whole, items)
+    _add_parts(whole, items)
 
 
 def _allowed(name: str) -> str:
@@ -226,7 +226,7 @@ def _called(called: _Pickled, arguments: _Pickled) -> _Pickled:
         fits = True
     if not fits:
         raise RefusedError(f"call of {name} with different arguments")
-    return _with(_Pickled(_CALLED[name], name), values)
+    return _add_parts(_Pickled(_CALLED[name], name), values)
 
 
 def _storage(identifier: _Pickled, size: int) -> _Pickled:

@@ -37,7 +37,7 @@ def source_digest(made: Any) -> str:
     if not inspect.isclass(made):
         named = getattr(made, "source", "")
         state = named if isinstance(named, str) and named else {k: v for k, v in vars(made).items() if k != "variant"}
-        digest.update(_spell(state, f"{kind.__name__}").encode())
+        digest.update(_value_text(state, f"{kind.__name__}").encode())
     digest.update(kind.__qualname__.encode())
     return digest.hexdigest()
 
@@ -112,7 +112,7 @@ def _code(code: CodeType) -> str:
     return f"{code.co_code.hex()} {constants} {code.co_names}"
 
 
-def _spell(value: Any, where: str) -> str:
+def _value_text(value: Any, where: str) -> str:
     """Return a value as text that is identical in every process."""
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
         return f"{type(value).__name__}:{value!r}"
@@ -122,11 +122,11 @@ def _spell(value: Any, where: str) -> str:
     if isinstance(value, np.generic):
         return f"{value.dtype}:{value!r}"
     if isinstance(value, list | tuple):
-        return f"[{','.join(_spell(each, f'{where}[{i}]') for i, each in enumerate(value))}]"
+        return f"[{','.join(_value_text(each, f'{where}[{i}]') for i, each in enumerate(value))}]"
     if isinstance(value, set | frozenset):
-        return f"{{{','.join(sorted(_spell(each, where) for each in value))}}}"
+        return f"{{{','.join(sorted(_value_text(each, where) for each in value))}}}"
     if isinstance(value, dict):
-        items = sorted((str(key), _spell(each, f"{where}.{key}")) for key, each in value.items())
+        items = sorted((str(key), _value_text(each, f"{where}.{key}")) for key, each in value.items())
         return f"{{{','.join(f'{key}={each}' for key, each in items)}}}"
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"

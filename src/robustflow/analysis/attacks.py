@@ -153,7 +153,7 @@ def _compared(scores: list[AttackScore]) -> list[AttackScore]:
         gain = score.strength - noise if known else None  # type: ignore[operator]
         warnings = dict(score.warnings)
         if _name(score) in WHITE_BOX and score.way_gone is None:
-            stronger = (one for one in scores if _above(one, score) and one.way_gone is None)
+            stronger = (one for one in scores if _is_stronger(one, score) and one.way_gone is None)
             warnings |= dict.fromkeys((_BEATEN[_name(one)] for one in stronger if _name(one) in _BEATEN), score.samples)
         compared.append(score.model_copy(update={"gain": gain, "warnings": warnings}))
     return compared
@@ -164,7 +164,7 @@ def _name(score: AttackScore) -> str:
     return score.attack.partition(":")[0]
 
 
-def _above(one: AttackScore, other: AttackScore) -> bool:
+def _is_stronger(one: AttackScore, other: AttackScore) -> bool:
     """Whether `one` is stronger than `other` at the same budget, in the same frames."""
     alike = (control_of(one.attack), one.severity) == (control_of(other.attack), other.severity)
     return alike and one.strength is not None and other.strength is not None and one.strength > other.strength

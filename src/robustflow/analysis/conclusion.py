@@ -71,7 +71,7 @@ def _one_run(name: str, run: Run) -> str:
     if summary.photometric is not None and summary.photometric_still is not None:
         errors = f"{summary.clean.photometric or 0.0:.2f}, under corruption {summary.photometric:.2f} grey levels"
         clean += f", and its photometric error is {errors} (zero flow: {summary.photometric_still:.2f})"
-    return f"{moves}; {clean}; {_surety(run)}."
+    return f"{moves}; {clean}; {_certainty(run)}."
 
 
 def _clean_length(run: Run) -> str:
@@ -79,7 +79,7 @@ def _clean_length(run: Run) -> str:
     return f"{length or 0.0:.2f} px"
 
 
-def _surety(run: Run) -> str:
+def _certainty(run: Run) -> str:
     """State how certain a run's mean is and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)

@@ -76,7 +76,7 @@ def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     seeds = [run.manifest.identity.frames.seed for run in runs]
     rows, remark = _common_rows(runs)
     clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
-    if any(len(set(each)) > 1 for each in (list(map(_but_seed, runs)), clean)) or len(set(seeds)) < len(runs):
+    if any(len(set(each)) > 1 for each in (list(map(_settings, runs)), clean)) or len(set(seeds)) < len(runs):
         return None
     return BySeed(dict(zip(seeds, rows, strict=True)), remark)
 
@@ -85,7 +85,7 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
     """Find the groups of runs that differ only in the seed and have all rows in common."""
     alike: dict[tuple[str, str], list[int]] = {}
     for index, run in enumerate(runs):
-        alike.setdefault(_but_seed(run), []).append(index)
+        alike.setdefault(_settings(run), []).append(index)
     members = list(alike.values())
     known = [seeds_of([runs[index] for index in one]) if len(one) > 1 else None for one in members]
     names, models = run_names(runs), run_names([runs[one[0]] for one in members])
@@ -147,7 +147,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     return Orders(scores, remark)
 
 
-def _but_seed(run: Run) -> tuple[str, str]:
+def _settings(run: Run) -> tuple[str, str]:
     """Identify the model and everything except the seed that affects the frames."""
     recipe = run.manifest.identity.frames.record()
     del recipe["seed"]

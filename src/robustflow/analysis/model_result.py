@@ -210,10 +210,10 @@ def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
     parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in lines:
         parts.setdefault((line.benchmark, line.frames, line.setting, line.name), []).append(line)
-    return [one[0] if len(one) == 1 else _joined(one, where) for one in parts.values()]
+    return [one[0] if len(one) == 1 else _joined_lines(one, where) for one in parts.values()]
 
 
-def _joined(lines: Sequence[ModelResult], where: str) -> ModelResult:
+def _joined_lines(lines: Sequence[ModelResult], where: str) -> ModelResult:
     values: dict[ValueKey, Value] = {}
     for line in lines:
         for metric, condition in values.keys() & line.values.keys():

@@ -53,7 +53,7 @@ def _differences(runs: Sequence[Run]) -> list[list[str]]:
     their models."""
     facts = [dict(_facts(run)) for run in runs]
     keys = list(dict.fromkeys(key for known in facts for key in known))
-    telling = {*_fewest(facts, keys), *_fewest(facts, [key for key in keys if key.startswith(_MODEL)])}
+    telling = {*_needed(facts, keys), *_needed(facts, [key for key in keys if key.startswith(_MODEL)])}
     chosen = [[known.get(key, "") for key in keys if key in telling] for known in facts]
     same = Counter(map(tuple, chosen))
     return [
@@ -62,7 +62,7 @@ def _differences(runs: Sequence[Run]) -> list[list[str]]:
     ]
 
 
-def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
+def _needed(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
     """Select keys that distinguish the facts, skipping keys that add nothing to the previous ones."""
     chosen: list[str] = []
     groups = 1
@@ -85,7 +85,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
         f"{_MODEL}trained on",
         "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}",
     )
-    for key, value in _flat(identity.model.settings):
+    for key, value in _texts(identity.model.settings):
         yield f"{_MODEL}{key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
     for part, words in recipe_in_words(run):
         if part not in ("benchmark", "dataset"):
@@ -96,7 +96,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "files", f"files {digest_of_value(dict(run.manifest.file_digests))[:_DIGITS]}"
 
 
-def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _texts(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the settings of a model as text, with digests shortened to their first digits."""
     options = model.get("options") or {}
     for key, value in {**(options if isinstance(options, Mapping) else {}), **model}.items():

@@ -79,7 +79,7 @@ def load_benchmark(
     """
     others = dict(options or {})
     depth, focal = others.pop("depth", None), others.pop("focal", None)
-    return with_own_depth(_loaded(name, data, split, others), depth, focal)
+    return with_own_depth(_load(name, data, split, others), depth, focal)
 
 
 def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
@@ -95,7 +95,7 @@ def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float
     return benchmark
 
 
-def _loaded(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
+def _load(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
     chosen = user_path(split) if split is not None else None
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():

@@ -11,14 +11,14 @@ def models(incomplete: str) -> list[str]:
     """
     from ..models import MODELS
 
-    return _starting_with(MODELS.names(), incomplete)
+    return _with_prefix(MODELS.names(), incomplete)
 
 
 def checkpoints(incomplete: str) -> list[str]:
     """Complete names of published checkpoints of any model, and "random"."""
     from ..models.catalog import checkpoints as catalogue
 
-    return _starting_with(("random", *(entry.checkpoint for entry in catalogue())), incomplete)
+    return _with_prefix(("random", *(entry.checkpoint for entry in catalogue())), incomplete)
 
 
 def corruptions(incomplete: str) -> list[str]:
@@ -30,7 +30,7 @@ def corruptions(incomplete: str) -> list[str]:
     from ..corruptions import CORRUPTIONS
 
     cut = max(incomplete.rfind(","), incomplete.rfind("+")) + 1
-    return [incomplete[:cut] + name for name in _starting_with(CORRUPTIONS.names(), incomplete[cut:])]
+    return [incomplete[:cut] + name for name in _with_prefix(CORRUPTIONS.names(), incomplete[cut:])]
 
 
 def benchmarks(incomplete: str) -> list[str]:
@@ -38,7 +38,7 @@ def benchmarks(incomplete: str) -> list[str]:
     from ..benchmarks import BENCHMARKS
     from ..datasets import DATASETS
 
-    return _starting_with((*BENCHMARKS.names(), *DATASETS.names()), incomplete)
+    return _with_prefix((*BENCHMARKS.names(), *DATASETS.names()), incomplete)
 
 
 KINDS = ("models", "corruptions", "attacks", "benchmarks", "datasets", "recipes")
@@ -47,14 +47,14 @@ KINDS = ("models", "corruptions", "attacks", "benchmarks", "datasets", "recipes"
 
 def kinds(incomplete: str) -> list[str]:
     """Complete the categories of `list`, and "all"."""
-    return _starting_with((*KINDS, "all"), incomplete)
+    return _with_prefix((*KINDS, "all"), incomplete)
 
 
 def methods(incomplete: str) -> list[str]:
     """Complete names of methods with a training recipe."""
     from ..training.recipe import trained_methods
 
-    return _starting_with(trained_methods(), incomplete)
+    return _with_prefix(trained_methods(), incomplete)
 
 
 def tables(incomplete: str) -> list[str]:
@@ -62,8 +62,8 @@ def tables(incomplete: str) -> list[str]:
     from ..report.assemble import ALL_TABLES, ROW
 
     cut = incomplete.rfind(",") + 1
-    return [incomplete[:cut] + name for name in _starting_with((*ALL_TABLES, ROW), incomplete[cut:])]
+    return [incomplete[:cut] + name for name in _with_prefix((*ALL_TABLES, ROW), incomplete[cut:])]
 
 
-def _starting_with(names: Iterable[str], incomplete: str) -> list[str]:
+def _with_prefix(names: Iterable[str], incomplete: str) -> list[str]:
     return list(dict.fromkeys(name for name in names if name.startswith(incomplete)))

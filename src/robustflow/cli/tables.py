@@ -58,7 +58,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     page; with `with_seed`, print the seed even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
-    summary, whose = result.summary, _whose(result, with_seed)
+    summary, whose = result.summary, _heading(result, with_seed)
     console = _console()
     attacked = attack_table(result) if metric == "all" else None
     confidence = confidence_table(result) if metric == "all" else None
@@ -174,7 +174,7 @@ def for_stdout(table: Table) -> str:
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
 
 
-def _whose(result: Run, with_seed: bool) -> str:
+def _heading(result: Run, with_seed: bool) -> str:
     made_with = result.manifest.identity.frames.made_with
     seed = made_with["seed"]
     scale = ", calibrated severities" if made_with["severity_scale"] != "paper" else ""

@@ -131,7 +131,7 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
             first = own.setdefault(loaded.name, loaded)
             if first.made is not loaded.made and first.source != loaded.source:
                 raise UsageError(f"two corruptions have the name '{first.name}': give each a different `name`")
-        if isinstance(spec, Corruption) and not _is_what_the_name_loads(spec, names[-1]):
+        if isinstance(spec, Corruption) and not _equals_registered(spec, names[-1]):
             raise UsageError(
                 f"an object of the corruption '{names[-1]}' cannot be run: pass its name, and the options `variant` "
                 "and `severity_scale`"
@@ -139,7 +139,7 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
     return tuple(dict.fromkeys(names))
 
 
-def _is_what_the_name_loads(corruption: Corruption, name: str) -> bool:
+def _equals_registered(corruption: Corruption, name: str) -> bool:
     loaded = load_corruption(name)
     return isinstance(loaded, OwnCorruption) or (type(loaded) is type(corruption) and vars(loaded) == vars(corruption))
 

@@ -84,14 +84,14 @@ class OwnCorruption(Corruption):
             raise sample_without_depth(self.name)
         if self.needs_depth and depth is not None:
             scene = _scene_read_only(depth)
-            return self._called("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
-        return self._called("draw", lambda: self.made.draw(rng, severity, shape))
+            return self._call("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
+        return self._call("draw", lambda: self.made.draw(rng, severity, shape))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """Return a copy of the frame from the user's `apply`, RGB uint8 of the same shape: the next call may overwrite
         it."""
         given = _read_only(np.ascontiguousarray(frame))
-        out = self._called("apply", lambda: self.made.apply(given, state, index))
+        out = self._call("apply", lambda: self.made.apply(given, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
             raise UsageError(
                 f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
@@ -99,7 +99,7 @@ class OwnCorruption(Corruption):
             )
         return np.array(out)
 
-    def _called(self, method: str, function: Callable[[], Any]) -> Any:
+    def _call(self, method: str, function: Callable[[], Any]) -> Any:
         what = "the frame or the depth" if self.needs_depth else "the frame"
         return called(f"corruption '{self.name}' failed in {method}", function, read_only=what)
 

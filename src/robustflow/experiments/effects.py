@@ -87,14 +87,14 @@ def left_out(runs: Runs, dataset: str) -> dict[int, str]:
     for seed in sorted({seed for _, of, seed in runs if of == dataset}):
         for arm in arms():
             run = runs.get((arm.name, dataset, seed))
-            reason = "not measured" if run is None else _unguarded(run)
+            reason = "not measured" if run is None else _missed_motion_text(run)
             if reason is not None:
                 reasons[seed] = f"{arm.name}: {reason}"
                 break
     return reasons
 
 
-def _unguarded(run: Run) -> str | None:
+def _missed_motion_text(run: Run) -> str | None:
     missed = missed_motion(run.rows)
     return None if missed is None else f"clean EPE {missed[0]:.2f} px, zero flow {missed[1]:.2f} px"
 

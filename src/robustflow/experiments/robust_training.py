@@ -136,7 +136,7 @@ def run_experiment(
         for seed, arm in todo:
             if stop():
                 return None
-            start = _started(experiment, seed, say, stop)
+            start = _initial_weights(experiment, seed, say, stop)
             with claimed(experiment.training(seed, arm.name)) as mine:
                 if start is None or not mine:
                     continue
@@ -169,7 +169,7 @@ def claimed(folder: Path) -> Iterator[bool]:
         lock.release()
 
 
-def _started(
+def _initial_weights(
     experiment: TrainingExperiment, seed: int, say: Callable[[str], None], stop: Callable[[], bool]
 ) -> Path | None:
     """Return the initial weights of a seed's arms; None if training was stopped or a different process is training

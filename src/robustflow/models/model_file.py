@@ -49,7 +49,7 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
         if not (path.is_file() or path.is_dir()) and path.exists():
             raise ModelError(f"{path}: a pipe or a device, not a file; pass the path of a checkpoint")
         with path.open("rb") as file:
-            _refuse_what_is_no_model(path, file)
+            _refuse_other_files(path, file)
             file.seek(0)
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             if sha256 is not None:
@@ -71,7 +71,7 @@ def damaged(path: Path, error: Exception) -> ModelError:
     )
 
 
-def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
+def _refuse_other_files(path: Path, file: BinaryIO) -> None:
     head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
     if not head:
         raise ModelError(f"{path}: the file is empty; download it again")

@@ -101,7 +101,7 @@ def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
     columns = Axis.of(width, grid_of(height, width))
     window = columns.windows.shape[1]
     margin = columns.starts[-1] - kernels.reach_x + kernels.length - width
-    pixels = _continued(frame, margin, kernels.reach_y)
+    pixels = _padded_columns(frame, margin, kernels.reach_y)
     weights = columns.windows.astype(np.float32)[..., None]
     total = np.zeros((3, pixels.shape[1], height), np.float32)
     for column, start in enumerate(columns.starts):
@@ -143,7 +143,7 @@ def _blur_strip(
     return inside.reshape(*inside.shape[:3], -1)[..., :height]
 
 
-def _continued(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.float32]:
+def _padded_columns(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.float32]:
     """Pad an image by reflection to a multiple of BLOCK rows, subtract `GREY` and return it as columns, (3, X, Y)."""
     spare_rows = -(frame.shape[0] + 2 * margin_y) % BLOCK
     margins = (margin_y, margin_y + spare_rows, margin_x, margin_x)

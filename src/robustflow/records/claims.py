@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Return the problems found (unknown corruptions, unplanned or missing rows, ...) and a summary."""
     plan = reader.plan
-    problems = _unknown({**dict.fromkeys(plan.corruptions), **plan.left_out}, plan)
-    problems = problems or [*_off_scale(plan), *_attack_problems(plan)]
+    problems = _unknown_corruptions({**dict.fromkeys(plan.corruptions), **plan.left_out}, plan)
+    problems = problems or [*_severity_problems(plan), *_attack_problems(plan)]
     if problems:
         return problems, ""
     planned, present = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
@@ -87,19 +87,17 @@ def training_problems(plan: Manifest) -> list[str]:
             return [f"the declared training sets cannot be read: {plain(str(error), 120)}"]
     due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
     if declared != due.model_copy(update={"note": declared.note}):
-        return [
-            f"the manifest states {_in_words(declared)}; for this model and benchmark, it should be {_in_words(due)}"
-        ]
+        return [f"the manifest states {_text(declared)}; for this model and benchmark, it should be {_text(due)}"]
     return []
 
 
-def _in_words(training: Provenance) -> str:
+def _text(training: Provenance) -> str:
     sets = "+".join(training.trained_on) if training.trained_on else "unknown data"
     backbone = f", with the backbone {training.backbone}" if training.backbone else ""
     return f"{training.setting} ({training.basis}), trained on {sets}{backbone}"
 
 
-def _unknown(names: Iterable[str], plan: Manifest) -> list[str]:
+def _unknown_corruptions(names: Iterable[str], plan: Manifest) -> list[str]:
     """Find corruption names that are not from this package, an installed package, the identity's list of
     user-defined corruptions, or a benchmark that provides corrupted frames."""
     frames = plan.identity.frames
@@ -125,7 +123,7 @@ def _attack_problems(plan: Manifest) -> list[str]:
     return []
 
 
-def _off_scale(plan: Manifest) -> list[str]:
+def _severity_problems(plan: Manifest) -> list[str]:
     """Check that the planned severities exist on the severity scale, and that those left out do not."""
     scale = plan.identity.frames.scale
     for name, levels in (item for part in plan.planned for item in part.corruptions.items()):

@@ -90,7 +90,7 @@ def tables_of(
         return [replace(runs_table(of_runs, seeds), name=ROW)]
 
     if wanted is not None:
-        return _concluded([table for name in wanted for table in made(name)], results)
+        return _with_conclusions([table for name in wanted for table in made(name)], results)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -98,10 +98,10 @@ def tables_of(
         except UsageError:
             # unless requested by name, tables that cannot be made from these runs are skipped
             continue
-    return _concluded(tables, results)
+    return _with_conclusions(tables, results)
 
 
-def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
+def _with_conclusions(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
     """Remove columns that contain only dashes from the tables, and append the conclusions from runs without ground
     truth to the last RCRE table."""
     tables = [table.without_empty_columns() for table in tables]
@@ -148,7 +148,7 @@ def _tables_by_sample_set(
             reason = error
         else:
             name = f"{table.name}-{len(tables) + 1}" if tables else table.name
-            title = f"{table.title}: {_whose(frames, part)}"
+            title = f"{table.title}: {_described_models(frames, part)}"
             tables.append(_naming_excluded(replace(table, name=name, title=title), lines))
     if not tables:
         raise reason
@@ -162,7 +162,7 @@ def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
     return replace(table, remarks=(*table.remarks, f"Left out of trends and correlations: {'; '.join(reasons)}."))
 
 
-def _whose(frames: str, part: Sequence[ModelResult]) -> str:
+def _described_models(frames: str, part: Sequence[ModelResult]) -> str:
     if frames == PAPER:
         return "published models"
     models = [plain(name) for name in dict.fromkeys(line.name for line in part)]

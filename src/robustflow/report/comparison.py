@@ -198,7 +198,7 @@ def compare(
     ...     compare(*runs).per_corruption("epe")["difference"].to_list()
     [0.0]
     """
-    runs = [_opened(first), _opened(second)]
+    runs = [_open_run(first), _open_run(second)]
     common = common_to(named_runs(runs))
     (name, one), (other_name, other) = common.rows.items()
     frame = compare_rows(one, other, (name, other_name), level=level, resamples=resamples, seed=seed)
@@ -206,7 +206,7 @@ def compare(
     return Comparison((name, other_name), frame, " ".join(filter(None, (common.remark, *unranked))))
 
 
-def _opened(run: AnyRun) -> Run:
+def _open_run(run: AnyRun) -> Run:
     if isinstance(run, Run):
         return run
     if isinstance(run, str | Path):

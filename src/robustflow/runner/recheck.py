@@ -91,7 +91,7 @@ def recheck(
                 row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH)
             ):
                 problems.append(f"{where}: different ground truth")
-            elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
+            elif model is not None and (gap := _largest_difference(made, row)) > TOLERANCE_PX:
                 problems.append(f"{where}: this model's error differs by {gap:.3g}")
     if problems:
         raise RunError(
@@ -103,7 +103,7 @@ def recheck(
     return f"{drawn_rows}, match the frames and ground truth of these data"
 
 
-def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
+def _largest_difference(made: dict[str, Any], row: dict[str, Any]) -> float:
     """Return the largest difference between two rows in their mean error, mean change from the clean flow or mean
     spread, in pixels, or in their mean photometric error, in grey levels."""
     gaps = [0.0]

@@ -98,7 +98,7 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
     corruptions = common.filter(differ)["corruption"].unique().sort().to_list()
     common = common.filter(~pl.col("corruption").is_in(corruptions))
     if common.is_empty() or (corruptions and not (common["corruption"] != CLEAN).any()):
-        raise RunError(_nothing_alike(names, same))
+        raise RunError(_no_common_rows_message(names, same))
     cells = common.select(ROW_KEY)
     remark = ""
     if any(one.height != cells.height for one in rows):
@@ -117,7 +117,7 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
     return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
 
 
-def _nothing_alike(names: Sequence[str], same: pl.DataFrame) -> str:
+def _no_common_rows_message(names: Sequence[str], same: pl.DataFrame) -> str:
     frames = same.filter(~pl.col("frames_digest"))
     what = "given different frames" if frames.height else "measured against different ground truth"
     first = (frames if frames.height else same.filter(~pl.col("truth_digest"))).sort(ROW_KEY).select(ROW_KEY)

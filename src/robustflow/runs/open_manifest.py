@@ -32,7 +32,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     if old and old.identity != identity and folder.rows().is_empty():
         old = None
     if old is None:
-        old = _empty(plan, identity)
+        old = _empty_manifest(plan, identity)
     elif old.identity != identity:
         raise RunError(
             f"{folder.path} contains a different run ({identity.difference(old.identity)}); "
@@ -69,7 +69,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     ).judged()
 
 
-def _empty(plan: Plan, identity: Identity) -> Manifest:
+def _empty_manifest(plan: Plan, identity: Identity) -> Manifest:
     """Return the manifest of a run without samples."""
     return Manifest(
         identity=identity,

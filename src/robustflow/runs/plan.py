@@ -95,14 +95,14 @@ class Plan:
 
     def units(self) -> list[Unit]:
         """Return all units of a complete run, with each sample's clean unit first."""
-        return list(self._each())
+        return list(self._all_units())
 
     def count(self) -> int:
         """Return the number of units in a complete run."""
         cells = self.cells()
         return len(cells.samples) * (1 + len(cells.corruptions) + len(cells.attacks))
 
-    def _each(self) -> Iterator[Unit]:
+    def _all_units(self) -> Iterator[Unit]:
         cells = self.cells()
         conditions = {CLEAN: (0,), **cells.corruptions, **cells.attacks}
         return (Unit(key, name, levels) for key in cells.samples for name, levels in conditions.items())
@@ -124,7 +124,7 @@ class Plan:
     def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
         """Return the planned units that are not done yet."""
         left = []
-        for unit in self._each():
+        for unit in self._all_units():
             severities = tuple(cell[2] for cell in unit.cells if cell not in existing)
             if severities:
                 left.append(replace(unit, severities=severities))

@@ -109,10 +109,10 @@ def _save(content: dict[str, Any], file: BinaryIO) -> None:
 
 
 def _digest(content: dict[str, Any]) -> str:
-    return quick_digest_of_bytes(*_spelled(content))
+    return quick_digest_of_bytes(*_encoded(content))
 
 
-def _spelled(value: Any) -> Iterator[bytes | memoryview]:
+def _encoded(value: Any) -> Iterator[bytes | memoryview]:
     """Encode a value as a unique byte string.
 
     Raises:
@@ -125,12 +125,12 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
     elif isinstance(value, dict):
         yield f"dict {len(value)}".encode()
         for key, part in value.items():
-            yield from _spelled(key)
-            yield from _spelled(part)
+            yield from _encoded(key)
+            yield from _encoded(part)
     elif isinstance(value, list | tuple):
         yield f"{type(value).__name__} {len(value)}".encode()
         for part in value:
-            yield from _spelled(part)
+            yield from _encoded(part)
     elif value is None or isinstance(value, bool | int | float | str):
         yield f"{type(value).__name__} {value!r};".encode()
     else:

@@ -89,7 +89,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     with (
         workers_watched(),
         closing(batches(training.pairs, share, steps, request.data.loaders)) as stream,  # ends its processes
-        MetricsLog(training.folder, first, _owes_validation(training, state)) if leads else nullcontext() as log,
+        MetricsLog(training.folder, first, _lacks_validation(training, state)) if leads else nullcontext() as log,
         progress,
     ):
         progress.start("update", last, first)
@@ -107,7 +107,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
                 shown = f"loss {numbers['loss']:.3g}, EPE {numbers['epe']:.3g} px" if "epe" in numbers else ""
                 progress.update("update", update + 1, shown)
             stopped = process.any(training.stop())
-            if leads and (stopped or _due(update + 1, checkpoints.every, last) or _owes_validation(training, state)):
+            if leads and (stopped or _due(update + 1, checkpoints.every, last) or _lacks_validation(training, state)):
                 _save(training, state)
             if leads and checkpoints.keep_every and (update + 1) % checkpoints.keep_every == 0:
                 path = training.folder / f"update-{update + 1}.pth"
@@ -182,7 +182,7 @@ def _due(update: int, every: int | None, last: int) -> bool:
     return every is not None and (update % every == 0 or update == last)
 
 
-def _owes_validation(training: TrainingSetup, state: TrainingState) -> bool:
+def _lacks_validation(training: TrainingSetup, state: TrainingState) -> bool:
     """Return whether a validation is due after the last update; a run that was stopped before it makes up for it."""
     request, done = training.request, state.done
     return done.validated < done.updates and _due(done.updates, request.validate_every, request.recipe.updates)
@@ -191,7 +191,7 @@ def _owes_validation(training: TrainingSetup, state: TrainingState) -> bool:
 def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog) -> None:
     """Validate the network if it is due. The checkpoint of the last update has been saved, because a validation may
     fail."""
-    if training.validate is None or not _owes_validation(training, state):
+    if training.validate is None or not _lacks_validation(training, state):
         return
     state.network.eval()
     scores = training.validate(state.done.updates)

@@ -229,14 +229,14 @@ def mix_parts(name: str) -> tuple[Part, ...]:
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
     """
     if name.endswith(".toml"):
-        return _own_parts(user_path(name))
+        return _parts_of_mix_file(user_path(name))
     mixes = _read(MIXES)
     if name not in mixes:
         raise unknown_name("mix of data", name, list(mixes))
     return tuple(Part.model_validate(part) for part in mixes[name]["parts"])
 
 
-def _own_parts(path: Path) -> tuple[Part, ...]:
+def _parts_of_mix_file(path: Path) -> tuple[Part, ...]:
     try:
         parts = tuple(Part.model_validate(part) for part in tomllib.loads(path.read_text(encoding="utf-8"))["parts"])
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError) as error:

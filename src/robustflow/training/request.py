@@ -35,7 +35,7 @@ class DataPlan:
     loaders: int = 1
 
     def __post_init__(self) -> None:
-        _at_least(0, loaders=self.loaders)
+        _check_minimum(0, loaders=self.loaders)
 
     def corruption(self, seed: int) -> CorruptionTransform | None:
         """Return the corruption of the training frames; None for none.
@@ -64,7 +64,7 @@ class Checkpoints:
     keep_every: int | None = None
 
     def __post_init__(self) -> None:
-        _at_least(1, save_every=self.every, keep_every=self.keep_every)
+        _check_minimum(1, save_every=self.every, keep_every=self.keep_every)
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Validation:
     limit: int | None = PAIRS_OF_VALIDATION
 
     def __post_init__(self) -> None:
-        _at_least(1, validate_every=self.every)
+        _check_minimum(1, validate_every=self.every)
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Request:
         return None if self.validation is None else self.validation.every or self.checkpoints.every
 
 
-def _at_least(least: int, **numbers: int | None) -> None:
+def _check_minimum(least: int, **numbers: int | None) -> None:
     for name, number in numbers.items():
         if number is not None and number < least:
             raise UsageError(f"--{name.replace('_', '-')} must be at least {least}; got {number}")

@@ -57,7 +57,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         request.data.skip_bad,
         recipe.objective,
     )
-    content, done = _earlier(folder, request)
+    content, done = _last_checkpoint(folder, request)
     with this_process(request.device) as process:
         _check_process(recipe, process)
         start = RANDOM if request.resume else _start(request)
@@ -101,7 +101,7 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:
+def _last_checkpoint(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:
     """Return the last checkpoint's content if training is resumed."""
     refuse_links(folder, "validation", "tensorboard")
     if request.resume:

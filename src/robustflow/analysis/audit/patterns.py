@@ -55,17 +55,17 @@ def check_shifted(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
             run: list[str] = []
             for here, there in zip(names, names[step:] if step > 0 else [None, *names], strict=False):
                 count += 1
-                fits = there is not None and _fits_beside(values, expected[here], here, there)
+                fits = there is not None and _fits_only_next_column(values, expected[here], here, there)
                 if fits:
                     run.append(here)
                     continue
-                findings += _shift(line, run, side)
+                findings += _shifted_rows(line, run, side)
                 run = []
-            findings += _shift(line, run, side)
+            findings += _shifted_rows(line, run, side)
     return "shifted", count, findings
 
 
-def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
+def _shifted_rows(line: ModelResult, run: list[str], side: str) -> list[Finding]:
     if len(run) < _LEAST:
         return []
     message = (
@@ -75,7 +75,7 @@ def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
     return [finding("shifted", line, "epe", run[0], message)]
 
 
-def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool:
+def _fits_only_next_column(values: Values, expected: float, here: str, there: str) -> bool:
     tolerance = change_tolerance(values, here, values["cre", here])
     return misfits(values["cre", here].number, expected, tolerance) and not misfits(
         values["cre", there].number, expected, tolerance

@@ -71,7 +71,7 @@ def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]
             pl.col("attack_linf", "attack_rms", "attack_evaluations").is_null()
         )
         | (of_truth & pl.any_horizontal(pl.col("attack_capped_sum", "attack_median").is_null())),
-        "the attack exceeds its budget": _any([*_beyond("attack_linf", linf), *_beyond("attack_rms", rms)]),
+        "the attack exceeds its budget": _any([*_above("attack_linf", linf), *_above("attack_rms", rms)]),
         "the norms of the perturbation are inconsistent": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
         | (pl.col("attack_linf") > 255),
         "its capped error exceeds its error": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
@@ -82,7 +82,7 @@ def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]
         yield reason, attacks.filter(condition.fill_null(False))
 
 
-def _beyond(column: str, budgets: Mapping[tuple[str, int], float]) -> list[_Expr]:
+def _above(column: str, budgets: Mapping[tuple[str, int], float]) -> list[_Expr]:
     return [
         (pl.col("corruption") == name) & (pl.col("severity") == severity) & (pl.col(column) > budget * (1 + _CLOSE))
         for (name, severity), budget in budgets.items()
@@ -93,7 +93,7 @@ def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
     return reduce(or_, (condition.fill_null(False) for condition in conditions), pl.lit(False))
 
 
-def _apart(first: _Expr, second: _Expr) -> _Expr:
+def _differ(first: _Expr, second: _Expr) -> _Expr:
     """Whether two sums over the same pixels differ by more than the order of summation can explain."""
     return (first - second).abs() > _CLOSE * (1 + first.abs() + second.abs())
 
@@ -102,7 +102,7 @@ def _exceeds(first: _Expr, second: _Expr) -> _Expr:
     return first > second + _CLOSE * (1 + first.abs() + second.abs())
 
 
-def _shift(total: str, count: str, moved: str) -> _Expr:
+def _jump(total: str, count: str, moved: str) -> _Expr:
     """Whether a sum of lengths differs from the clean row by more than the flow changed, over the same pixels."""
     same = pl.col(count) == pl.col(count + _BEFORE)
     before = pl.col(total + _BEFORE)
@@ -121,7 +121,7 @@ def _misfit(parts: tuple[str, ...]) -> _Expr:
         for field, whole in (("n", "n_valid"), ("fl_count", "fl_count"))
     ]
     sums = [
-        _apart(reduce(add, (pl.col(f"{field}_{part}") for part in parts)), pl.col(field))
+        _differ(reduce(add, (pl.col(f"{field}_{part}") for part in parts)), pl.col(field))
         for field in ("epe_sum", "rcre_sum")
     ]
     return _any(exact + sums)
@@ -161,10 +161,10 @@ RULES: dict[str, _Expr] = {
         + [pl.col(f"fl_count_{region}") > pl.col(f"n_{region}") for region in REGIONS]
     ),
     "the error changed by more than the flow itself": _any(
-        [_shift("epe_sum", "n_valid", "rcre_sum")]
-        + [_shift(f"epe_sum_{region}", f"n_{region}", f"rcre_sum_{region}") for region in REGIONS]
+        [_jump("epe_sum", "n_valid", "rcre_sum")]
+        + [_jump(f"epe_sum_{region}", f"n_{region}", f"rcre_sum_{region}") for region in REGIONS]
     ),
-    "the flow's length changed by more than the flow itself": _shift("pred_magnitude_sum", "n_all", "rcre_all_sum"),
+    "the flow's length changed by more than the flow itself": _jump("pred_magnitude_sum", "n_all", "rcre_all_sum"),
     "it counts more pixels than the frame has": _any(
         [pl.col(c) < 0 for c in _COUNTS]
         + [pl.col("height") < 1, pl.col("width") < 1, pl.col("n_all") + pl.col("n_invalid") > _pixels]

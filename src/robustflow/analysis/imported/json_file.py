@@ -25,7 +25,7 @@ def read_json_file(path: Path) -> Any:
     """
     data = read_bounded(user_path(path), _LARGEST_FILE, "give a results file")
     try:
-        return json.loads(data.decode(), object_pairs_hook=_each_once)
+        return json.loads(data.decode(), object_pairs_hook=_dict_without_duplicates)
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not valid JSON ({plain(str(error))}); give the original file") from error
 
@@ -48,7 +48,7 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
     return float(value)
 
 
-def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _dict_without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
     if twice:
         raise ValueError(f"'{plain(twice[0], 40)}' appears twice")

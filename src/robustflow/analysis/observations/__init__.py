@@ -67,10 +67,10 @@ def observations(
         for of_rcre in (True, False)
     }
     pairs = next((line.pairs for line in results if line.pairs is not None), None)
-    return [_weighed(one, families[one.number in _OF_RCRE], pairs) for one in checked]
+    return [_check_evidence(one, families[one.number in _OF_RCRE], pairs) for one in checked]
 
 
-def _weighed(observation: Observation, families: int, pairs: int | None) -> Observation:
+def _check_evidence(observation: Observation, families: int, pairs: int | None) -> Observation:
     few = []
     if families < LEAST_FAMILIES:
         words = counted(families, "family of models", "families of models")

@@ -113,9 +113,9 @@ def error_intervals(
             pivots[at].append(pivots_of(_logarithm(at[1], values), centers[at]))
     shifts: dict[Key, dict[str, tuple[float, Array]]] = {key: {} for key in means}
     for key, part in parts:
-        rise = _rise(means[key].mean, found[key]) if part == "size" else 0.0
+        rise = _variance_increase(means[key].mean, found[key]) if part == "size" else 0.0
         error = np.sqrt(errors[key, part] ** 2 + rise)
-        shift = error * _limited(np.concatenate(pivots[key, part]), clusters, level)
+        shift = error * _widened_for_few_clusters(np.concatenate(pivots[key, part]), clusters, level)
         shifts[key][part] = centers[key, part], shift
     return {key: _interval(values, shifts[key], level) for key, values in found.items()}
 
@@ -174,7 +174,7 @@ def log_deviation(mean: ErrorMean) -> float | None:
     return float(np.log(errors).std(ddof=1))
 
 
-def _rise(mean: Mean, values: StatisticValues) -> float:
+def _variance_increase(mean: Mean, values: StatisticValues) -> float:
     """Compute by how much the variance of ln(mean) would be higher with a log-normal upper half of the clusters."""
     errors, weights = cluster_errors(mean)
     order = np.argsort(errors)
@@ -189,7 +189,7 @@ def _rise(mean: Mean, values: StatisticValues) -> float:
     return float(max(0.0, rise) * min(1.0, _TAIL / len(errors)))
 
 
-def _limited(pivots: Array, clusters: int, level: float) -> Array:
+def _widened_for_few_clusters(pivots: Array, clusters: int, level: float) -> Array:
     if clusters >= FEW:
         return pivots
     from scipy.special import stdtrit  # imported where it is used, because every page would wait 0.2 s for SciPy

@@ -58,10 +58,10 @@ class ClusterSums:
         sums, counts = {}, {}
         before = (dirty["epe"] - dirty["cre"]).alias("before")
         for values in (dirty["epe"], dirty["cre"], dirty["rcre"], before):
-            sums[values.name], counts[values.name] = _added(values, at, shape)
+            sums[values.name], counts[values.name] = _sums(values, at, shape)
         clean = images.filter(corruption=CLEAN)
         only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
-        clean_sum, clean_count = _added(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
+        clean_sum, clean_count = _sums(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
         averaged = frozenset(averaged_corruptions(rows))
         samples = images["sample"].n_unique()
         return cls(clusters, samples, conditions, averaged, sums, counts, clean_sum, clean_count)
@@ -171,7 +171,7 @@ def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFra
     return at["_row"].to_numpy(), at["_column"].to_numpy()
 
 
-def _added(values: pl.Series, at: tuple[np.ndarray, np.ndarray], shape: tuple[int, int]) -> tuple[Array, Array]:
+def _sums(values: pl.Series, at: tuple[np.ndarray, np.ndarray], shape: tuple[int, int]) -> tuple[Array, Array]:
     known = values.is_not_null().to_numpy()
     sums, counts = np.zeros(shape), np.zeros(shape)
     np.add.at(sums, at, np.where(known, values.fill_null(0.0).to_numpy(), 0.0))

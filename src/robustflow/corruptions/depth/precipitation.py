@@ -90,12 +90,12 @@ def _cover(streaks: Any, depth: Any, passed: Any) -> None:
                 along = (x - x0) * ux + (y - y0) * uy
                 across = (y - y0) * ux - (x - x0) * uy
                 across = across * across
-                share = _passing(outer2 - across, along, length) - _passing(inner2 - across, along, length)
+                share = _path_integral(outer2 - across, along, length) - _path_integral(inner2 - across, along, length)
                 row[x] = row[x] * np.float32(1.0 - gain * max(share, 0.0))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _passing(square: Any, along: Any, length: Any) -> Any:
+def _path_integral(square: Any, along: Any, length: Any) -> Any:
     """Return the integral of max(square - (along - s)^2, 0) over s in [0, length]."""
     if square <= 0.0:
         return 0.0

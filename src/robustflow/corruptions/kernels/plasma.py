@@ -39,7 +39,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
         level += 1
     low, high = grid.min(), grid.max()
     if len(grid) < size:
-        rows, columns = _reach(height, size // len(grid)), _reach(width, size // len(grid))
+        rows, columns = _points_needed(height, size // len(grid)), _points_needed(width, size // len(grid))
         start = -2  # two extra points before the corner at every level: doubling consumes one and doubles the other
         corner = np.take(grid, range(start, start + rows), 0, mode="wrap")
         corner = np.take(corner, range(start, start + columns), 1, mode="wrap")
@@ -58,7 +58,7 @@ def _noise(rng: Rng, level: int, decay: float) -> tuple[np.uint64, np.float32]:
     return np.uint64(rng.spawn("plasma", level).key), np.float32((_AMPLITUDE / decay**level) ** 2)
 
 
-def _reach(length: int, factor: int) -> int:
+def _points_needed(length: int, factor: int) -> int:
     """Return the number of points needed to cover `length` points and the margin after upscaling by `factor`."""
     points = length + 2
     while factor > 1:
@@ -68,7 +68,7 @@ def _reach(length: int, factor: int) -> int:
 
 
 @inner
-def _wibble(bits: Any, amplitude: Any) -> Any:
+def _uniform(bits: Any, amplitude: Any) -> Any:
     """Convert the lowest 16 bits to a uniformly distributed number in +-amplitude."""
     return amplitude * (np.float32(np.int32(bits & np.uint64(0xFFFF))) * np.float32(2.0**-15) - np.float32(1))
 
@@ -92,15 +92,15 @@ def _double(coarse: Any, start: int, points: int, key: Any, amplitude: Any) -> A
             bits[j] = hash64(key, first + np.uint64((start + j) % points))
         for j in range(columns - 1):
             corners = (here[j] + here[j + 1]) + (below[j] + below[j + 1])
-            centre[j] = corners * quarter + _wibble(bits[j], amplitude)
+            centre[j] = corners * quarter + _uniform(bits[j], amplitude)
         if i > 0:
             even, odd = fine[2 * i - 2], fine[2 * i - 1]
             for j in range(1, columns - 1):
                 right = (here[j] + here[j + 1]) + (above[j] + centre[j])
                 down = (here[j] + below[j]) + (centre[j - 1] + centre[j])
                 even[2 * j - 2] = here[j]
-                even[2 * j - 1] = right * quarter + _wibble(bits[j] >> np.uint64(16), amplitude)
-                odd[2 * j - 2] = down * quarter + _wibble(bits[j] >> np.uint64(32), amplitude)
+                even[2 * j - 1] = right * quarter + _uniform(bits[j] >> np.uint64(16), amplitude)
+                odd[2 * j - 2] = down * quarter + _uniform(bits[j] >> np.uint64(32), amplitude)
                 odd[2 * j - 1] = centre[j]
         above, centre = centre, above
     return fine

@@ -44,7 +44,7 @@ def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
     """Convert an RGB frame, uint8 (H, W, 3), to light on the sensor as a fraction of saturation, float32 (H, W)."""
     source = contiguous(frame)
     out = np.empty(source.shape[:2], np.float32)
-    _mosaic(source, linear_of_bytes(), *_single(camera.from_srgb, camera.gains), out)
+    _mosaic(source, linear_of_bytes(), *_as_float32(camera.from_srgb, camera.gains), out)
     return out
 
 
@@ -59,14 +59,14 @@ def developed(raw: Raw, camera: CameraColours, sensor: Sensor) -> Frame:
     Returns:
         RGB uint8 (H, W, 3).
     """
-    matrix, gains = _single(camera.to_srgb, camera.gains)
+    matrix, gains = _as_float32(camera.to_srgb, camera.gains)
     noise = np.float32(_WIDTH * sensor.shot), np.float32(_WIDTH * sensor.read**2)
     out = np.empty((*raw.shape, 3), np.uint8)
     _develop(raw, *noise, gains, matrix, bytes_of_linear(), out)
     return out
 
 
-def _single(*arrays: Any) -> tuple[Any, ...]:
+def _as_float32(*arrays: Any) -> tuple[Any, ...]:
     return tuple(array.astype(np.float32) for array in arrays)
 
 
@@ -163,14 +163,14 @@ def _average_alike(
         mean = (((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + (g[i] + h[i])) + v) * np.float32(1.0 / 9.0)
         width = shot * max(mean, np.float32(0.0)) + read  # the weights are scaled by width**2
         da, db, dc, dd, de, df, dg, dh = a[i] - v, b[i] - v, c[i] - v, d[i] - v, e[i] - v, f[i] - v, g[i] - v, h[i] - v
-        wa, wb, wc, wd = _alike(da, width), _alike(db, width), _alike(dc, width), _alike(dd, width)
-        we, wf, wg, wh = _alike(de, width), _alike(df, width), _alike(dg, width), _alike(dh, width)
+        wa, wb, wc, wd = _similarity(da, width), _similarity(db, width), _similarity(dc, width), _similarity(dd, width)
+        we, wf, wg, wh = _similarity(de, width), _similarity(df, width), _similarity(dg, width), _similarity(dh, width)
         total = ((wa * da + wb * db) + (wc * dc + wd * dd)) + ((we * de + wf * df) + (wg * dg + wh * dh))
         out[i] = v + total / (width * width + (((wa + wb) + (wc + wd)) + ((we + wf) + (wg + wh))))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _alike(difference: Any, width: Any) -> Any:
+def _similarity(difference: Any, width: Any) -> Any:
     """Return the weight for a difference between neighbours."""
     rest = max(width - difference * difference, np.float32(0.0))
     return rest * rest

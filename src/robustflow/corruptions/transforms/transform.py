@@ -148,7 +148,7 @@ class CorruptionTransform:
         severity = levels[rng.integer(0, len(levels))]
         state = corruption.draw(rng.spawn("draw"), severity, frames[0].shape[:2])
         return [
-            _like(frame, corruption.apply(_rgb(frame), state, index), corruption.name)
+            _in_format_of(frame, corruption.apply(_rgb(frame), state, index), corruption.name)
             for index, frame in enumerate(frames)
         ]
 
@@ -225,7 +225,7 @@ def _rgb(image: Image) -> Frame:
     return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)))
 
 
-def _like(image: Image, frame: Frame, name: str) -> Image:
+def _in_format_of(image: Image, frame: Frame, name: str) -> Image:
     """Convert `frame` to the shape and dtype of `image`."""
     out: Image = frame
     if image.ndim == 2 or image.shape[2] == 1:

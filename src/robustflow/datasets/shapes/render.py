@@ -102,7 +102,7 @@ def _time(which: Any, readout: Any, y: Any, height: Any) -> Any:
 
 
 @inner
-def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
+def _inside(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
     """Return False if a point is outside a layer's bounding circle at time `t`; a cheap test that skips most layers."""
     if outline[7] < 0.0:
         return True
@@ -130,7 +130,7 @@ def _colours(
         left = 1.0
         out[i, 0], out[i, 1], out[i, 2] = 0.0, 0.0, 0.0
         for layer in range(motions.shape[0]):
-            if not _near(outlines[layer], motions[layer], t, x, y):
+            if not _inside(outlines[layer], motions[layer], t, x, y):
                 continue
             mx, my = from_time(motions[layer], t, x, y)
             inside = inset(outlines[layer], mx, my)
@@ -164,7 +164,7 @@ def _flows(
         t = _time(0.0, readout, y, height)
         top = 0
         while not (
-            _near(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
+            _inside(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
         ):
             top += 1
         mx, my = from_time(motions[top], t, x, y)
@@ -180,7 +180,7 @@ def _flows(
         for layer in range(top):
             if hidden:
                 break
-            if _near(outlines[layer], motions[layer], t, qx, qy):
+            if _inside(outlines[layer], motions[layer], t, qx, qy):
                 hidden = _inset_at(outlines[layer], motions[layer], t, qx, qy) > 0.0
         occluded[i] = hidden
 
@@ -193,7 +193,7 @@ def _depths(which: Any, readout: Any, motions: Any, outlines: Any, of_layers: An
             top = 0
             x, y = float(column), float(row)
             while not (
-                _near(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
+                _inside(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
             ):
                 top += 1
             out[row, column] = of_layers[top]

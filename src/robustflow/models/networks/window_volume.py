@@ -107,13 +107,13 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
     reach = inner.shape[-1] // 2
     offsets = torch.arange(-reach, reach + 1, device=x.device)
     before_x, before_y = (
-        _lands_before((centre[:, None] + offsets).float(), side)[:, None] for centre, side in ((x, width), (y, height))
+        _gets_smaller((centre[:, None] + offsets).float(), side)[:, None] for centre, side in ((x, width), (y, height))
     )
     along_x = torch.where(before_x[..., None, :], to_left, to_right)
     return along_x, torch.where(before_y[..., None], upwards, downwards)
 
 
-def _lands_before(pixels: Tensor, side: int) -> Tensor:
+def _gets_smaller(pixels: Tensor, side: int) -> Tensor:
     """Return whether an integer coordinate becomes smaller when it is normalised to -1..1 for `grid_sample` and
     converted back.
     """

@@ -121,7 +121,7 @@ def ptlflow_network(
             with _silence():
                 return wrap(reference(**options))
         except Exception as error:
-            raise _not_built(name, architecture, reference, error) from error
+            raise _build_error(name, architecture, reference, error) from error
 
     if architecture in BESIDES:
         build()  # raises an error before a checkpoint is downloaded unnecessarily
@@ -156,7 +156,7 @@ def is_of_ptlflow(name: str) -> bool:
     return name in ptlflow.get_model_names()
 
 
-def _not_built(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
+def _build_error(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if architecture not in BESIDES and not isinstance(error, ImportError):
         return ModelError(f"model '{name}' cannot be built: {what}")

@@ -27,7 +27,7 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
     """
     height, width = frame1.shape[:2]
     top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
-    first, second = (_pyramid(weights, _entering(frame)) for frame in (frame1, frame2))
+    first, second = (_pyramid(weights, _network_input(frame)) for frame in (frame1, frame2))
     flow = np.zeros((*first[-1].shape[:2], 2), np.float32)
     hidden = flow
     for level, (own, other) in enumerate(zip(first[::-1], second[::-1], strict=True)):
@@ -39,7 +39,7 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
     return np.ascontiguousarray(fine[top : top + height, left : left + width])
 
 
-def _entering(frame: Frame) -> Maps:
+def _network_input(frame: Frame) -> Maps:
     """Convert a frame to the network's input: (H, W, 3) in -1..1, padded to multiples of 32 by repeating the border."""
     height, width = frame.shape[:2]
     rows, columns = -height % MULTIPLE, -width % MULTIPLE

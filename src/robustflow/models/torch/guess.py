@@ -73,7 +73,7 @@ class Declared:
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
         """
-        return ", ".join(f"{key}={value}" for key, value in self._given().items())
+        return ", ".join(f"{key}={value}" for key, value in self._set_fields().items())
 
     def line(self) -> str:
         """Return the line of code and the command-line options that declare this convention.
@@ -81,11 +81,11 @@ class Declared:
         >>> Declared("0-1", "rgb", output=-1).line()
         "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
         """
-        given = {key: value for key, value in self._given().items() if (key, value) != ("output", LAST_OUTPUT)}
+        given = {key: value for key, value in self._set_fields().items() if (key, value) != ("output", LAST_OUTPUT)}
         code = ", ".join(f"{key}={value!r}" for key, value in given.items())
         return f"robustflow.TorchModel(net, {code}) or {' '.join(f'-O {key}={value}' for key, value in given.items())}"
 
-    def _given(self) -> dict[str, str | int]:
+    def _set_fields(self) -> dict[str, str | int]:
         fields = {"scaling": self.scaling, "order": self.order, "layout": self.layout, "output": self.output}
         return {key: value for key, value in fields.items() if value is not None}
 

@@ -99,9 +99,9 @@ def _refuse_other_names(
         if name in weights and weights[name].shape != wanted[key].shape
     ]
     differences = [
-        _few("missing", (name for name in own if name not in weights)),
-        _few("unexpected", (name for name in weights if name not in own)),
-        _few("with a different shape", shapes),
+        _first_names("missing", (name for name in own if name not in weights)),
+        _first_names("unexpected", (name for name in weights if name not in own)),
+        _first_names("with a different shape", shapes),
     ]
     if any(differences):
         raise ModelError(
@@ -137,7 +137,7 @@ def kind_of(value: Tensor) -> str:
     return kind + (" without values (on the device meta)" if value.is_meta else "")
 
 
-def _few(what: str, names: Iterable[str], shown: int = 3) -> str:
+def _first_names(what: str, names: Iterable[str], shown: int = 3) -> str:
     names = list(names)
     more = f", and {len(names) - shown} more" if len(names) > shown else ""
     few = ", ".join(name[:100] for name in names[:shown])

@@ -46,7 +46,7 @@ def _check(path: Path, run: Run) -> None:
     if data in made:
         return
     given = data.split(b"\n")
-    nearest = max((each.split(b"\n") for each in made), key=lambda lines: _alike(lines, given))
+    nearest = max((each.split(b"\n") for each in made), key=lambda lines: _equal_lines(lines, given))
     number = next((n for n, pair in enumerate(zip(nearest, given, strict=False)) if pair[0] != pair[1]), None)
     if number is None:
         raise RunError(
@@ -58,5 +58,5 @@ def _check(path: Path, run: Run) -> None:
     )
 
 
-def _alike(lines: Sequence[bytes], given: Sequence[bytes]) -> int:
+def _equal_lines(lines: Sequence[bytes], given: Sequence[bytes]) -> int:
     return sum(one == other for one, other in zip(lines, given, strict=False))

@@ -46,7 +46,7 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         elif all(_CLEAN not in line.values and _MOVED in line.values for line in lines):
             sentences.append(conclusion(lines))
         elif is_still(of):
-            sentences += [*_phantom(lines), PHANTOM]
+            sentences += [*_phantom_motion_sentences(lines), PHANTOM]
         elif len(lines) == 1:
             reasons = [f"Not evidence of robustness: {reason}." for reason in not_ranked(lines)]
             sentences += _single_model(lines[0]) + reasons
@@ -64,7 +64,7 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
     return sentences
 
 
-def _phantom(lines: Sequence[ModelResult]) -> list[str]:
+def _phantom_motion_sentences(lines: Sequence[ModelResult]) -> list[str]:
     """State the phantom motion of each run in a group on static scenes."""
     known = [(line.name, phantom_motion(line.run)) for line in lines if line.run is not None]
     return [f"{plain(name)}: {sentence}." for name, sentence in known if sentence]

@@ -95,7 +95,7 @@ def _tables(lines: Sequence[ModelResult]) -> Iterator[Table]:
     """Yield a table per metric of a run, or a table per benchmark of other results."""
     if (run := lines[0].run) is not None:
         for metric in (*_METRICS, "photometric", "spread"):
-            if _has(lines[0], run, metric):
+            if _has_table(lines[0], run, metric):
                 yield _severity_table(lines[0], run, metric)
         return
     for benchmark in dict.fromkeys(line.benchmark for line in lines):
@@ -191,7 +191,7 @@ def _sentences(line: ModelResult) -> tuple[str, ...]:
     return ()
 
 
-def _has(line: ModelResult, run: Run, metric: str) -> bool:
+def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
     """Return whether a run has a table of this metric; the photometric error only has one without ground truth."""
     if metric in METRIC_LABELS and metric != "photometric":
         return bool(line.numbers(metric))

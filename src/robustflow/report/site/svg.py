@@ -67,7 +67,7 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
     for gid, marks in figure.marks.items():
         if gid in by_id:
             _name_marks(by_id[gid], marks, page_of)
-    _drop(root, "metadata", "style")
+    _remove_elements(root, "metadata", "style")
     _share_shapes(root)
     _rename_ids(root, prefix)
     for element in root.iter():
@@ -140,7 +140,7 @@ def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Call
             element.set("data-label", mark_text(mark))
 
 
-def _drop(root: ElementTree.Element, *tags: str) -> None:
+def _remove_elements(root: ElementTree.Element, *tags: str) -> None:
     for parent in list(root.iter()):
         for child in list(parent):
             if child.tag in {f"{{{_SVG}}}{tag}" for tag in tags}:

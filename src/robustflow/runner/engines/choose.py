@@ -160,14 +160,14 @@ def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:
         return " (this process is itself a worker)"
     if not may_have_children():
         return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'
-    if model.spec is None and not _moves(model.model):
+    if model.spec is None and not _can_be_loaded_elsewhere(model.model):
         return " (this model object cannot be sent to another process)"
-    if not _moves(others):
+    if not _can_be_loaded_elsewhere(others):
         return " (this dataset or corruption cannot be sent to another process)"
     return ""
 
 
-def _moves(thing: Any) -> bool:
+def _can_be_loaded_elsewhere(thing: Any) -> bool:
     """Return whether another process can load a pickled object; False if its class is defined in a notebook or at a
     prompt."""
     try:

@@ -126,7 +126,7 @@ class _Feeder:
         else:
             frames = self._frames.corrupt(sample.loaded.sample, corruption, severity)
             self._ask(sample, cell, frames, wanted=True)
-        self._begun(cell, self._seconds["corrupt"] - before)
+        self._report_sent(cell, self._seconds["corrupt"] - before)
 
     def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
         """Read the clean flow from disk, or request it; for a clean cell, this also requests the flow of the cell."""
@@ -137,9 +137,9 @@ class _Feeder:
         self._ask(sample, (cell[0], CLEAN, 0), sample.loaded.sample.frames, wanted)
         self._send_batch()  # predicted alone, as in the other engines
         if wanted:
-            self._begun(cell, 0.0)
+            self._report_sent(cell, 0.0)
 
-    def _begun(self, cell: Cell, cost: float) -> None:
+    def _report_sent(self, cell: Cell, cost: float) -> None:
         """Report that a cell was sent and that its frames took `cost` seconds, and request the next cell."""
         self._queued_cells.popleft()
         self._unanswered += 1

@@ -110,7 +110,7 @@ def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame
     if geometry.scale is not None:
         x, y = geometry.scale
         frame = cv2.resize(frame, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)
-    return np.ascontiguousarray(_placed(frame, geometry, crop))
+    return np.ascontiguousarray(_cropped(frame, geometry, crop))
 
 
 def without_border(frame: Frame, border: int) -> Frame:
@@ -137,7 +137,7 @@ def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int
             valid = np.asarray(share > 0.999)
         else:
             valid = np.ones(flow.shape[:2], bool)
-    return _turned(_placed(flow, geometry, crop), geometry), np.ascontiguousarray(_placed(valid, geometry, crop))
+    return _turned(_cropped(flow, geometry, crop), geometry), np.ascontiguousarray(_cropped(valid, geometry, crop))
 
 
 def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
@@ -146,10 +146,10 @@ def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, in
     if geometry.scale is not None:
         width, height = scaled_size(flow.shape[:2], geometry.scale)
         flow, valid = _resized_sparse_flow(np.ascontiguousarray(flow), valid, *geometry.scale, height, width)
-    return _turned(_placed(flow, geometry, crop), geometry), np.ascontiguousarray(_placed(valid, geometry, crop))
+    return _turned(_cropped(flow, geometry, crop), geometry), np.ascontiguousarray(_cropped(valid, geometry, crop))
 
 
-def _placed(array: Any, geometry: Geometry, crop: tuple[int, int]) -> Any:
+def _cropped(array: Any, geometry: Geometry, crop: tuple[int, int]) -> Any:
     """Return a flipped and cropped view."""
     if geometry.mirrored:
         array = array[:, ::-1]

@@ -71,7 +71,7 @@ def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPar
         DataError: the dataset is not found, or its layout is not as expected; the message names the expected folders.
         UsageError: the name in "NAME=FOLDER" is not a dataset, or the dataset has no ground truth.
     """
-    named, roots = _parted(data)
+    named, roots = _named_paths_and_roots(data)
     folder = named.get(part.data)
     if folder is None and needs_folder(part.data):
         dataset = _search(part, roots)
@@ -98,7 +98,7 @@ def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPar
     return OpenPart(part, dataset, tuple(keys))
 
 
-def _parted(data: Sequence[str | Path]) -> tuple[dict[str, Path], list[Path]]:
+def _named_paths_and_roots(data: Sequence[str | Path]) -> tuple[dict[str, Path], list[Path]]:
     named: dict[str, Path] = {}
     roots: list[Path] = []
     for entry in data:

@@ -163,7 +163,7 @@ def workers_watched() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
+        if not (_is_dead_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
             raise
         raise RunError(
             "a process that reads training pairs was killed, which happens when memory or /dev/shm is full; the last "
@@ -171,7 +171,7 @@ def workers_watched() -> Iterator[None]:
         ) from error
 
 
-def _tells_of_a_worker(error: BaseException | None) -> bool:
+def _is_dead_worker(error: BaseException | None) -> bool:
     """Return whether an error, or its cause, is PyTorch's report of a dead worker. A report that interrupts the writing
     of a checkpoint is followed by an error about the unfinished file."""
     while error is not None:
