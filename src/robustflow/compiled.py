@@ -113,10 +113,10 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
     def decorate(function: Function) -> Function:
         @cache
         def compiled() -> Any:
-            made = njit(**options)(function)
-            made.compile(signature)
-            made.disable_compile()
-            return made
+            compiled = njit(**options)(function)
+            compiled.compile(signature)
+            compiled.disable_compile()
+            return compiled
 
         @wraps(function)
         def call(*arguments: Any) -> Any:

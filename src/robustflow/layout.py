@@ -26,15 +26,15 @@ def locate(
             was probably meant.
     """
     root = user_path(root)
-    wanted = expected or " and ".join(f"{marker}/" for marker in markers)
+    layout = expected or " and ".join(f"{marker}/" for marker in markers)
     if not root.exists():
-        raise DataError(f"{root}: no such folder; give the folder of {title} that contains {wanted}")
+        raise DataError(f"{root}: no such folder; give the folder of {title} that contains {layout}")
     if not root.is_dir():
         if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
             raise DataError(
-                f"{root}: this is an archive; unpack it, and give the folder of {title} that contains {wanted}"
+                f"{root}: this is an archive; unpack it, and give the folder of {title} that contains {layout}"
             )
-        raise DataError(f"{root}: not a folder; give the folder of {title} that contains {wanted}")
+        raise DataError(f"{root}: not a folder; give the folder of {title} that contains {layout}")
     try:
         for folder in (root / prefix for prefix in prefixes):
             if _holds(folder, markers):
@@ -45,7 +45,7 @@ def locate(
         raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check its permissions") from error
     hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset into it"
     state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
-    raise DataError(f"{root}: {state} {wanted}{hint}")
+    raise DataError(f"{root}: {state} {layout}{hint}")
 
 
 def user_path(path: str | Path) -> Path:

@@ -36,8 +36,8 @@ def test_planted_power_law_is_recovered_with_the_residual_of_an_outlier():
 
 
 def test_trend_is_fitted_per_setting_or_over_all():
-    apart, together = effective_robustness(_OF_KITTI), effective_robustness(_OF_KITTI, by_setting=False)
-    assert set(apart) == {"OOD", "ID"}
+    by_setting, together = effective_robustness(_OF_KITTI), effective_robustness(_OF_KITTI, by_setting=False)
+    assert set(by_setting) == {"OOD", "ID"}
     assert len(together[""]) == 29
     assert len({one.slope for one in together[""]}) == 1
     (without,) = effective_robustness(_OF_KITTI, by_setting=False, without=("FlowDiffuser",)).values()

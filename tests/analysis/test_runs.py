@@ -275,12 +275,12 @@ def test_blank_name_is_replaced_by_the_next_candidate(runs, model, name):
 
 def test_published_rows_keep_their_marks_beside_runs(runs):
     alone = {table.name: table for table in tables_of([], published=True)}
-    beside = {table.name: table for table in tables_of(runs, published=True)}
+    tables = {table.name: table for table in tables_of(runs, published=True)}
     for name in ("epe", "cre", "rcre"):
-        lines = {(s.title, line.label): line.cells for s in beside[name].sections for line in s.lines if not line.note}
+        lines = {(s.title, line.label): line.cells for s in tables[name].sections for line in s.lines if not line.note}
         assert lines == {(s.title, line.label): line.cells for s in alone[name].sections for line in s.lines}
-    noted = [line.label for s in beside["epe"].sections for line in s.lines if line.note]
-    assert noted == ["DIS", "Trained", "<img src=x onerror=alert(1)>"]
+    labels = [line.label for s in tables["epe"].sections for line in s.lines if line.note]
+    assert labels == ["DIS", "Trained", "<img src=x onerror=alert(1)>"]
 
 
 def test_every_table_is_rendered_in_every_format(runs):

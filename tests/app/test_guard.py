@@ -151,7 +151,7 @@ def test_uploads_of_a_killed_app_are_removed_by_the_next_app(tmp_path, monkeypat
     """The next app removes its uploads, but not those of an app that is still running."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     running = UploadFolder()
-    kept = running.new()
+    own_folder = running.new()
     upload = "import time; from robustflow.app.upload_folder import UploadFolder as Folder; folder = Folder(); "
     upload += "print(folder.new(), flush=True); time.sleep(600)"
     environment = os.environ | {"TMPDIR": str(tmp_path)}
@@ -162,7 +162,7 @@ def test_uploads_of_a_killed_app_are_removed_by_the_next_app(tmp_path, monkeypat
     assert left.is_dir()
     UploadFolder().close()
     assert not left.parent.exists()
-    assert kept.is_dir()
+    assert own_folder.is_dir()
     running.close()
     assert not list(tmp_path.iterdir())
 
@@ -203,18 +203,18 @@ def refusal(capsys, monkeypatch):
         monkeypatch.setattr("sys.argv", ["robustflow", "app", "--no-browser", *arguments])
         with pytest.raises(SystemExit) as stopped:
             main()
-        said = capsys.readouterr().err
-        assert (stopped.value.code, said.count("\n")) == (2, 1)
-        return said
+        errors = capsys.readouterr().err
+        assert (stopped.value.code, errors.count("\n")) == (2, 1)
+        return errors
 
     return start
 
 
 def test_port_in_use_is_refused(refusal):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        assert "cannot listen on 127.0.0.1 port" in refusal("--port", str(taken.getsockname()[1]))
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        assert "cannot listen on 127.0.0.1 port" in refusal("--port", str(server.getsockname()[1]))
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ def _cases(folder: str, net: str) -> list[dict]:
     if not path.is_file():
         return [pytest.param(None, marks=pytest.mark.skip(reason=f"shared data 'parity/{folder}' not found"))]
     cases = json.loads(path.read_text())["cases"]
-    mine = cases[net] if isinstance(cases, dict) else [case for case in cases if case["name"].startswith(net)]
-    return [pytest.param(case, id=case["name"]) for case in mine]
+    net_cases = cases[net] if isinstance(cases, dict) else [case for case in cases if case["name"].startswith(net)]
+    return [pytest.param(case, id=case["name"]) for case in net_cases]
 
 
 def _smooth(pack: Pack) -> TorchModel:
@@ -141,8 +141,8 @@ def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
     start, before = (np.ascontiguousarray(images[:, ::-1]) for images in (start, before))
     if "grad0" in expected:
         gradient = problem.loss_and_gradient(problem.ball.clean)[2][:, ::-1, ::2, ::2]
-        apart = np.abs(gradient - expected["grad0"]) > 1e-4 * np.abs(expected["grad0"]).max()
-        assert np.mean(apart) <= 0.001
+        differs = np.abs(gradient - expected["grad0"]) > 1e-4 * np.abs(expected["grad0"]).max()
+        assert np.mean(differs) <= 0.001
     if case["norm"] == "two":
         start = _start_under_l2(problem, case["eps"])[:, ::-1].copy()
     if "iter1" in expected:

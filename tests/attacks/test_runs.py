@@ -106,28 +106,28 @@ def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
     from robustflow.runner.engines.choose import choose_engine
     from robustflow.runner.named_model import name_model
 
-    named = name_model(TINY)
+    loaded = name_model(TINY)
     monkeypatch.setattr("robustflow.runner.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
 
-    engine = choose_engine(None, None, None, None, named, attacks=True)
+    engine = choose_engine(None, None, None, None, loaded, attacks=True)
     assert engine.describe([]) == "serial (attacks need the model in this process)"
     with pytest.raises(UsageError, match="omit --engine, --workers and --timeout"):
-        choose_engine("processes", None, None, None, named, attacks=True)
+        choose_engine("processes", None, None, None, loaded, attacks=True)
 
 
 def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):
-    theirs = run(tmp_path / "run", variant="flowbench", severities=1)
+    flowbench = run(tmp_path / "run", variant="flowbench", severities=1)
 
     digests = {
         name: [
             result.attack_rows.filter(corruption=name, severity=1).sort("sample")["frames_digest"].to_list()
-            for result in (both, theirs)
+            for result in (both, flowbench)
         ]
         for name in ("random_sign", "fgsm", "pgd")
     }
     assert digests["random_sign"][0] == digests["random_sign"][1]
     assert digests["pgd"][0] != digests["pgd"][1]
-    assert theirs.manifest.identity != both.manifest.identity
+    assert flowbench.manifest.identity != both.manifest.identity
 
 
 def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tmp_path):

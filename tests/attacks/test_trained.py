@@ -131,14 +131,14 @@ def test_patch_is_a_disc_of_the_requested_area(name, moved, severity, height, wi
     attacked = rf.attack(*frames, still, f"{name}:moved={moved}", budget=budget, seed=seed)
 
     changed = (np.stack(attacked.frames) != frames).any(axis=-1)
-    kept = {"first": changed[:1], "second": changed[1:]}.get(moved, changed)
+    expected = {"first": changed[:1], "second": changed[1:]}.get(moved, changed)
     assert not changed[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
-    for one in kept:
+    for one in expected:
         assert 0 < 100 * one.mean() <= budget
         rows, columns = np.nonzero(one)
         side = max(np.ptp(rows), np.ptp(columns)) + 1
         assert side <= 2 * np.sqrt(budget / 100 * height * width / np.pi) + 2
-    assert np.array_equal(kept[0], kept[-1])
+    assert np.array_equal(expected[0], expected[-1])
 
 
 def test_a_trained_patch_beats_stripes_and_random_colours_on_pairs_and_places_it_did_not_see():

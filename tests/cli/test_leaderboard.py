@@ -60,8 +60,8 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     robustflow.prints("leaderboard", run, *files, "--no-published", "-o", "site")
     page = Path("site/index.html").read_text()
     imported = ("RAFT_ood", "gma kitti", "Reference code, kitti-fc", "FlowBench, kitti-2015, severity 3")
-    for said in (*imported, NOTE, "Not ranked here: 1 claimed line"):
-        assert said in page
+    for text in (*imported, NOTE, "Not ranked here: 1 claimed line"):
+        assert text in page
     (gma,) = (line for line in read_results("site/results.csv") if line.name == "gma kitti")
     assert gma.number("epe", "motion_blur") == 4.86
     error = robustflow.refuses("leaderboard", run / "summary.json", "--no-published", code=1)

@@ -13,8 +13,8 @@ from robustflow.records.pack import record_bytes
 @pytest.fixture(scope="module")
 def packed(runs):
     """Both runs as records: file name -> contents."""
-    said = {"author": "Ada", "link": "https://example.org"}
-    return {f"{run.name}.robustflow": record_bytes(load_run(run), **said) for run in runs}
+    texts = {"author": "Ada", "link": "https://example.org"}
+    return {f"{run.name}.robustflow": record_bytes(load_run(run), **texts) for run in runs}
 
 
 @pytest.fixture
@@ -26,8 +26,8 @@ def records(robustflow, packed):
 
 
 def test_packed_record_verifies(robustflow, runs, packed):
-    said = ("--author", "Ada", "--link", "https://example.org")
-    records = [Path(robustflow.prints("pack", run, *said).strip()) for run in runs]
+    options = ("--author", "Ada", "--link", "https://example.org")
+    records = [Path(robustflow.prints("pack", run, *options).strip()) for run in runs]
     assert {path.name: path.read_bytes() for path in records} == packed
     out = robustflow.prints("verify", *records)
     assert out.count("\n  verified, SHA-256 ") == 2

@@ -307,8 +307,8 @@ def test_empty_path_is_refused(robustflow, tmp_path, command, empty):
 )
 def test_a_home_of_an_unknown_user_is_refused(robustflow, command):
     arguments = command.replace("X", "~no-such-user/x").split()
-    assert "~no-such-user/x" in (said := robustflow.refuses(*arguments, code=1))
-    assert "there is no such user" in said
+    assert "~no-such-user/x" in (error := robustflow.refuses(*arguments, code=1))
+    assert "there is no such user" in error
 
 
 def test_the_home_folder_of_an_output_is_expanded(robustflow, tmp_path, monkeypatch):

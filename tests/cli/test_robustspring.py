@@ -141,8 +141,8 @@ def test_flows_of_one_model_are_not_reused_for_another(robustflow, export, runs)
     where = ("-c", "fog", "--limit", "2", "-o", "out")
     robustflow.prints(*export, *where)
     before = {path: path.read_bytes() for path in Path("out").rglob("*.flo5")}
-    said = robustflow.refuses("export", runs[0], *export[2:], *where)
-    assert said.endswith("out contains flows of a different model; choose another folder with --output")
+    error = robustflow.refuses("export", runs[0], *export[2:], *where)
+    assert error.endswith("out contains flows of a different model; choose another folder with --output")
     Path("out/model.json").unlink()
     assert "contains flows of a different model" in robustflow.refuses(*export, *where)
     assert {path: path.read_bytes() for path in Path("out").rglob("*.flo5")} == before

@@ -52,11 +52,11 @@ def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant):
     glass = GlassBlur(variant)
     rng = Rng.of("whole")
     sigma, reach, iterations = glass.parameter(5)
-    once = np.floor(gaussian_filter(frame.astype(np.float64), (sigma, sigma, 0), mode="nearest") + 1e-3)
-    moved = shuffled_by_loops(once, rng, reach, iterations, swap=variant == "paper")
-    twice = gaussian_filter(moved, (sigma, sigma, 0), mode="nearest")
+    blurred = np.floor(gaussian_filter(frame.astype(np.float64), (sigma, sigma, 0), mode="nearest") + 1e-3)
+    moved = shuffled_by_loops(blurred, rng, reach, iterations, swap=variant == "paper")
+    expected = gaussian_filter(moved, (sigma, sigma, 0), mode="nearest")
     got = glass.apply(frame, glass.draw(rng, 5, (40, 50)), 0)
-    assert np.abs(got - twice).max() < 0.501
+    assert np.abs(got - expected).max() < 0.501
 
 
 def test_glass_blur_keeps_a_white_frame_white():

@@ -87,22 +87,22 @@ def test_a_stack_is_converted_once_unless_its_cache_entry_is_damaged(stacks, tmp
     with monkeypatch.context() as patch:
         patch.setattr(reference_stack, "_read_tensor", None)
         assert reference_stack.reference_field(stacks, 0.0832).digest == first
-    (kept,) = (tmp_path / "cache" / "psf").iterdir()
-    kept.write_bytes(b"not an array")
+    (cached,) = (tmp_path / "cache" / "psf").iterdir()
+    cached.write_bytes(b"not an array")
     assert reference_stack.reference_field(stacks, 0.0832).digest == first
 
 
 @pytest.mark.torch
 def test_every_flipped_bit_of_a_kept_stack_is_noticed(stacks, tmp_path):
     reference_stack.reference_field(stacks, 0.0832)
-    (kept,) = (tmp_path / "cache" / "psf").iterdir()
-    whole, rng = kept.read_bytes(), np.random.default_rng(1)
-    assert reference_stack._read_kept(kept, kept.stem) is not None
+    (cached,) = (tmp_path / "cache" / "psf").iterdir()
+    whole, rng = cached.read_bytes(), np.random.default_rng(1)
+    assert reference_stack._read_kept(cached, cached.stem) is not None
     for place in (*rng.integers(0, len(whole), 24), *range(len(whole) - 16, len(whole))):
         flipped = bytearray(whole)
         flipped[place] ^= 1 << rng.integers(0, 8)
-        kept.write_bytes(flipped)
-        assert reference_stack._read_kept(kept, kept.stem) is None
+        cached.write_bytes(flipped)
+        assert reference_stack._read_kept(cached, cached.stem) is None
 
 
 @pytest.mark.torch

@@ -100,9 +100,9 @@ def test_a_dot_is_smeared_along_its_projections(at, by, angle, severity):
     way = point + times * step
     way = way[:, :2] / way[:, 2:] * 100 + [49.5, 29.5]
     smeared = np.stack([xs, ys], axis=1)
-    apart = np.hypot(*(smeared[:, None] - way[None]).transpose(2, 0, 1))
-    assert apart.min(axis=1).max() < 1.6 + 2**0.5, "a pixel outside the path"
-    assert apart.min(axis=0).max() < 1, "a part of the path without a pixel"
+    distances = np.hypot(*(smeared[:, None] - way[None]).transpose(2, 0, 1))
+    assert distances.min(axis=1).max() < 1.6 + 2**0.5, "a pixel outside the path"
+    assert distances.min(axis=0).max() < 1, "a part of the path without a pixel"
 
 
 @pytest.mark.parametrize("severity", [2, 3, 5])

@@ -153,7 +153,7 @@ def test_an_object_that_differs_from_its_name_cannot_be_in_a_run(made):
         (type("Fog", (Veil,), {}), "has the same name as the corruption 'fog'"),
         (type("Clean", (Veil,), {}), "invalid corruption name 'clean'"),
         (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
-        (type("Ten", (Veil,), {"severities": 10}), "has `severities` 10: give a tuple of five"),
+        (type("Ten", (Veil,), {"severities": 10}), "has `severities` 10: give a tuple of 5"),
         (type("Moves", (Veil,), {"truth": "moved"}), "has `truth` 'moved': set unchanged or none"),
         (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],

@@ -44,10 +44,10 @@ def test_the_definition_of_the_reference_folder_agrees(shared):
     spec = importlib.util.spec_from_file_location("metrics_def", folder / "metrics_def.py")
     assert spec is not None
     assert spec.loader is not None
-    theirs = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(theirs)
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
     frame1, frame2 = read_image(folder / "clean_1.png"), read_image(folder / "clean_2.png")
-    assert Ssim(frame1)(frame2) == pytest.approx(theirs.ssim(frame1, frame2), abs=2e-5)
+    assert Ssim(frame1)(frame2) == pytest.approx(reference.ssim(frame1, frame2), abs=2e-5)
 
 
 def test_images_of_two_sizes_are_refused():

@@ -50,9 +50,9 @@ def test_transform_of_a_structure_changes_only_its_images():
 def test_masks_beside_a_plain_tensor_are_kept_and_a_video_is_refused():
     """The frames of a video belong together, but the items of a batch are drawn independently."""
     grey, mask = image(0, (1, 24, 32)), tv_tensors.Mask(image(1, (1, 24, 32)))
-    out, kept = TorchCorruption(["contrast"], [5])(grey, mask)
+    out, out_mask = TorchCorruption(["contrast"], [5])(grey, mask)
     assert not torch.equal(out, grey)
-    assert kept is mask
+    assert out_mask is mask
     with pytest.raises(DataError, match="no image"):
         TorchCorruption(["contrast"])(tv_tensors.Video(image(0, (4, 3, 8, 8))))
 

@@ -165,8 +165,8 @@ def test_processes_with_copies_of_one_transform_draw_apart():
     context = multiprocessing.get_context("fork")
     drawn = []
     for _ in range(2):
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_send_two, args=(transform, theirs))
+        ours, child = context.Pipe()
+        process = context.Process(target=_send_two, args=(transform, child))
         process.start()
         drawn += ours.recv()
         process.join()

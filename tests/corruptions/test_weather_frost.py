@@ -173,9 +173,9 @@ def test_two_processes_fetch_the_textures_at_once(invented, tmp_path):
     command = [sys.executable, "-c", FETCH_IN_A_PROCESS, json.dumps(frost_assets.TEXTURES), str(tmp_path / "it.whl")]
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in processes:
-        _, said = process.communicate(timeout=120)
-        assert process.returncode == 0, said
-        assert "SHA-256" not in said
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
+        assert "SHA-256" not in errors
     assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
 
 

@@ -37,8 +37,8 @@ def filled_in_plain_python(depth):
     rows = {}
     for y in np.flatnonzero(known.any(axis=1)):
         at = np.flatnonzero(known[y])
-        beside = [(at[at <= x][-1:], at[at >= x][:1]) for x in range(depth.shape[1])]
-        rows[y] = [max(depth[y, place] for place in (*left, *right)) for left, right in beside]
+        neighbours = [(at[at <= x][-1:], at[at >= x][:1]) for x in range(depth.shape[1])]
+        rows[y] = [max(depth[y, place] for place in (*left, *right)) for left, right in neighbours]
     out = np.empty(depth.shape)
     for y in range(depth.shape[0]):
         above, below = [r for r in rows if r <= y][-1:], [r for r in rows if r >= y][:1]

@@ -149,7 +149,7 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
     """With default settings, FFmpeg conceals a changed byte with earlier content."""
     write_video(tmp_path / "a.mp4", 30, 10, crf="5")
     whole, expected = (tmp_path / "a.mp4").read_bytes(), decoded(tmp_path / "a.mp4")
-    start, changed, taken = whole.index(b"mdat") + 900, 0, 0
+    start, changed, decoded_frames = whole.index(b"mdat") + 900, 0, 0
     for at in range(start, whole.rindex(b"moov") - 100, 97):
         (tmp_path / "b.mp4").write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
         try:
@@ -165,9 +165,9 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
                 reader.frame(index)
         except DataError:
             continue
-        taken += 1
+        decoded_frames += 1
     assert changed > 20
-    assert taken < changed / 4
+    assert decoded_frames < changed / 4
 
 
 def test_frames_of_real_videos_equal_plain_decoding(shared) -> None:

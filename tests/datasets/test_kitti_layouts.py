@@ -94,11 +94,11 @@ def test_released_kitti_fc_folder_is_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame, read_image(expected))
     with pytest.raises(DataError, match=r"fog_1: no such folder; severities of fog in this release: 2, 3"):
         dataset.corrupted("000003", "fog", 1)
-    lost = tmp_path / "fog_2" / "val" / "image_2" / "000003_11.png"
-    lost.unlink()
+    removed = tmp_path / "fog_2" / "val" / "image_2" / "000003_11.png"
+    removed.unlink()
     with pytest.raises(DataError, match=r"000003_11\.png: missing"):
         dataset.corrupted("000003", "fog", 2)
-    picture(lost, HEIGHT + 2)
+    picture(removed, HEIGHT + 2)
     with pytest.raises(DataError, match="frames differ in size"):
         dataset.corrupted("000003", "fog", 2)
 

@@ -85,13 +85,13 @@ def test_folder_with_only_the_pairs_is_read(tmp_path):
 
 
 def test_drives_of_evaluated_pairs_are_left_out(raw):
-    apart = load_dataset("kitti_raw", raw)
-    assert apart.keys() == [f"2011_09_26_drive_0099_sync/image_02/{frame:010d}" for frame in (0, 1, 4)]
-    assert apart.leaves_out_evaluated
+    dataset = load_dataset("kitti_raw", raw)
+    assert dataset.keys() == [f"2011_09_26_drive_0099_sync/image_02/{frame:010d}" for frame in (0, 1, 4)]
+    assert dataset.leaves_out_evaluated
     every = load_dataset("kitti_raw", raw, drives="all", camera="both")
     assert len(every.keys()) == 12
     assert not every.leaves_out_evaluated
-    assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == apart.keys()  # one day is enough
+    assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == dataset.keys()  # one day is enough
 
 
 def test_list_of_pairs_selects_the_pairs(raw, tmp_path):

@@ -139,8 +139,8 @@ def test_pfm_in_both_byte_orders_equals_hand_written_bytes(tmp_path: Path, order
 def test_pfm_agrees_with_opencv(tmp_path: Path, data: tuple[np.ndarray, np.ndarray]) -> None:
     flow, _ = data
     write_flow(tmp_path / "flow.pfm", flow)
-    theirs = cv2.imread(str(tmp_path / "flow.pfm"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(theirs[..., :0:-1], flow)
+    by_opencv = cv2.imread(str(tmp_path / "flow.pfm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(by_opencv[..., :0:-1], flow)
 
 
 def test_flo5_is_the_dataset_flow_with_nan(tmp_path: Path) -> None:

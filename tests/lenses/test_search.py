@@ -72,10 +72,10 @@ def test_every_kind_of_move_keeps_the_structure_sound():
 def test_refining_never_raises_the_cost():
     specification, goal = goal_of(2)
     start = Candidate(Structure(("N-K5",), 0), np.array([-0.2, -0.9, 0.2, 0.3, -1.0]), np.inf)
-    once = refine(start, goal, 3)
-    twice = refine(once, goal, 10)
-    assert twice.cost <= once.cost * (1 + 1e-6)
-    assert prescription_of(twice, goal, specification.half_field, "x").elements == specification.elements
+    refined = refine(start, goal, 3)
+    refined_again = refine(refined, goal, 10)
+    assert refined_again.cost <= refined.cost * (1 + 1e-6)
+    assert prescription_of(refined_again, goal, specification.half_field, "x").elements == specification.elements
 
 
 def test_a_severity_of_six_is_refused():

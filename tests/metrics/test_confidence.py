@@ -28,8 +28,8 @@ def naive_curve(errors, keys):
     mean = {key: [e for e, k in zip(errors, keys, strict=True) if k == key] for key in keys}
     ordered = [Fraction(sum(mean[key]), len(mean[key])) for key in sorted(keys)]
     return [
-        sum(ordered[:kept], Fraction(0)) / kept
-        for kept in (math.ceil(len(errors) * (100 - k) / 100) for k in range(100))
+        sum(ordered[:count], Fraction(0)) / count
+        for count in (math.ceil(len(errors) * (100 - k) / 100) for k in range(100))
     ]
 
 

@@ -132,9 +132,9 @@ def test_cache_over_its_limit_drops_the_least_recently_used():
     cache = KernelCache(limit=100)
     for name in "abc":
         cache.get((name, 1, 1), kernels(12))
-        kept = cache.get(("a", 1, 1), kernels(12))
+        cached = cache.get(("a", 1, 1), kernels(12))
     assert cache.nbytes <= 100
-    assert cache.get(("a", 1, 1), kernels(1)) is kept
+    assert cache.get(("a", 1, 1), kernels(1)) is cached
     assert cache.get(("b", 1, 1), kernels(1)).spectra.size == 1
     assert cache.get(("large", 1, 1), kernels(30)).spectra.size == 30
     assert cache.nbytes <= 100

@@ -70,8 +70,8 @@ def test_any_other_name_is_refused(packed, name):
 def test_repeated_or_missing_entry_is_refused(packed):
     entries = list(entries_of(packed).items())
     with pytest.warns(UserWarning, match="Duplicate name"):
-        twice = _zip([*entries, entries[1]])
-    assert "exactly once" in _refused(twice)
+        duplicated = _zip([*entries, entries[1]])
+    assert "exactly once" in _refused(duplicated)
     for index in range(len(entries)):
         assert "expected each" in _refused(_zip(entries[:index] + entries[index + 1 :]))
     assert "found nothing" in _refused(_zip([]))

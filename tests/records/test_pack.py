@@ -182,11 +182,11 @@ def test_folder_of_a_loaded_record_is_deleted_with_its_run(packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
     loaded = load_any_run(path)
-    folder, gone = loaded.path, weakref.ref(loaded)
+    folder, reference = loaded.path, weakref.ref(loaded)
     assert folder.is_dir()
     assert load_any_run(path).path != folder
     del loaded
-    assert gone() is None
+    assert reference() is None
     assert not folder.exists()
 
 

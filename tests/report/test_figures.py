@@ -193,8 +193,8 @@ def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkey
     assert "Whiskers are 95 % confidence intervals." in figure.caption
     assert _ENDS[key] in [pytest.approx(line) for line in _vertical_lines(figure)]
     low, high = _ENDS[key]
-    said = {value for marks in figure.marks.values() for mark in marks for _, value in mark.values}
-    assert any(value.endswith(f" [{low:.2f}, {high:.2f}]") for value in said)
+    values = {value for marks in figure.marks.values() for mark in marks for _, value in mark.values}
+    assert any(value.endswith(f" [{low:.2f}, {high:.2f}]") for value in values)
 
 
 def test_bands_are_mentioned_where_they_are_drawn():
@@ -238,8 +238,8 @@ def test_no_colour_of_a_kind_is_that_of_a_model():
 
 def test_a_model_looks_alike_in_every_figure():
     results = _own("knowledge", "OOD", "ID", "own", "own", weather=True)
-    looks = FigureStyles({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
-    figures = figures_by_sample_set(results, looks)["own frames"]
+    styles = FigureStyles({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
+    figures = figures_by_sample_set(results, styles)["own frames"]
     seen: dict[str, set[str]] = {}
     for figure in figures.values():
         for artist in figure.findobj(lambda artist: hasattr(artist, "get_facecolor")):

@@ -63,8 +63,8 @@ def test_every_kind_of_plot_is_drawn(runs, kind):
     figure = runs[0].plot(kind)
     assert isinstance(figure, Figure)
     assert figure._repr_png_().startswith(b"\x89PNG")
-    beside = runs[0].plot(kind, others=[runs[1]])
-    assert beside._repr_png_() != figure._repr_png_()
+    plot = runs[0].plot(kind, others=[runs[1]])
+    assert plot._repr_png_() != figure._repr_png_()
 
 
 def test_lines_of_a_plot_equal_the_means(runs):

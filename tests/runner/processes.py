@@ -62,11 +62,11 @@ def check_stopped_by_ctrl_c(run: subprocess.Popen[str], delay: float) -> None:
     assert "steps" in first
     time.sleep(delay)
     os.killpg(run.pid, signal.SIGINT)
-    printed, said = run.communicate(timeout=60)
-    assert run.returncode == 130, said
+    printed, errors = run.communicate(timeout=60)
+    assert run.returncode == 130, errors
     assert printed == ""
-    lines = [line for line in said.splitlines() if " s left, last " not in line]
-    assert len(lines) == 1, said
+    lines = [line for line in errors.splitlines() if " s left, last " not in line]
+    assert len(lines) == 1, errors
     assert lines[0].startswith("robustflow: stopped; ")
 
 

@@ -147,13 +147,13 @@ def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
 
 
 def test_folder_locked_by_another_run_is_refused(tmp_path):
-    held = RunFolder(tmp_path / "run")
-    held.lock()
+    folder = RunFolder(tmp_path / "run")
+    folder.lock()
     try:
         with pytest.raises(RunError, match="locked by another run"):
             _run(tmp_path / "run")
     finally:
-        held.unlock()
+        folder.unlock()
 
 
 @pytest.mark.parametrize(

@@ -97,9 +97,9 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     again = 2 * 2  # the worst and the median cell, compared in full
     assert len(applied) == 5 * 2 + again
 
-    kept = _files(run)
+    files = _files(run)
     shutil.rmtree(run.path / "examples")
-    assert _files(rf.evaluate(DIS, **asked)) == kept, "images from frames in memory equal those from recomputed ones"
+    assert _files(rf.evaluate(DIS, **asked)) == files, "images from frames in memory equal those from recomputed ones"
 
 
 def test_a_run_needs_no_temporary_folder(tmp_path, monkeypatch, small):

@@ -89,10 +89,10 @@ def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow)
     (tmp_path / "model_that_fails.py").write_text("def fails(a, b):\n    return a.no_such_thing\n")
     monkeypatch.syspath_prepend(tmp_path)
     options = ["run", "-m", "model_that_fails:fails", "-c", "contrast", "-o", tmp_path / "r"]
-    said = robustflow.refuses(*options, code=1)
-    assert "no_such_thing" in said
-    assert "model_that_fails.py:2)" in said
-    code, _, said = robustflow(*options, "--debug")
+    error = robustflow.refuses(*options, code=1)
+    assert "no_such_thing" in error
+    assert "model_that_fails.py:2)" in error
+    code, _, error = robustflow(*options, "--debug")
     assert code == 1
-    assert "Traceback" in said
-    assert "return a.no_such_thing" in said
+    assert "Traceback" in error
+    assert "return a.no_such_thing" in error

@@ -188,11 +188,11 @@ def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tm
             time.sleep(0.05)
         for node in list(two_nodes.alive):
             two_nodes.kill(node)
-        kept = rows_so_far(tmp_path / "run").height
+        finished = rows_so_far(tmp_path / "run").height
         two_nodes.add(gpus=1)
         two_nodes.add(gpus=1)
         _check_equal(run.result(), undisturbed)
-    assert kept < undisturbed.rows.height
+    assert finished < undisturbed.rows.height
 
 
 def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkeypatch):

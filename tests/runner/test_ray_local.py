@@ -154,8 +154,8 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     wait_until(lambda: rows_so_far(tmp_path / "killed").height, run)
     os.kill(run.pid, signal.SIGKILL)
     run.communicate()
-    kept = rows_so_far(tmp_path / "killed").height
-    assert 0 < kept < 1 + 5 * len(FAST)
+    finished = rows_so_far(tmp_path / "killed").height
+    assert 0 < finished < 1 + 5 * len(FAST)
     spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("pause", 0.0),))
     resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)
     whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)

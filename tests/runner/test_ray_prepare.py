@@ -28,8 +28,8 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     monkeypatch.setattr(ray_prepare, "_APPEARS_S", 0.2)
     (source, _) = find_sources(recordings)
     here = ray_prepare.installed()
-    gone = tmp_path / "out" / ".shared-0"
-    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, gone, "/", here)
+    shared = tmp_path / "out" / ".shared-0"
+    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, shared, "/", here)
     assert (kind, error) == ("error", "DataError")
     assert "cannot see files that this machine writes to" in message
     assert not (tmp_path / "out").exists()

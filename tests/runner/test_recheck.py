@@ -22,8 +22,8 @@ def run(tmp_path_factory):
 
 
 def test_recheck_confirms_every_row_of_a_run(run):
-    said = recheck(run.manifest.identity, run.rows, count=1000)
-    assert said.startswith(f"{run.rows.height} of {run.rows.height} rows")
+    result = recheck(run.manifest.identity, run.rows, count=1000)
+    assert result.startswith(f"{run.rows.height} of {run.rows.height} rows")
 
 
 def test_recheck_needs_no_temporary_folder(run, monkeypatch):
@@ -32,9 +32,9 @@ def test_recheck_needs_no_temporary_folder(run, monkeypatch):
 
 
 def test_recheck_draws_the_same_rows_with_a_seed_and_new_ones_without(run):
-    said = [recheck(run.manifest.identity, run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
-    assert said[0] == said[1]
-    assert len(set(said[1:])) == 3
+    results = [recheck(run.manifest.identity, run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
+    assert results[0] == results[1]
+    assert len(set(results[1:])) == 3
 
 
 @pytest.mark.parametrize(

@@ -70,10 +70,10 @@ def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, m
 def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     """The device never responds, so the feeder stops when its slots are full; larger frames get fewer slots."""
     size = (700, 1000)
-    driver, theirs = multiprocessing.Pipe()
+    driver, feeder_end = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()
     slots = SharedSlots(4)
-    feeder = _Feeder(theirs, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, slots)
+    feeder = _Feeder(feeder_end, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, slots)
     (tmp_path / "clean").mkdir()
     ended = threading.Event()
 

@@ -93,8 +93,8 @@ def test_a_still_run_is_rechecked_and_compared_with_no_run_of_moving_frames(clip
         still.compare(moving)
     with pytest.raises(RunError, match="differs in: benchmark"):
         still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1)
-    said = recheck(still.manifest.identity, still.rows, clip_folder, model=ModelSpec("dis"), count=2)
-    assert "2 of 2 rows" in said
+    result = recheck(still.manifest.identity, still.rows, clip_folder, model=ModelSpec("dis"), count=2)
+    assert "2 of 2 rows" in result
 
 
 def test_a_multi_frame_model_gets_the_same_frame_throughout(clip_folder, tmp_path):

@@ -177,8 +177,8 @@ def test_the_plan_decides_what_is_missing():
 
 
 def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
-    lost = row("b", "fog", 1, n=0, n_all=0, n_invalid=60)
-    summary = summarize(rows_frame([row("a", epe=1.0), row("b", epe=3.0), row("a", "fog", 1, epe=2.0), lost]))
+    without_flow = row("b", "fog", 1, n=0, n_all=0, n_invalid=60)
+    summary = summarize(rows_frame([row("a", epe=1.0), row("b", epe=3.0), row("a", "fog", 1, epe=2.0), without_flow]))
     assert not summary.complete
     assert summary.n_invalid == 60
     assert [(unit.corruption, unit.samples) for unit in summary.unmeasured] == [("fog", ["b"])]

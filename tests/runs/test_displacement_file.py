@@ -54,8 +54,8 @@ def test_page_shows_the_displacement_with_its_numbers(kept):
     assert "Flow magnitudes" in page
     found = read_displacement(kept).table.filter(pl.col("share") > 0)
     for low, high, share in found.iter_rows():
-        said = f"demo, 1 pair (ground truth): length {low:g} to {high:g} px, pixels {100 * share:.3g} %"
-        assert page.count(f'data-label="{said}"') == 1
+        sentence = f"demo, 1 pair (ground truth): length {low:g} to {high:g} px, pixels {100 * share:.3g} %"
+        assert page.count(f'data-label="{sentence}"') == 1
     assert "displacement" in figures_of([kept], published=False)
     assert rf.Result(kept.path).plot("displacement").marks
 

@@ -128,9 +128,9 @@ def test_a_second_call_checks_the_whole_data_set(frames):
     before = (frames / DIGEST_LIST).read_bytes()
     assert "\n2 files: no differences from" in _digests("--data", frames).output
     (frames / "0.bmp").unlink()
-    gone = _digests("--data", frames)
-    assert isinstance(gone.exception, DataError)
-    assert "0.bmp is missing" in str(gone.exception)
+    checked = _digests("--data", frames)
+    assert isinstance(checked.exception, DataError)
+    assert "0.bmp is missing" in str(checked.exception)
     assert (frames / DIGEST_LIST).read_bytes() == before
 
 

@@ -72,12 +72,12 @@ def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
     rf.evaluate(MODEL, output=folder, corruptions=names, severities=[1])
     summaries.clear()
     run = rf.load_run(folder)
-    kept, computed = run.summary, run.summarize()
+    stored, computed = run.summary, run.summarize()
     assert len(summaries) == 1, "the first one was kept"
     for part in ("corruptions", "families", "regions"):
-        assert list(getattr(kept, part)) == list(getattr(computed, part)), part
-    assert list(kept.corruptions) == ["contrast", "high_light", "fog", "impulse_noise", "contrast+pixelate"]
-    assert kept == computed
+        assert list(getattr(stored, part)) == list(getattr(computed, part)), part
+    assert list(stored.corruptions) == ["contrast", "high_light", "fog", "impulse_noise", "contrast+pixelate"]
+    assert stored == computed
     for name in ("epe_clean", "epe", "cre", "crer", "rcre"):
         assert getattr(run, name) == getattr(computed, name)
 

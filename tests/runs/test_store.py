@@ -166,10 +166,10 @@ def test_a_shard_with_different_columns_is_refused(folder):
 
 def test_two_shards_that_contradict_each_other_are_named(folder):
     _write(folder, "a", "fog", (1, 2))
-    (kept,) = list_shards(folder.rows_folder)
+    (shard,) = list_shards(folder.rows_folder)
     other = _row("a", "fog", 2) | {"epe_sum": 17.0}
     folder.write_rows(Unit("a", "fog", (2, 3)), [other, _row("a", "fog", 3)])
-    with pytest.raises(RunError, match=rf"{kept.name} .*contain different rows for sample 'a', fog severity 2"):
+    with pytest.raises(RunError, match=rf"{shard.name} .*contain different rows for sample 'a', fog severity 2"):
         folder.rows()
     with pytest.raises(RunError, match="contain different rows"):
         folder.tidy()

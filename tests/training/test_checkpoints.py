@@ -156,8 +156,8 @@ def test_training_on_a_full_disk_keeps_the_last_checkpoint(request_for, tmp_path
     try:
         with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
             run_training(request)
-        kept = torch.load(request.output / "last.pth", weights_only=True)
-        assert json.loads(kept["robustflow_training"])["updates"] == 2
+        checkpoint = torch.load(request.output / "last.pth", weights_only=True)
+        assert json.loads(checkpoint["robustflow_training"])["updates"] == 2
         assert not list(request.output.glob(".partial-*"))
     finally:
         subprocess.run(["umount", "-l", str(request.output)], check=True)

@@ -37,9 +37,9 @@ def test_denoising_starts_at_the_noised_ground_truth(still, time):
     noise = torch.tensor([0.7, -0.4])[None, :, None, None].expand(1, 2, HEIGHT // 8, WIDTH // 8)
     with torch.no_grad():
         flows = still.denoised_predictions(*images, truth, time, noise)
-    kept = float(torch.cumprod(1 - cosine_betas(), 0)[time])
+    signal = float(torch.cumprod(1 - cosine_betas(), 0)[time])
     for axis, (true, drawn, side) in enumerate(((24.0, 0.7, WIDTH // 8), (-16.0, -0.4, HEIGHT // 8))):
-        sample = kept**0.5 * 0.5 * true / 8 / side + (1 - kept) ** 0.5 * drawn
+        sample = signal**0.5 * 0.5 * true / 8 / side + (1 - signal) ** 0.5 * drawn
         expected = 8 * 0.1 * side * max(-1.0, min(1.0, sample))
         for flow in flows:
             inner = flow[0, axis, 16:-16, 16:-16]  # the upsampling reads zeros beyond the border

@@ -213,10 +213,10 @@ def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, ear
             break
         time.sleep(0.02)
     os.killpg(process.pid, sent)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 130, said
-    assert "Run the same command with --resume to continue" in said
-    assert "Traceback" not in said
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130, errors
+    assert "Run the same command with --resume to continue" in errors
+    assert "Traceback" not in errors
     assert (tmp_path / "out" / "last.pth").exists()
 
 

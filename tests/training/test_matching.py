@@ -29,21 +29,21 @@ def some(seed: int, pairs: int = 2):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_matching_equals_the_authors_code(seed):
-    theirs = pytest.importorskip("ptlflow.models.gmflownet.loss", reason="needs the ptlflow extra")
+    original = pytest.importorskip("ptlflow.models.gmflownet.loss", reason="needs the ptlflow extra")
     confidence, image1, image2, truth = some(seed)
     settings = configparser.ConfigParser()
     settings.POS_WEIGHT = settings.NEG_WEIGHT = 1
     settings.COARSE_TYPE = "cross_entropy"
-    fetched = theirs.backwarp(image2, truth)
+    fetched = original.backwarp(image2, truth)
     occluded = ((image1 - fetched).mean(1, keepdims=True).abs() > 20).float()
-    supervision = theirs.compute_supervision_coarse(truth, occluded, 8)
+    supervision = original.compute_supervision_coarse(truth, occluded, 8)
     matches = true_matches(image1, image2, truth)
     assert 5 < int((matches >= 0).sum()) < matches.numel()
     assert torch.equal(supervision.sum(2) > 0, matches >= 0)
     assert torch.equal(supervision.argmax(2)[matches >= 0], matches[matches >= 0])
     leaf, other = (confidence.clone().requires_grad_() for _ in range(2))
     ours = matching_loss(leaf, image1, image2, truth)
-    expected = theirs.compute_coarse_loss(other, supervision, settings)
+    expected = original.compute_coarse_loss(other, supervision, settings)
     assert ours.item() == pytest.approx(expected.item(), rel=1e-5)
     ours.backward()
     expected.backward()

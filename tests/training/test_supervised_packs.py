@@ -107,15 +107,15 @@ def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
     count = len(CASES[name, case]["loss"])
     network, batches = network_of(name, case), [batch_of(name, case, number) for number in range(count)]
     if name not in DOUBLE:
-        taken = list(steps(network, recipe_of(name, case), batches.__getitem__, len(batches)))
-        return taken, network.weights()
+        made_steps = list(steps(network, recipe_of(name, case), batches.__getitem__, len(batches)))
+        return made_steps, network.weights()
     batches = [replace(batch, **{key: getattr(batch, key).double() for key in _NUMBERS}) for batch in batches]
     torch.set_default_dtype(torch.float64)
     try:
-        taken = list(steps(network.double(), recipe_of(name, case), batches.__getitem__, len(batches)))
+        made_steps = list(steps(network.double(), recipe_of(name, case), batches.__getitem__, len(batches)))
     finally:
         torch.set_default_dtype(torch.float32)
-    return taken, network.weights()
+    return made_steps, network.weights()
 
 
 def loss_with(name: str, network, batch=None) -> float:

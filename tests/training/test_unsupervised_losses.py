@@ -147,8 +147,8 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
     target[..., 1, 1] = 115.0  # here, 120 is closer than 100
     flow = torch.zeros(1, 2, 4, 5)
     flow[:, 0] = 1.0  # points one pixel to the right
-    kept = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
-    assert kept.nonzero().tolist() == [[0, 0, 1, 2]]
+    mask = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
+    assert mask.nonzero().tolist() == [[0, 0, 1, 2]]
     half = torch.zeros(1, 1, 4, 5)
     half[..., :2] = 1
     off = correction_loss(target, torch.where(half > 0, target + 25.5, target + 200), half)
@@ -236,15 +236,15 @@ def test_the_moved_flow_is_true_to_the_moved_frames(number):
 def test_appearance_change_is_the_same_in_both_frames_and_leaves_the_input_unchanged():
     frame = np.random.default_rng(0).integers(60, 180, (24, 32, 3), dtype=np.uint8)
     before = frame.copy()
-    looks = [draw_look(Rng.of("look", number), Appearance()) for number in range(400)]
-    assert stats.binomtest(sum(look.blur > 0 for look in looks), 400, 0.5).pvalue > 1e-4
-    assert stats.kstest([look.blur for look in looks if look.blur], stats.uniform(0, 3).cdf).pvalue > 1e-4
-    assert stats.kstest([look.jitter.brightness for look in looks], stats.uniform(0.5, 1).cdf).pvalue > 1e-4
-    assert {look.gamma for look in looks} == {1.0}
-    for look in looks[:5]:
+    appearances = [draw_look(Rng.of("look", number), Appearance()) for number in range(400)]
+    assert stats.binomtest(sum(look.blur > 0 for look in appearances), 400, 0.5).pvalue > 1e-4
+    assert stats.kstest([look.blur for look in appearances if look.blur], stats.uniform(0, 3).cdf).pvalue > 1e-4
+    assert stats.kstest([look.jitter.brightness for look in appearances], stats.uniform(0.5, 1).cdf).pvalue > 1e-4
+    assert {look.gamma for look in appearances} == {1.0}
+    for look in appearances[:5]:
         np.testing.assert_array_equal(apply_look(frame, look), apply_look(frame, look))
     np.testing.assert_array_equal(frame, before)
-    sharp = next(look for look in looks if not look.blur)
+    sharp = next(look for look in appearances if not look.blur)
     expected = np.floor(np.clip(frame.astype(np.float32) * np.float32(sharp.jitter.brightness), 0, 255))
     np.testing.assert_array_equal(apply_look(frame, sharp), expected)
     gamma = draw_look(Rng.of("gamma"), Appearance(brightness=0, blur=0, gamma=(2.0, 2.0)))

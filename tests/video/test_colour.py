@@ -51,9 +51,9 @@ def test_conversion_is_the_standards(rgb):
 
 def test_conversion_is_within_rounding_of_ffmpeg():
     frame = frames(1, 96, 128)[0]
-    theirs = av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(format="yuv420p").to_ndarray()
+    by_ffmpeg = av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(format="yuv420p").to_ndarray()
     mine = rgb_to_i420(frame)
-    assert np.abs(mine[:96].astype(int) - theirs[:96]).max() <= 1
+    assert np.abs(mine[:96].astype(int) - by_ffmpeg[:96]).max() <= 1
     picture = av.VideoFrame.from_ndarray(mine, format="yuv420p")
     back = picture.to_ndarray(format="rgb24").astype(int)
     assert np.abs(i420_to_rgb(mine, 96, 128) - back).max() <= 3

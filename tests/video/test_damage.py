@@ -32,11 +32,11 @@ def clip(tmp_path_factory) -> ClipFile:
 @pytest.mark.parametrize("amount", [1, 2, 3, 129, 2000, 65_537, 1_000_000, 50_000_000, 2**31 - 1])
 def test_damaged_bytes_equal_those_of_ffmpeg(clip, amount):
     damage = Damage(amount)
-    mine = [packet.data for packet in damage_packets(read_packets(clip), damage)]
+    damaged = [packet.data for packet in damage_packets(read_packets(clip), damage)]
     clean = [packet.data for packet in read_packets(clip)]
-    assert mine == by_ffmpeg(clip.path, amount)
+    assert damaged == by_ffmpeg(clip.path, amount)
     assert damage.bytes_changed == sum(
-        a != b for x, y in zip(mine, clean, strict=True) for a, b in zip(x, y, strict=True)
+        a != b for x, y in zip(damaged, clean, strict=True) for a, b in zip(x, y, strict=True)
     )
     assert damage.bytes_total == sum(map(len, clean))
 

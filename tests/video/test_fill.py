@@ -20,16 +20,16 @@ def picture(index: int) -> np.ndarray:
 @given(st.data())
 def test_every_frame_shows_the_last_decoded_one_before_it(data):
     count = data.draw(st.integers(1, 60))
-    kept = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))
+    decoded = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))
     fill = Fill(count)
-    shown = list(fill_lost([(index, picture(index)) for index in kept], fill))
+    shown = list(fill_lost([(index, picture(index)) for index in decoded], fill))
     assert [index for index, _ in shown] == list(range(count))
     for index, what in shown:
-        before = [k for k in kept if k <= index]
-        source = before[-1] if before else kept[0]
+        before = [k for k in decoded if k <= index]
+        source = before[-1] if before else decoded[0]
         assert what[0, 0] == source % 251
         assert clips.shown_as(fill, index) == source
-    assert fill.frames_lost == count - len(kept)
+    assert fill.frames_lost == count - len(decoded)
 
 
 @given(st.permutations(range(20)), st.lists(st.integers(-5, 40), max_size=10))

@@ -125,8 +125,8 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
         if value is not None:
             of_condition = scores[conditions[key]]
             name = models[_model(run)]
-            again = sum(known == name or known.startswith(f"{name} #") for known in of_condition)
-            name = f"{name} #{again + 1}" if again else name
+            repeats = sum(known == name or known.startswith(f"{name} #") for known in of_condition)
+            name = f"{name} #{repeats + 1}" if repeats else name
             of_condition[name] = value
             if reasons := exclusion_reasons(run):
                 why[name] = reasons[0]

@@ -115,9 +115,9 @@ def _compared(
         sums = ClusterSums.of(part)
         flat, deep = (sums.statistic(metric, twin) for twin in twins)
         statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
-        made = bootstrap(statistics, len(sums.clusters), seed=seed)
-        errors = made["flat"].estimate, made["deep"].estimate
-        models.append(TwinErrors(name, *errors, made["difference"], excluded[name]))
+        resampled = bootstrap(statistics, len(sums.clusters), seed=seed)
+        errors = resampled["flat"].estimate, resampled["deep"].estimate
+        models.append(TwinErrors(name, *errors, resampled["difference"], excluded[name]))
     ranked = [model for model in models if not model.excluded]
     rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
     return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends, remark)

@@ -82,8 +82,8 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
         names = reader.fieldnames or ()
         if absent := [column for column in _REQUIRED if column not in names]:
             raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
-        if twice := [column for column in _WRITTEN if names.count(column) > 1]:
-            raise DataError(f"{name}: the column '{twice[0]}' appears twice; remove one of the two")
+        if duplicates := [column for column in _WRITTEN if names.count(column) > 1]:
+            raise DataError(f"{name}: the column '{duplicates[0]}' appears twice; remove one of the two")
         return merged((_result_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error

@@ -35,11 +35,11 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     for name, indices in of_name.items():
         for index, words in zip(indices, _differences([runs[index] for index in indices]), strict=True):
             candidates[index] = f"{name} ({', '.join(words)})" if words else name
-    seen: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     names = []
     for name in candidates:
-        seen[name] += 1
-        names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+        counts[name] += 1
+        names.append(name if counts[name] == 1 else f"{name} #{counts[name]}")
     return names
 
 

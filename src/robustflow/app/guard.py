@@ -74,8 +74,8 @@ class Guard:
             return _refused("this server only answers to its own address: use the one printed in the terminal", 421)
         if scope["method"] not in _SAFE and headers.get("origin") != f"http://{host}":
             return _refused("requests from other pages are rejected", 403)
-        given = headers.get("x-token", "").encode()
-        if scope["path"] not in self._public and not hmac.compare_digest(given, self._token.encode()):
+        token = headers.get("x-token", "").encode()
+        if scope["path"] not in self._public and not hmac.compare_digest(token, self._token.encode()):
             return _refused("open the address that robustflow app printed in the terminal; it contains a token", 403)
         return None
 

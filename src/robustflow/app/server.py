@@ -55,9 +55,9 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
         return JSONResponse({"source": sources.add(source), "name": source.name, "pairs": source.pairs})
 
     async def preview(request: Request) -> Response:
-        wanted = PreviewRequest.model_validate_json(await limited(request, _MAX_REQUEST).body())
-        models.check(wanted.model, wanted.checkpoint)
-        sources.get(wanted.source)
+        preview_request = PreviewRequest.model_validate_json(await limited(request, _MAX_REQUEST).body())
+        models.check(preview_request.model, preview_request.checkpoint)
+        sources.get(preview_request.source)
         messages: asyncio.Queue[Message] = asyncio.Queue()
         loop = asyncio.get_running_loop()
 
@@ -65,7 +65,7 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(messages.put_nowait, message)
 
-        job = QueuedPrediction(wanted.page, partial(previewer.preview, wanted), tell)
+        job = QueuedPrediction(preview_request.page, partial(previewer.preview, preview_request), tell)
         queue.submit(job)
         return StreamingResponse(_lines(job, messages), media_type="application/x-ndjson")
 

@@ -68,9 +68,9 @@ class Evaluation:
     @property
     def group(self) -> tuple[Any, ...]:
         """A key that is equal for evaluations that can share a model call."""
-        alone = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
+        group = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
         shapes = [each.shape for each in (*(self.frames or ()), self.images) if each is not None]
-        return id(self.model), self.images is None, self.loss is None, *shapes, *alone
+        return id(self.model), self.images is None, self.loss is None, *shapes, *group
 
 
 @dataclass(frozen=True, eq=False)

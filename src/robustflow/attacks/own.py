@@ -48,19 +48,19 @@ class OwnAttack(Attack):
         Raises:
             UsageError: an unknown option, or a class that cannot be instantiated.
         """
-        made = _own[registered]
-        if inspect.isclass(made) and issubclass(made, Attack):
-            return made.made(**options)
+        attack = _own[registered]
+        if inspect.isclass(attack) and issubclass(attack, Attack):
+            return attack.made(**options)
         common = {each.name: options.pop(each.name) for each in fields(Attack) if each.name in options}
-        takes = _parameters(made)
+        takes = _parameters(attack)
         for option, value in options.items():
             if option not in takes:
                 raise unknown_name(f"option of attack {registered}", option, [*takes, *_COMMON])
             if isinstance(takes[option], int) and isinstance(value, str) and value.isdecimal():
                 options[option] = int(value)
-        common.setdefault("norm", str(getattr(made, "norm", "linf")))
+        common.setdefault("norm", str(getattr(attack, "norm", "linf")))
         given = tuple(options.items())
-        return cls(made_by_user=_build(made, registered, options), given=given, **common)
+        return cls(made_by_user=_build(attack, registered, options), given=given, **common)
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -89,10 +89,10 @@ class OwnAttack(Attack):
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
         """See `Attack.problem`; the arrays of the pair are read-only."""
         first, second = (frame.view() for frame in pair.frames)
-        made = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
-        for array in (first, second, made.ball.clean):
+        problem = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
+        for array in (first, second, problem.ball.clean):
             array.flags.writeable = False
-        return made
+        return problem
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""

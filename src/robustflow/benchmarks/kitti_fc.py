@@ -73,8 +73,8 @@ class KittiFC:
         _check_truth(dataset)
         if split is None:
             keys = kitti_split(dataset.keys()).evaluation
-            wanted = kitti_split(KITTI_KEYS).evaluation
-            warn_unless_whole("KITTI-FC", "pair", wanted, keys, ": unpack all 200 pairs to get one")
+            split_keys = kitti_split(KITTI_KEYS).evaluation
+            warn_unless_whole("KITTI-FC", "pair", split_keys, keys, ": unpack all 200 pairs to get one")
         else:
             keys = selected(split, dataset.keys(), dataset.name)
         return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR, facts=KittiFC.facts)

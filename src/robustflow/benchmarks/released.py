@@ -30,8 +30,8 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     Raises:
         DataError: the corruptions share no severity, or the frames were exported from a different benchmark.
     """
-    made = export_settings(dataset.root)
-    source = (made or {}).get("benchmark", name)
+    settings = export_settings(dataset.root)
+    source = (settings or {}).get("benchmark", name)
     if source != name:
         raise DataError(
             f"{dataset.root}: frames exported from {plain(str(source))}, so a result on them is not a {name} result; "
@@ -39,7 +39,7 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
         )
     flat = [corruption for corruption in SHIPPED if not needs_depth(corruption)]  # an export does not contain depth
     by_corruption = {
-        corruption: dataset.severities(corruption) for corruption in (PAPER_ORDER if made is None else flat)
+        corruption: dataset.severities(corruption) for corruption in (PAPER_ORDER if settings is None else flat)
     }
     by_corruption = {corruption: levels for corruption, levels in by_corruption.items() if levels}
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
@@ -49,10 +49,10 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
             "such as fog_3 next to clean"
         )
     protocol: dict[str, Any] = {"frames": "released"}
-    if made is not None:
+    if settings is not None:
         protocol = {
             **EXPORTED,
-            **{key: made[key] for key in _RECORDED if isinstance(made.get(key), str | int)},
+            **{key: settings[key] for key in _RECORDED if isinstance(settings.get(key), str | int)},
         }
     return Benchmark(
         name, dataset, tuple(keys), tuple(by_corruption), severities, protocol=protocol, closed=True, facts=facts

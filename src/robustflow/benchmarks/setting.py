@@ -120,9 +120,9 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
     if not {*keys} <= {*KITTI_KEYS}:
         return "UNKNOWN", f"{unknown} they are not named as in KITTI"
     trained = KITTI_SPLITS[part](KITTI_KEYS).training
-    seen = {*keys} & {*trained}
-    if seen:
-        return "LEAKED", f"{len(seen)} of the {len(keys)} evaluated are among the training pairs of K:{part}"
+    leaked = {*keys} & {*trained}
+    if leaked:
+        return "LEAKED", f"{len(leaked)} of the {len(keys)} evaluated are among the training pairs of K:{part}"
     known = [key for key in keys if key in drives(_KITTI)]
     near = related(known, trained)
     if not near:

@@ -256,9 +256,9 @@ def _write_clip_gallery(
         cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), shown.seed, key, shown.scale)
         tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
         slider = gallery_slider(title, frames, collect(tracked), SEVERITIES, shown.severity, first)
-    which = "middle" if start is None else "first"
+    position = "middle" if start is None else "first"
     remarks = [
-        f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
+        f"The frames are the {position} of {part.count} frames at {float(part.rate):.4g} frames per second, "
         "corrupted at full size; the SSIM is that of the first frame that the corruption changes.",
         *remarks,
     ]

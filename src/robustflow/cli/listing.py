@@ -123,8 +123,8 @@ def _published(search: str) -> list[str]:
 
     names = sorted({*MODELS.names(), *(entry.model for entry in checkpoints())})
     labels = {name: method.method.lower() for name, method in methods().items()}
-    wanted = search.lower()
-    found = [name for name in names if wanted.replace("-", "_") in name or wanted in labels.get(name, "")]
+    term = search.lower()
+    found = [name for name in names if term.replace("-", "_") in name or term in labels.get(name, "")]
     if not found:
         raise unknown_name("model", search, names)
     lines = []

@@ -121,8 +121,8 @@ class _Command(TyperCommand):
             if any(isinstance(text, str) and not text.strip(" ,") for text in texts):
                 raise UsageError(f"{parameter.opts[0]} is empty: give a value, or omit it")
         for option, times in Counter(given).items():
-            once = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
-            if once and times > 1:
+            not_repeatable = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
+            if not_repeatable and times > 1:
                 raise UsageError(
                     f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
                 )

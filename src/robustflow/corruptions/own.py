@@ -54,11 +54,11 @@ class OwnCorruption(Corruption):
         self.truth = getattr(made, "truth", "unchanged")
         if self.truth not in TRUTHS:
             raise UsageError(f"corruption '{self.name}' has `truth` {self.truth!r:.60}: set {' or '.join(TRUTHS)}")
-        given = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
+        levels = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
         try:
-            self.paper_severities = tuple(given)
+            self.paper_severities = tuple(levels)
         except TypeError:
-            raise UsageError(f"corruption '{self.name}' has `severities` {given!r:.60}: give a tuple of five") from None
+            raise UsageError(f"corruption '{self.name}' has `severities` {levels!r:.60}: give a tuple of 5") from None
         self.made = made
         if variant not in (*VARIANTS, BGR):
             raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")
@@ -90,8 +90,8 @@ class OwnCorruption(Corruption):
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """Return a copy of the frame from the user's `apply`, RGB uint8 of the same shape: the next call may overwrite
         it."""
-        given = _read_only(np.ascontiguousarray(frame))
-        out = self._call("apply", lambda: self.made.apply(given, state, index))
+        copy = _read_only(np.ascontiguousarray(frame))
+        out = self._call("apply", lambda: self.made.apply(copy, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
             raise UsageError(
                 f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
@@ -128,15 +128,15 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
     """
     if name in SHIPPED or on_disk(name) is not None:
         return None
-    made = _own.get(name)
-    if made is None:
-        made = CORRUPTIONS.get(name)
-        _check_methods(made)
-        if own_name(made) != name:
+    corruption = _own.get(name)
+    if corruption is None:
+        corruption = CORRUPTIONS.get(name)
+        _check_methods(corruption)
+        if own_name(corruption) != name:
             raise UsageError(
-                f"the entry point '{name}' provides a corruption named '{own_name(made)}'; the names must match"
+                f"the entry point '{name}' provides a corruption named '{own_name(corruption)}'; the names must match"
             )
-    return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
+    return OwnCorruption(_build(corruption, variant) if inspect.isclass(corruption) else corruption, variant)
 
 
 def is_known(name: str) -> bool:

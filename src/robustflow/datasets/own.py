@@ -28,15 +28,15 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     Raises:
         UsageError: the target cannot be imported or opened, or is not a dataset.
     """
-    made = import_target(target, "dataset")
-    if inspect.isclass(made) or inspect.isroutine(made):
-        check_options(made, target, options, "-D")
-        opener = made
-        made = called(f"{target} failed in its construction", lambda: opener(**options))
+    dataset = import_target(target, "dataset")
+    if inspect.isclass(dataset) or inspect.isroutine(dataset):
+        check_options(dataset, target, options, "-D")
+        opener = dataset
+        dataset = called(f"{target} failed in its construction", lambda: opener(**options))
     elif options:
         raise UsageError(f"{target} is a dataset object, which does not accept options; omit {', '.join(options)}")
-    check_members(made, target)
-    return made
+    check_members(dataset, target)
+    return dataset
 
 
 def check_members(dataset: Any, what: str) -> None:

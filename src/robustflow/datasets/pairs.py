@@ -110,12 +110,12 @@ class PairDataset(Samples):
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         """See `Clips.frame_files`."""
-        wanted = sorted(set(offsets))
-        before, (first, second) = max(0, -wanted[0]), self.pair(key).frames
+        ordered = sorted(set(offsets))
+        before, (first, second) = max(0, -ordered[0]), self.pair(key).frames
         earlier = _walk(self._steps[1], first, before)
-        later = _walk(self._steps[0], second, max(0, wanted[-1] - 1))
+        later = _walk(self._steps[0], second, max(0, ordered[-1] - 1))
         frames = [*reversed(earlier), first, second, *later]
-        return [frames[len(earlier) + offset] for offset in wanted]
+        return [frames[len(earlier) + offset] for offset in ordered]
 
     def frame_names(self, key: str) -> tuple[Path, Path]:
         """See `SharesFrames.frame_names`."""

@@ -63,8 +63,8 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
             )
         shape, fortran, dtype = readers[version](file)
         if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
-            wanted = ", ".join(("H", "W", *map(str, channels)))
-            raise DataError(f"{path}: {dtype} {shape} is not {what}; expected real numbers of shape ({wanted})")
+            expected = ", ".join(("H", "W", *map(str, channels)))
+            raise DataError(f"{path}: {dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
         claimed_size(path, shape[1], shape[0])
         exact_size(path, file.tell() + dtype.itemsize * prod(shape), path.stat().st_size, shape[1], shape[0])
         return np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")

@@ -143,8 +143,8 @@ def named_convention(
         raise unknown_name("scaling", str(scaling), SCALINGS)
     check_count("multiple", multiple, most=_LARGEST_MULTIPLE)
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
-        asked = "x".join("?" if side is None else str(side) for side in size)
-        raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with dynamic H and W")
+        text = "x".join("?" if side is None else str(side) for side in size)
+        raise ModelError(f"the network expects frames of {text}; export it for (N, 3, H, W), with dynamic H and W")
     mean, scale = SCALINGS[scaling]
     if order == "bgr":
         mean, scale = mean[::-1], scale[::-1] if isinstance(scale, tuple) else scale

@@ -117,8 +117,8 @@ class ModelSpec:
         >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
         ('cuda:0', 'cuda:1')
         """
-        given = dict(self.options).get("device")
-        return tuple(one.strip() for one in str(given).split(",") if one.strip()) if given is not None else ()
+        device = dict(self.options).get("device")
+        return tuple(one.strip() for one in str(device).split(",") if one.strip()) if device is not None else ()
 
     def on(self, device: str) -> ModelSpec:
         """Return a copy of this specification for one device.

@@ -43,13 +43,13 @@ class Window(NamedTuple):
         >>> Window(2, 1, "inside").offsets(range(0, 9)), Window(2, 1, "inside").offsets(range(-9, 2))
         ((0, 1, 2, 3, 4), (-3, -2, -1, 0, 1))
         """
-        wanted = range(-self.before, self.after + 2)
+        offsets = range(-self.before, self.after + 2)
         if self.ends == "repeat":
-            return tuple(min(max(offset, there.start), there.stop - 1) for offset in wanted)
+            return tuple(min(max(offset, there.start), there.stop - 1) for offset in offsets)
         if self.ends == "inside":
-            start = max(there.start, min(wanted.start, there.stop - len(wanted)))
-            wanted = range(start, start + len(wanted))
-        return tuple(offset for offset in wanted if offset in there)
+            start = max(there.start, min(offsets.start, there.stop - len(offsets)))
+            offsets = range(start, start + len(offsets))
+        return tuple(offset for offset in offsets if offset in there)
 
     def record(self) -> dict[str, Any]:
         """Return the window's entry in a run's identity."""

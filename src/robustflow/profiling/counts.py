@@ -130,9 +130,9 @@ class _ThopTally:
 
     def hook(self, module: nn.Module, inputs: tuple[Any, ...], named: dict[str, Any], output: Any) -> None:
         self.run[module] = None
-        given = [value for value in (*inputs, *named.values()) if isinstance(value, Tensor)]
-        if given and isinstance(output, Tensor):
-            self.macs += self.places[module] ** 2 * _RULES[type(module)](module, given[0], output)
+        tensors = [value for value in (*inputs, *named.values()) if isinstance(value, Tensor)]
+        if tensors and isinstance(output, Tensor):
+            self.macs += self.places[module] ** 2 * _RULES[type(module)](module, tensors[0], output)
 
 
 def _visits(net: nn.Module) -> Iterator[nn.Module]:

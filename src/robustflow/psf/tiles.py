@@ -36,8 +36,8 @@ def grid_of(height: int, width: int) -> int:
     >>> grid_of(375, 1242), grid_of(2160, 4096)
     (24, 34)
     """
-    wanted = math.sqrt(height * height + width * width) / 2.0 / FINENESS
-    return next((pitch for pitch in PITCHES if pitch <= wanted), PITCHES[-1])
+    limit = math.sqrt(height * height + width * width) / 2.0 / FINENESS
+    return next((pitch for pitch in PITCHES if pitch <= limit), PITCHES[-1])
 
 
 @dataclass(frozen=True)

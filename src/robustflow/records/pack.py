@@ -110,8 +110,8 @@ def record_bytes(
     cost = read_cost(run)
     if cost is not None:
         entries[PROFILE] = json_bytes(sealed(cost.model_dump()))
-    given = {"author": author, "link": link, "description": description}
-    stated = {name: " ".join(text.split()) for name, text in given.items()}
+    texts = {"author": author, "link": link, "description": description}
+    stated = {name: " ".join(text.split()) for name, text in texts.items()}
     for name, text in stated.items():
         check_text(text, f"--{name}")
     packed = {

@@ -141,9 +141,9 @@ class Reader:
         nulls = [name for name in _ALWAYS if frame[name].null_count()]
         if nulls:
             raise DataError(f"rows.csv: the column '{nulls[0]}' has empty cells")
-        twice = frame.select(ROW_KEY).is_duplicated()
-        if twice.any():
-            sample, corruption, severity = frame.filter(twice).select(ROW_KEY).row(0)
+        duplicates = frame.select(ROW_KEY).is_duplicated()
+        if duplicates.any():
+            sample, corruption, severity = frame.filter(duplicates).select(ROW_KEY).row(0)
             raise DataError(
                 f"rows.csv: sample '{plain(sample)}', {plain(corruption)} severity {severity} appears twice"
             )

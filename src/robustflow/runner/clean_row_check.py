@@ -29,10 +29,10 @@ def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[
     Raises:
         RunError: a shard cannot be read.
     """
-    wanted = set(keys)
-    if not wanted:
+    samples = set(keys)
+    if not samples:
         return {}
-    rows = folder.rows(KEPT, CLEAN).filter(pl.col("sample").is_in(list(wanted)))
+    rows = folder.rows(KEPT, CLEAN).filter(pl.col("sample").is_in(list(samples)))
     return {row["sample"]: row for row in rows.iter_rows(named=True)}
 
 

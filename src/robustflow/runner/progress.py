@@ -95,8 +95,8 @@ class TerminalProgress:
         self._finished += 1
         self._evaluations += sum(row.get("attack_evaluations") or 0 for row in done.rows)
         place = f" on {done.place}" if done.place else ""
-        asked = f"; {self._evaluations:,} model evaluations by attacks" if self._evaluations else ""
-        self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{asked}")
+        evaluations = f"; {self._evaluations:,} model evaluations by attacks" if self._evaluations else ""
+        self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{evaluations}")
 
     def finished_work(self) -> str:
         """Describe the finished work of a stopped run."""

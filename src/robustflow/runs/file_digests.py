@@ -177,9 +177,9 @@ def _files_below(folder: Path, passed: set[str]) -> Iterator[Path]:
 
 def _digests(paths: Iterable[Path]) -> Iterator[tuple[Path, str]]:
     """Return each file with its digest; each file is read once."""
-    once = list(dict.fromkeys(paths))
+    unique = list(dict.fromkeys(paths))
     with ThreadPoolExecutor(_THREADS) as pool:
-        yield from zip(once, pool.map(_digest, once), strict=True)
+        yield from zip(unique, pool.map(_digest, unique), strict=True)
 
 
 def _digest(path: Path) -> str:

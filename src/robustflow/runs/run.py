@@ -144,10 +144,10 @@ class Run:
         """Return the model's name for headings, tables and figures: `--name` if given, else the name of a registered
         method as in `list models` ("DIS" for `dis`), else the model's own name. Never blank."""
         model = self.manifest.identity.model.settings
-        given = self.manifest.name.strip()
+        name = self.manifest.name.strip()
         method = None if {"spec", "object"} & model.keys() else methods().get(str(model.get("name")))
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return given or (method.method if method is not None else next(filter(None, names), "(no name)"))
+        return name or (method.method if method is not None else next(filter(None, names), "(no name)"))
 
     @property
     def benchmark(self) -> str:

@@ -197,10 +197,10 @@ def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
 
 
 def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl.DataFrame]) -> None:
-    twice = rows.filter(pl.struct(ROW_KEY).is_duplicated())
-    if twice.is_empty():
+    repeated = rows.filter(pl.struct(ROW_KEY).is_duplicated())
+    if repeated.is_empty():
         return
-    key = dict(zip(ROW_KEY, twice.select(ROW_KEY).row(0), strict=True))
+    key = dict(zip(ROW_KEY, repeated.select(ROW_KEY).row(0), strict=True))
     files = [str(path) for path, part in zip(paths, parts, strict=True) if not part.filter(**key).is_empty()]
     raise RunError(
         f"{' and '.join(files)} contain different rows for sample '{key['sample']}', {key['corruption']} severity "

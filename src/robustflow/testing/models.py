@@ -182,19 +182,19 @@ def check_model(model: Any, seed: int = 0) -> str:
 
 
 def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
-    given = [frame.copy() for frame in clip]
+    copies = [frame.copy() for frame in clip]
     try:
         if isinstance(model, ClipModel):
-            returned = model.predict_clip(given, window_of(model).before)
+            returned = model.predict_clip(copies, window_of(model).before)
         elif isinstance(model, FlowModel):
-            returned = model.predict(given[0], given[1])
+            returned = model.predict(copies[0], copies[1])
         else:
             raise ModelError("precomputed flows are looked up by name, so there is no prediction to check")
     except ModelError:
         raise
     except Exception as error:
         raise ModelError(f"the model raised {type(error).__name__} {where}: {error or 'no message'}") from error
-    if any(not np.array_equal(frame, before) for frame, before in zip(given, clip, strict=True)):
+    if any(not np.array_equal(frame, before) for frame, before in zip(copies, clip, strict=True)):
         raise ModelError(f"the model {where} modifies its input frames: copy them first")
     flow = np.array(returned, copy=True) if isinstance(returned, np.ndarray) else returned
     if not isinstance(flow, np.ndarray) or flow.shape != (*clip[0].shape[:2], 2) or flow.dtype.kind != "f":
@@ -221,14 +221,14 @@ def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]]
 
 
 def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
-    given = [[clip[i].copy() for clip in clips] for i in (0, 1)]
+    copies = [[clip[i].copy() for clip in clips] for i in (0, 1)]
     try:
-        together = model.predict_batch(*given)
+        together = model.predict_batch(*copies)
     except Exception as error:
         raise ModelError(f"predict_batch raised {type(error).__name__} {where}: {error or 'no message'}") from error
     if not hasattr(together, "__len__"):
         raise ModelError(f"predict_batch returned {described_array(together)} {where}; expected one flow per pair")
-    if any(not np.array_equal(given[i][j], clip[i]) for i in (0, 1) for j, clip in enumerate(clips)):
+    if any(not np.array_equal(copies[i][j], clip[i]) for i in (0, 1) for j, clip in enumerate(clips)):
         raise ModelError(f"predict_batch {where} modifies its input frames: copy them first")
     if len(together) != len(clips):
         raise ModelError(
@@ -253,8 +253,8 @@ def _check_differentiable(model: AnyModel, clips: list[list[Frame]], flows: list
     pairs = torch.from_numpy(np.stack([images_of(*clip[:2]) for clip in clips]))
     with torch.no_grad():
         together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
-        alone = torch.cat([model.differentiable(pair[:1], pair[1:]) for pair in pairs])
-    if together.shape != alone.shape or not (together - alone).abs().max() <= BATCH_TOLERANCE:
+        single = torch.cat([model.differentiable(pair[:1], pair[1:]) for pair in pairs])
+    if together.shape != single.shape or not (together - single).abs().max() <= BATCH_TOLERANCE:
         raise ModelError(
             f"the model's method differentiable {where} returns a different flow in a batch than for single pairs: "
             "process the pairs of a batch independently, or do not set batched_gradients"

@@ -31,11 +31,11 @@ def group_batchnorm(network: nn.Module, groups: int) -> None:
     GPUs (see `GroupedBatchNorm2d`). A single group has no effect."""
     if groups == 1:
         return
-    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT registers the same norm under two names
+    replaced: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT registers the same norm under two names
     for parent in list(network.modules()):
         for name, child in list(parent.named_children()):
             if isinstance(child, nn.BatchNorm2d):
-                setattr(parent, name, made.setdefault(child, GroupedBatchNorm2d(child, groups)))
+                setattr(parent, name, replaced.setdefault(child, GroupedBatchNorm2d(child, groups)))
 
 
 class GroupedBatchNorm2d(nn.BatchNorm2d):

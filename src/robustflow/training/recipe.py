@@ -155,10 +155,10 @@ class Recipe(Frozen):
         Raises:
             UsageError: a value is invalid.
         """
-        given = {key: value for key, value in changes.items() if value is not None}
-        if "steps" in given:
-            given.setdefault("extra_update", False)
-        return _validated({**self.model_dump(), **given})
+        set_values = {key: value for key, value in changes.items() if value is not None}
+        if "steps" in set_values:
+            set_values.setdefault("extra_update", False)
+        return _validated({**self.model_dump(), **set_values})
 
 
 def load_recipe(method: str, stage: str) -> Recipe:

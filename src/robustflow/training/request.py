@@ -45,10 +45,10 @@ class DataPlan:
         """
         if not self.corruptions:
             return None
-        made = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
-        if moving := [name for name in made.names if truth_under(name) == "none"]:
+        transform = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
+        if moving := [name for name in transform.names if truth_under(name) == "none"]:
             raise UsageError(f"--corrupt {moving[0]}: it moves content, so the ground truth would be wrong; omit it")
-        return made
+        return transform
 
 
 @dataclass(frozen=True)

@@ -160,8 +160,8 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
         name = dataset_facts(part.dataset.name).training_set
         if seen is None or name not in TRAINING_SETS.values():
             return None
-        apart = part.part.keys == "training" or getattr(part.dataset, "leaves_out_evaluated", False)
-        sets.append(name + (":train" if apart else ""))
+        disjoint = part.part.keys == "training" or getattr(part.dataset, "leaves_out_evaluated", False)
+        sets.append(name + (":train" if disjoint else ""))
     return "+".join(dict.fromkeys(sets))
 
 

@@ -63,9 +63,9 @@ def load_interpolator(
         from .flavr_interpolator import FlavrInterpolator
 
         return FlavrInterpolator(checkpoint, device)
-    given = "none was specified" if name is None else f"'{name}' is unknown"
+    problem = "none was specified" if name is None else f"'{name}' is unknown"
     raise UsageError(
-        f"a factor of {factor} requires an interpolator, but {given}: choose --interpolator flavr (as in the paper, "
+        f"a factor of {factor} requires an interpolator, but {problem}: choose --interpolator flavr (as in the paper, "
         "requires --checkpoint) or flow (bidirectional DIS flow, requires no weights)"
     )
 

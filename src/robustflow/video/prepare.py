@@ -127,7 +127,7 @@ def prepare_clip(
     interpolator = load_interpolator(
         preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device
     )
-    wanted = ClipManifest(
+    expected = ClipManifest(
         version=VERSION,
         name=source.name,
         count=timing.count,
@@ -146,7 +146,7 @@ def prepare_clip(
     )
     make_folder(folder / KEY_FRAMES)
     with locked(folder.with_name(f".{folder.name}.lock")):
-        return _finished(folder, wanted) or _write_clip(source, folder, wanted, interpolator, progress)
+        return _finished(folder, expected) or _write_clip(source, folder, expected, interpolator, progress)
 
 
 def _write_clip(
@@ -204,9 +204,9 @@ def _segments(
         if path is not None:
             deque(islice(around, length), maxlen=0)
         else:
-            made = fill_gaps(islice(around, length), interpolator, factor, first=start == 0)
+            frames = fill_gaps(islice(around, length), interpolator, factor, first=start == 0)
             unnamed = work / f"{start:06d}.mp4"
-            write_clip(unnamed, map(rgb_to_i420, made), size, fps, lossless("ultrafast"))
+            write_clip(unnamed, map(rgb_to_i420, frames), size, fps, lossless("ultrafast"))
             path = unnamed.rename(work / f"{start:06d}.{quick_digest_of_file(unnamed)}.mp4")
         parts.append(ClipFile(path, length * factor + (start == 0), fps, *size))
         progress(wanted.name, "interpolate", start + length, gaps)

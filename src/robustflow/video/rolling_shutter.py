@@ -28,13 +28,13 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
     if not readouts or min(readouts) < 0:
         raise UsageError(f"invalid rolling shutter readout times: {list(readouts)} frames")
     reach = (max(readouts) + 1) // 2
-    made: dict[int, Frame] = {}
+    frames: dict[int, Frame] = {}
     for index in range(centre - reach, centre + reach + 1):
         frame = frame_at(index)
         for readout in dict.fromkeys(readouts):
             rows = row_offsets(frame.shape[0], readout) == index - centre
-            made.setdefault(readout, np.empty_like(frame))[rows] = frame[rows]
-    return made
+            frames.setdefault(readout, np.empty_like(frame))[rows] = frame[rows]
+    return frames
 
 
 def row_offsets(height: int, readout: int) -> np.ndarray:

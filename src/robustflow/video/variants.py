@@ -70,12 +70,12 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
     make_folder(folder)
     master, keys = clip.master, clip.manifest.key_frames
     stream = corrupted_stream(master, corruption, parameter)
-    wanted, changed = set(keys), 0
+    remaining, changed = set(keys), 0
 
     def key_pictures() -> Iterator[I420]:
         nonlocal changed
         for index, picture in stream.pictures:
-            if index in wanted:
+            if index in remaining:
                 shown = i420_to_rgb(picture, master.height, master.width)
                 changed += not (shown == read_image(clip.key_frame_path(index))).all()
                 yield picture

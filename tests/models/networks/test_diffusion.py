@@ -26,23 +26,23 @@ def test_the_schedule_is_nichol_and_dhariwals(schedule):
     def f(step):
         return math.cos((step / 1000 + 0.008) / 1.008 * math.pi / 2) ** 2
 
-    kept = 1.0
+    signal = 1.0
     for step in range(1000):
         beta = min(1 - f(step + 1) / f(step), 0.999)
-        before, kept = kept, kept * (1 - beta)
+        before, signal = signal, signal * (1 - beta)
         wanted = {
             "betas": beta,
-            "alphas_cumprod": kept,
+            "alphas_cumprod": signal,
             "alphas_cumprod_prev": before,
-            "sqrt_alphas_cumprod": math.sqrt(kept),
-            "sqrt_one_minus_alphas_cumprod": math.sqrt(1 - kept),
-            "log_one_minus_alphas_cumprod": math.log(1 - kept),
-            "sqrt_recip_alphas_cumprod": math.sqrt(1 / kept),
-            "sqrt_recipm1_alphas_cumprod": math.sqrt(1 / kept - 1),
-            "posterior_variance": beta * (1 - before) / (1 - kept),
-            "posterior_log_variance_clipped": math.log(max(beta * (1 - before) / (1 - kept), 1e-20)),
-            "posterior_mean_coef1": beta * math.sqrt(before) / (1 - kept),
-            "posterior_mean_coef2": (1 - before) * math.sqrt(1 - beta) / (1 - kept),
+            "sqrt_alphas_cumprod": math.sqrt(signal),
+            "sqrt_one_minus_alphas_cumprod": math.sqrt(1 - signal),
+            "log_one_minus_alphas_cumprod": math.log(1 - signal),
+            "sqrt_recip_alphas_cumprod": math.sqrt(1 / signal),
+            "sqrt_recipm1_alphas_cumprod": math.sqrt(1 / signal - 1),
+            "posterior_variance": beta * (1 - before) / (1 - signal),
+            "posterior_log_variance_clipped": math.log(max(beta * (1 - before) / (1 - signal), 1e-20)),
+            "posterior_mean_coef1": beta * math.sqrt(before) / (1 - signal),
+            "posterior_mean_coef2": (1 - before) * math.sqrt(1 - beta) / (1 - signal),
         }
         for name, value in wanted.items():
             found = getattr(schedule, name)

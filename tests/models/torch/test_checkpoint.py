@@ -285,8 +285,8 @@ def test_file_that_is_not_a_checkpoint_is_refused(path, content, says):
 def test_a_file_cut_anywhere_is_refused(path, state, zipped):
     torch.save(state, path, _use_new_zipfile_serialization=zipped)
     whole = path.read_bytes()
-    for kept in [*range(1, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
-        path.write_bytes(whole[:kept])
+    for length in [*range(1, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
+        path.write_bytes(whole[:length])
         with refused(ModelError, "weights.pth"):
             load(path)
 

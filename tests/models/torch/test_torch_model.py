@@ -238,8 +238,8 @@ def test_the_manifest_says_how_it_was_executed(tmp_path):
     convention = InputConvention(fit="stretch", multiple=64, size=(64, 128))
     model = network("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
     run = {"corruptions": ["contrast"], "severities": [1]}
-    said = evaluate(model, output=tmp_path / "run", **run).manifest.identity.model.settings
-    assert (said["precision"], said["compile"], said["device"]) == ("bf16", False, "cpu")
+    settings = evaluate(model, output=tmp_path / "run", **run).manifest.identity.model.settings
+    assert (settings["precision"], settings["compile"], settings["device"]) == ("bf16", False, "cpu")
     other = network("arflow", seeded(ARFlow), convention, {}, device="cpu")
     with pytest.raises(RunError, match="contains a different run"):
         evaluate(other, output=tmp_path / "run", **run)

@@ -176,9 +176,9 @@ def test_undeclared_network_that_fits_several_conventions_names_them_best_first(
     """`tiny` is equally accurate on BGR frames; the convention that is listed first is the one used in training."""
     with refused(ModelError, "several conventions work about equally well") as error:
         rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
-    said = str(error.value)
-    assert "best first: scaling=0-255, order=rgb (0.17 px); scaling=0-255, order=bgr (0.18 px); " in said
-    assert "TorchModel(net, scaling='0-255', order='rgb', layout='pair') or -O scaling=0-255 -O order=rgb" in said
+    message = str(error.value)
+    assert "best first: scaling=0-255, order=rgb (0.17 px); scaling=0-255, order=bgr (0.18 px); " in message
+    assert "TorchModel(net, scaling='0-255', order='rgb', layout='pair') or -O scaling=0-255 -O order=rgb" in message
     model = rf.TorchModel(Version(scaling="0-255"), scaling="0-255", order="rgb", layout="pair", device="cpu")
     assert model.identity()["input"]["scale"] == 1.0
 

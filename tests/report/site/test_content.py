@@ -58,9 +58,9 @@ def test_measured_groups_come_before_published_ones(small_run, many_images):
 
 
 def test_a_value_given_twice_is_refused():
-    mine = _file("OOD,RAFT,epe,clean,1.00,mine\n")
+    results = _file("OOD,RAFT,epe,clean,1.00,mine\n")
     with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'mine'"):
-        whole_content([], [("one.csv", mine), ("two.csv", mine)])
+        whole_content([], [("one.csv", results), ("two.csv", results)])
 
 
 def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
@@ -82,31 +82,31 @@ def test_excluded_model_is_not_named_as_the_best(many_images, monkeypatch):
     useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
     rows = useless.rows.with_columns(magnitude_sum=pl.col("n_valid") * 0.001, rcre_all_sum=pl.lit(0.0))
     monkeypatch.setitem(useless.__dict__, "rows", rows)
-    sentences = headline(whole_content([useless, sound], published=False))
-    assert not any("Blind has the lowest" in sentence or "for Blind" in sentence for sentence in sentences)
-    assert sentences[0].startswith("Sound on ")
-    (reason,) = (sentence for sentence in sentences if sentence.startswith("Not ranked: Blind, because"))
+    texts = headline(whole_content([useless, sound], published=False))
+    assert not any("Blind has the lowest" in sentence or "for Blind" in sentence for sentence in texts)
+    assert texts[0].startswith("Sound on ")
+    (reason,) = (sentence for sentence in texts if sentence.startswith("Not ranked: Blind, because"))
     assert "of zero flow" in reason
     assert "hardly depends on the frames" in reason
 
 
 def test_comparison_of_the_best_two_of_many_corrects_for_the_selection(many_images):
     runs = [many_images("A" * (1 + index), 1 + 0.1 * index) for index in range(4)]
-    said = headline(whole_content(runs, published=False))
-    assert "The average EPE of A is lower than that of AA" in said[1]
-    assert "corrected for 6 comparisons" in said[1]
+    texts = headline(whole_content(runs, published=False))
+    assert "The average EPE of A is lower than that of AA" in texts[1]
+    assert "corrected for 6 comparisons" in texts[1]
 
 
 def test_equal_models_have_no_winner(many_images):
     """Models with equal errors share the lead; neither wins because of its name."""
-    said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
-    assert len(said) == 1
-    assert "A and Bb share the lowest EPE under corruption (" in said[0]
-    said = headline(whole_content([many_images(name) for name in ("A", "Bb", "Ccc")], published=False))
-    assert "A, Bb and Ccc share the lowest EPE under corruption (" in said[0]
-    said = headline(whole_content([many_images("A"), many_images("Bb", 1.22, seed=1)], published=False))
-    assert re.search(r"none can be called the most robust: the lead of .* \(EPE .*\) may be due to chance\.", said[0])
-    assert "No difference in average EPE between " in said[1]
+    texts = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
+    assert len(texts) == 1
+    assert "A and Bb share the lowest EPE under corruption (" in texts[0]
+    texts = headline(whole_content([many_images(name) for name in ("A", "Bb", "Ccc")], published=False))
+    assert "A, Bb and Ccc share the lowest EPE under corruption (" in texts[0]
+    texts = headline(whole_content([many_images("A"), many_images("Bb", 1.22, seed=1)], published=False))
+    assert re.search(r"none can be called the most robust: the lead of .* \(EPE .*\) may be due to chance", texts[0])
+    assert "No difference in average EPE between " in texts[1]
 
 
 def test_headline_of_a_lower_corrupted_but_higher_clean_error_names_no_winner(many_images):
@@ -116,9 +116,9 @@ def test_headline_of_a_lower_corrupted_but_higher_clean_error_names_no_winner(ma
     doubled = [pl.when(clean).then(2 * pl.col("epe_sum")).otherwise("epe_sum").alias("epe_sum")]
     doubled += [pl.col(name) * 2 for name in first.rows.columns if name.startswith("clean_epe_sum")]
     first.rows = first.rows.with_columns(doubled)
-    said = headline(whole_content([first, second], published=False))[0]
-    assert "none can be called the most robust: A (EPE " in said
-    assert "and Bb (EPE " in said
+    sentence = headline(whole_content([first, second], published=False))[0]
+    assert "none can be called the most robust: A (EPE " in sentence
+    assert "and Bb (EPE " in sentence
 
 
 @pytest.mark.parametrize(("factor", "says"), [(1.5, "raises the end-point error from"), (0.1, "lowers the end-point")])
@@ -127,17 +127,17 @@ def test_corruption_does_not_always_raise_the_error(many_images, factor, says):
 
 
 def test_single_run_has_no_comparison(many_images, small_run):
-    said = headline(whole_content([many_images("A")], published=False))
-    assert len(said) == 1
-    assert "px: significant" in said[0]
+    texts = headline(whole_content([many_images("A")], published=False))
+    assert len(texts) == 1
+    assert "px: significant" in texts[0]
     assert "too few images" in headline(run_content(small_run))[0]
 
 
 def test_published_rows_have_no_significance():
-    said = " ".join(headline(whole_content([])))
-    assert "SAMFlow-H (OOD, EPE 8.39 px)" in said
-    assert "FlowFormer (OOD, RCRE 1.29 px)" in said
-    assert "the significance of a lead is unknown" in said
+    text = " ".join(headline(whole_content([])))
+    assert "SAMFlow-H (OOD, EPE 8.39 px)" in text
+    assert "FlowFormer (OOD, RCRE 1.29 px)" in text
+    assert "the significance of a lead is unknown" in text
 
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
@@ -229,11 +229,11 @@ def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_pa
 def test_intervals_of_averages_alone_equal_those_computed_with_all(structured_rows):
     whole = intervals(structured_rows)
     few = intervals(structured_rows, corruptions=False)
-    kept = whole.filter(pl.col("corruption").is_in(["average", "clean"]))
+    averages = whole.filter(pl.col("corruption").is_in(["average", "clean"]))
     assert few.height == 5
-    assert few.drop("standard_error", "low", "high").equals(kept.drop("standard_error", "low", "high"))
+    assert few.drop("standard_error", "low", "high").equals(averages.drop("standard_error", "low", "high"))
     for name in ("standard_error", "low", "high"):
-        assert few[name].to_list() == pytest.approx(kept[name].to_list(), rel=1e-12)
+        assert few[name].to_list() == pytest.approx(averages[name].to_list(), rel=1e-12)
 
 
 @pytest.fixture(scope="module")

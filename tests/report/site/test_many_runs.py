@@ -86,8 +86,8 @@ DAMAGE = {
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_changed_file_of_the_embedded_pair_is_drawn_again(drawn, tmp_path, damage):
     first = embedded.embedded_slider()
-    (kept,) = tmp_path.rglob("motorcycle.json")
-    kept.write_text(DAMAGE[damage](kept.read_text()))
+    (cached,) = tmp_path.rglob("motorcycle.json")
+    cached.write_text(DAMAGE[damage](cached.read_text()))
     assert embedded.embedded_slider() == first
     assert len(drawn) == 2
     assert embedded.embedded_slider() == first

@@ -25,8 +25,8 @@ def _marks(root):
 def test_every_model_is_a_mark_with_its_numbers():
     marks = _marks(_svg(clean_against_cre(_KITTI)))
     assert len(marks) == 11 + 14
-    said = {mark.get("data-label") for mark in marks}
-    assert "RAFT (ID): clean EPE 1.81 px, CRE 6.70 px, CREr 3.70" in said
+    labels = {mark.get("data-label") for mark in marks}
+    assert "RAFT (ID): clean EPE 1.81 px, CRE 6.70 px, CREr 3.70" in labels
     assert {mark.get("data-page") for mark in marks} >= {"page-RAFT", "page-ARFlow"}
 
 
@@ -71,6 +71,6 @@ def test_panels_do_not_overlap_and_have_one_size():
 def test_points_of_one_line_have_distinct_labels():
     rows = rows_of(*(Truth().draw(np.random.default_rng(0), np.ones(3, int))[i] for i in (0, 1, 1)))
     root = _svg(severity_curves({"a": rows}))
-    said = [mark.get("data-label") for mark in _marks(root)]
-    assert len(said) == len(set(said)) == 3
-    assert [re.search("severity ([0-9])", text)[1] for text in said] == ["1", "3", "2"]
+    labels = [mark.get("data-label") for mark in _marks(root)]
+    assert len(labels) == len(set(labels)) == 3
+    assert [re.search("severity ([0-9])", text)[1] for text in labels] == ["1", "3", "2"]

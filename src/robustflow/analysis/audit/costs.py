@@ -62,17 +62,17 @@ def _crer(
 def _ranks(check: str, costs: Mapping[str, PrintedCost], ranks: Mapping[str, Mapping[str, int]], how: str) -> _Part:
     count, findings = 0, []
     for field in ("flops_rank", "crer_rank_ood", "crer_rank_id", "average_rank_ood", "average_rank_id"):
-        made = ranks[field.replace("_rank", "")]
+        rank_values = ranks[field.replace("_rank", "")]
         setting = {"ood": "OOD", "id": "ID"}.get(field.rpartition("_")[2], "")
         what = {"flops": "FLOPs rank", "crer": "CREr rank", "average": "average rank"}[field.partition("_")[0]]
         for name, cost in costs.items():
             given = getattr(cost, field)
-            if given is None or name not in made:
+            if given is None or name not in rank_values:
                 continue
             count += 1
-            if given != made[name]:
-                message = f"{f'{setting} ' * bool(setting)}{name}: {what} {given}, but {how} it is {made[name]}"
-                findings.append(_finding(check, cost, setting, (given, made[name], 0.0), message))
+            if given != rank_values[name]:
+                message = f"{f'{setting} ' * bool(setting)}{name}: {what} {given}, but {how} it is {rank_values[name]}"
+                findings.append(_finding(check, cost, setting, (given, rank_values[name], 0.0), message))
     return check, count, findings
 
 

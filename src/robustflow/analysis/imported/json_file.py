@@ -49,7 +49,7 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
 
 
 def _dict_without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
-    if twice:
-        raise ValueError(f"'{plain(twice[0], 40)}' appears twice")
+    duplicates = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+    if duplicates:
+        raise ValueError(f"'{plain(duplicates[0], 40)}' appears twice")
     return dict(pairs)

@@ -119,10 +119,10 @@ class Evidence:
     def cre_text(self, entry: ModelInSetting) -> str:
         """Format the average CRE computed from the EPE, with the printed one if rounding cannot explain the
         difference."""
-        made, printed = self.cre(entry), self._printed_cre.get(entry)
-        if printed is None or not misfits(printed, made, _ROUNDING):
-            return f"{made:.2f}"
-        return f"{made:.2f} from the EPE (printed: {printed:.2f})"
+        computed, printed = self.cre(entry), self._printed_cre.get(entry)
+        if printed is None or not misfits(printed, computed, _ROUNDING):
+            return f"{computed:.2f}"
+        return f"{computed:.2f} from the EPE (printed: {printed:.2f})"
 
     def log_ratio(self, entry: ModelInSetting) -> float:
         """Return ln(EPE / clean EPE), computed from the means."""

@@ -163,12 +163,12 @@ def plan_pairs(
             whole = (first.statistic(metric, AVERAGE) - second.statistic(metric, AVERAGE))(np.ones((1, count)))
             difference, error = float(whole.theta[0]), float(whole.standard_error[0])
             deviation = error * math.sqrt(count)
-            wanted = clusters_needed(effect, deviation, power, level)
-            pairs = None if wanted is None else math.ceil(wanted * first.images / count)
+            needed = clusters_needed(effect, deviation, power, level)
+            pairs = None if needed is None else math.ceil(needed * first.images / count)
             ratios = chi2.ppf([(1 + level) / 2, (1 - level) / 2], count - 1) / (count - 1)  # of the variance of s
             ends = [clusters_needed(effect, deviation / ratio**0.5, power, level) for ratio in ratios.tolist()]
             known = (difference, error, first.images, count, detectable(deviation, count, power, level))
-            planned = (effect, power_of(effect, deviation, count, level), pairs, wanted, *ends)
+            planned = (effect, power_of(effect, deviation, count, level), pairs, needed, *ends)
             records.append((*names, metric, *known, *planned))
     if not records:
         raise RunError("these runs have no average in common: run them on the same pairs under the same corruptions")

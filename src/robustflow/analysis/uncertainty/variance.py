@@ -114,9 +114,9 @@ def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
     whole = full.group_by("corruption").agg(pl.len()).filter(pl.col("len") == levels)
     values = values.join(whole, on="corruption", how="semi")
     per_cell = values.group_by("sample", "_seed", "severity").agg(pl.col(metric).mean(), pl.len())
-    wanted = per_cell.filter(pl.col("len") == whole.height)
-    complete = wanted.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
-    measured_everywhere = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
+    complete_cells = per_cell.filter(pl.col("len") == whole.height)
+    complete = complete_cells.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
+    measured_everywhere = complete_cells.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
     if measured_everywhere.is_empty():
         raise RunError(
             "no image was measured with every seed under the same corruptions and severities; "

@@ -75,8 +75,8 @@ def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], lis
     """Return the layer index of each pixel and the radius of each layer, from the nearest to the farthest layer."""
     signed = np.empty(depth.shape, np.float32)
     low, high = _signed_radii(depth, *map(np.float32, lens), signed)
-    apart = max(_FINEST, max(abs(low), abs(high)) / _STEPS)
-    count = int(-(-(high - low) // apart))
+    spacing = max(_FINEST, max(abs(low), abs(high)) / _STEPS)
+    count = int(-(-(high - low) // spacing))
     step = (high - low) / max(count, 1)
     layers = np.zeros(depth.shape, np.uint8)
     if count:

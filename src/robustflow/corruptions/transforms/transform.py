@@ -200,8 +200,8 @@ def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
         raise UsageError(f"{name} requires depth, which is not available to a transform; remove it")
     own = levels_of(name, levels, scale)
     if levels and not own:
-        asked = ", ".join(map(str, levels))
-        raise UsageError(f"{name} does not exist at the severities {asked} on the {scale} scale; remove it")
+        text = ", ".join(map(str, levels))
+        raise UsageError(f"{name} does not exist at the severities {text} on the {scale} scale; remove it")
     return own
 
 

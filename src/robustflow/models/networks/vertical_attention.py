@@ -51,9 +51,9 @@ class LocalContextAttention(_ContextAttention):
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
         """Map (N * K, H, W, C) and (N, H, W, 256) to (N * K, H, W, C)."""
-        seen = to_windows(self.beside_context(x, context), 7)
-        seen = seen + _position_code(7, 7, 1, seen.shape[-1], seen)
-        mixed = attend(self.q(seen), self.k(seen), self.v(to_windows(x, 7)), _HEADS)
+        windows = to_windows(self.beside_context(x, context), 7)
+        windows = windows + _position_code(7, 7, 1, windows.shape[-1], windows)
+        mixed = attend(self.q(windows), self.k(windows), self.v(to_windows(x, 7)), _HEADS)
         return self.proj(from_windows(mixed, *x.shape[1:3]))
 
 

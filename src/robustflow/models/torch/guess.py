@@ -227,8 +227,8 @@ def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None =
     agree on them.
     """
     fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
-    apart = [*fitting, *([beside] if beside else [])]
-    same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in apart}) == 1}
+    listed = [*fitting, *([beside] if beside else [])]
+    same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in listed}) == 1}
     shown = [f"{replace(one.way, **same).describe()} ({one.mean:.2g} px)" for one in fitting]
     return first_of(shown, _MOST_NAMED, "; ")
 

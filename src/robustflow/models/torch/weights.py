@@ -43,16 +43,16 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
     Raises:
         ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
     """
-    wanted = dict(net.state_dict())
+    expected = dict(net.state_dict())
     inside = dict(_weights_in_scope(checkpoint.weights, scope))
-    as_named = inside.keys() == wanted.keys()  # a network's own names may start with a wrapper's prefix
-    own = {key if as_named else bare_name(key): key for key in wanted}
+    as_named = inside.keys() == expected.keys()  # a network's own names may start with a wrapper's prefix
+    own = {key if as_named else bare_name(key): key for key in expected}
     by_name = inside if as_named else _weights_by_bare_name(checkpoint, inside)
-    _refuse_other_names(checkpoint, model, by_name, wanted, own)
+    _refuse_other_names(checkpoint, model, by_name, expected, own)
     casts = set()
     weights = {}
     for name, key in own.items():
-        value, target = by_name[name], wanted[key]
+        value, target = by_name[name], expected[key]
         _refuse_bad_value(checkpoint, name, value, target)
         if value.dtype != target.dtype:
             casts.add(str(value.dtype).removeprefix("torch."))

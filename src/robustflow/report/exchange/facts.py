@@ -84,8 +84,8 @@ class RunFacts:
     @property
     def settings(self) -> dict[str, Any]:
         """Return the model's identity without fields that contain a path on this machine."""
-        given = self.run.manifest.identity.model.settings
-        return {plain(name): plain(str(value)) for name, value in given.items() if not holds_path(str(value))}
+        settings = self.run.manifest.identity.model.settings
+        return {plain(name): plain(str(value)) for name, value in settings.items() if not holds_path(str(value))}
 
     @property
     def data(self) -> dict[str, Any]:

@@ -121,12 +121,12 @@ def page_looks(content: Content) -> FigureStyles:
     places: dict[tuple[str, int], int] = {}
     styles: dict[ModelResult, Style] = {}
     for lines in by_frames(line for line in content.lines if line.frames != PAPER).values():
-        seen: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         for line in sorted(lines, key=by_error):
             name = line.name if line.run is None else line.run.name
-            place = places.setdefault((name, seen[name]), len(places))
+            place = places.setdefault((name, counts[name]), len(places))
             styles[line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
-            seen[name] += 1
+            counts[name] += 1
     return FigureStyles(styles, legend=False)
 
 

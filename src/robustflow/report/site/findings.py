@@ -38,9 +38,9 @@ def checked_observations(content: Content, benchmark: str) -> list[Checked]:
     computed."""
     checked = []
     for frames, part in by_frames(ranked(line for line in content.focus if line.benchmark == benchmark)).items():
-        made = observations(part)
-        if any(one.verdict != UNKNOWN for one in made):
-            checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
+        verdicts = observations(part)
+        if any(one.verdict != UNKNOWN for one in verdicts):
+            checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(verdicts)))
     return checked
 
 

@@ -170,9 +170,9 @@ def _device() -> str:
     """Return the device that Ray assigned to this actor."""
     import ray
 
-    given = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])
-    if not given:
+    gpus = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])
+    if not gpus:
         return "CPU"
     torch = sys.modules.get("torch")
     named = f" ({torch.cuda.get_device_name(0)})" if torch is not None and torch.cuda.is_available() else ""
-    return f"GPU {','.join(given)}{named}"
+    return f"GPU {','.join(gpus)}{named}"
