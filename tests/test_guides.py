@@ -32,12 +32,12 @@ def test_every_block_is_run_or_says_why_not(page):
         assert not (block.mark.startswith("not run") and not block.why_not), "say why"
 
 
-def _with_blocks():
+def _pages_with_blocks():
     runnable = [p for p in pages() if p not in OWN_TESTS and any(b.runs for b in blocks((DOCS / p).read_text()))]
     return [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in runnable]
 
 
-@pytest.mark.parametrize("page", _with_blocks())
+@pytest.mark.parametrize("page", _pages_with_blocks())
 def test_code_of_a_page_runs(page, reader):
     reader.follow(page)
 

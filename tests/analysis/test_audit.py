@@ -32,35 +32,35 @@ from ..runs.edited import edit_rows
 _FOUND = audit_published()
 
 
-def _of(check: str, **where: str) -> list:
+def _findings_with(check: str, **where: str) -> list:
     return [f for f in _FOUND.findings if f.check == check and all(getattr(f, k) == v for k, v in where.items())]
 
 
 def test_rows_of_brightflow_and_upflow_are_swapped():
-    assert [(f.source, f.metric) for f in _of("swapped")] == [("Tab. 7", "cre"), ("Tab. 8", "rcre")]
-    assert all("BrightFlow and UPFlow" in finding.message for finding in _of("swapped"))
+    assert [(f.source, f.metric) for f in _findings_with("swapped")] == [("Tab. 7", "cre"), ("Tab. 8", "rcre")]
+    assert all("BrightFlow and UPFlow" in finding.message for finding in _findings_with("swapped"))
 
 
 def test_samflow_t_disagrees_in_six_columns():
-    found = [f.corruption for f in _of("cre", setting="OOD", model="SAMFlow-T") if f.corruption != AVERAGE]
+    found = [f.corruption for f in _findings_with("cre", setting="OOD", model="SAMFlow-T") if f.corruption != AVERAGE]
     assert found == ["low_light", "snow", "gaussian_noise", "shot_noise", "impulse_noise", "psf_blur"]
-    assert "snow, gaussian_noise, shot_noise" in _of("shifted")[0].message
+    assert "snow, gaussian_noise, shot_noise" in _findings_with("shifted")[0].message
 
 
 def test_flowdiffuser_disagrees_in_both_settings():
-    counts = Counter(f.setting for f in _of("cre", model="FlowDiffuser") if f.corruption != AVERAGE)
+    counts = Counter(f.setting for f in _findings_with("cre", model="FlowDiffuser") if f.corruption != AVERAGE)
     assert counts == {"OOD": 19, "ID": 15}
 
 
 def test_finding_gives_the_printed_and_the_recomputed_value():
     """One value of each kind, copied from the paper's tables by hand."""
-    contrast = _of("cre", model="BrightFlow", corruption="contrast")[0]
+    contrast = _findings_with("cre", model="BrightFlow", corruption="contrast")[0]
     assert (contrast.given, round(contrast.recomputed, 2), round(contrast.tolerance, 3)) == (3.70, 0.20, 0.015)
-    impossible = _of("bound", model="UPFlow", corruption="contrast")[0]
+    impossible = _findings_with("bound", model="UPFlow", corruption="contrast")[0]
     assert (impossible.given, round(impossible.recomputed, 2)) == (0.68, 3.70)
-    ratio = _of("crer", model="SAMFlow-T")[0]
+    ratio = _findings_with("crer", model="SAMFlow-T")[0]
     assert (ratio.given, round(ratio.recomputed, 3)) == (1.17, 1.209)
-    marked = _of("best", setting="OOD", corruption="spatter", metric="cre")[0]
+    marked = _findings_with("best", setting="OOD", corruption="spatter", metric="cre")[0]
     assert (marked.given, marked.recomputed) == (16.79, 16.27)
 
 
@@ -73,13 +73,13 @@ def test_recomputed_cre_equals_exact_decimal_arithmetic():
             for name in {name for metric, name in number if metric == "cre"}:
                 if abs(number["epe", name] - number["epe", CLEAN] - number["cre", name]) > Decimal("0.015"):
                     expected.add((line.setting, line.name, name))
-    assert {(f.setting, f.model, f.corruption) for f in _of("cre")} == expected
+    assert {(f.setting, f.model, f.corruption) for f in _findings_with("cre")} == expected
 
 
 def test_consistent_values_are_not_reported():
-    assert not _of("average")
-    assert not _of("rank")
-    assert {(f.setting, f.model) for f in _of("cre")} == {
+    assert not _findings_with("average")
+    assert not _findings_with("rank")
+    assert {(f.setting, f.model) for f in _findings_with("cre")} == {
         ("OOD", "SAMFlow-T"),
         ("OOD", "SAMFlow-B"),
         ("OOD", "FlowDiffuser"),
@@ -87,7 +87,7 @@ def test_consistent_values_are_not_reported():
         ("ID", "BrightFlow"),
         ("ID", "UPFlow"),
     }
-    assert not [f for f in _of("best") if f.source in ("Tab. 2", "Tab. 4")]
+    assert not [f for f in _findings_with("best") if f.source in ("Tab. 2", "Tab. 4")]
     assert _FOUND.checked["cre"] == 29 * 21
     assert set(_FOUND.checked) <= set(AUDIT_CHECKS)
 

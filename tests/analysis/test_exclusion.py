@@ -164,7 +164,7 @@ class ScaledDis:
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
+def measured_runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("excluded")
     models = {"dis": ScaledDis(1.0), "most": ScaledDis(0.9), "tenth": ScaledDis(0.1)}
     models |= {"constant": ConstantFlow(-30.0, 0.0)}
@@ -172,28 +172,28 @@ def measured(tmp_path_factory):
     return {name: evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()}
 
 
-def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measured):
+def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measured_runs):
     """The constant is close to the pair's mean motion, so its error is below half that of zero flow although it ignores
     the frames.
     """
-    assert not exclusion_reasons(measured["dis"])
-    assert measured["tenth"].cre < 0.3 * measured["dis"].cre
-    assert "is at least half of the 34.34 px of zero flow" in exclusion_reasons(measured["tenth"])[0]
-    assert clean_epe(measured["constant"].rows) < 0.5 * 34.34
-    assert exclusion_reasons(measured["constant"])[0].startswith("its flow hardly depends on the frames")
+    assert not exclusion_reasons(measured_runs["dis"])
+    assert measured_runs["tenth"].cre < 0.3 * measured_runs["dis"].cre
+    assert "is at least half of the 34.34 px of zero flow" in exclusion_reasons(measured_runs["tenth"])[0]
+    assert clean_epe(measured_runs["constant"].rows) < 0.5 * 34.34
+    assert exclusion_reasons(measured_runs["constant"])[0].startswith("its flow hardly depends on the frames")
 
 
 @pytest.mark.parametrize("format", ["terminal", "markdown"])
-def test_compare_ranks_no_excluded_run_and_says_why(measured, robustflow, format):
+def test_compare_ranks_no_excluded_run_and_says_why(measured_runs, robustflow, format):
     options = ("--resamples", 199, "--format", format)
-    out = " ".join(robustflow.prints("compare", *(run.path for run in measured.values()), *options).split())
+    out = " ".join(robustflow.prints("compare", *(run.path for run in measured_runs.values()), *options).split())
     ranking, _, rest = out.partition("possible ranks: ranks consistent")
     assert "1 x DIS" in ranking
     assert "0.9 x DIS" in ranking
     assert "0.1 x DIS" not in ranking
     assert "ConstantFlow" not in ranking
     assert "Not ranked: 0.1 x DIS, because its clean EPE of" in rest
-    of_two = robustflow.prints("compare", *(measured[name].path for name in ("dis", "tenth")), *options)
+    of_two = robustflow.prints("compare", *(measured_runs[name].path for name in ("dis", "tenth")), *options)
     assert "Not ranked: 0.1 x DIS, because" in " ".join(of_two.split())
 
 

@@ -192,7 +192,7 @@ def test_models_of_equal_error_have_no_correlation():
     assert "all models have the same" in first.parts[0].message
 
 
-def _of_pairs(results, pairs):
+def _with_pairs(results, pairs):
     """Copies of the entries that appear to be measured on `pairs` pairs."""
     run = SimpleNamespace(summary=SimpleNamespace(samples=pairs))
     return [replace(line, run=run) for line in results]
@@ -200,14 +200,14 @@ def _of_pairs(results, pairs):
 
 def test_two_models_or_three_pairs_are_too_little_evidence():
     everything = observations(published_results())
-    few = observations(_of_pairs(published_results(), 3))
+    few = observations(_with_pairs(published_results(), 3))
     for whole, thin in zip(everything, few, strict=True):
         assert any(part.verdict != "cannot be computed" for part in whole.parts)
         assert thin.verdict == "too little evidence"
         weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
         assert all("3 image pairs, but at least 20 are needed" in part.message for part in weighed)
         assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
-    two = _of_pairs([line for line in published_results() if line.name in ("RAFT", "ARFlow")], 80)
+    two = _with_pairs([line for line in published_results() if line.name in ("RAFT", "ARFlow")], 80)
     verdicts = {observation.verdict for observation in observations(two)}
     assert verdicts <= {"too little evidence", "cannot be computed"}
 

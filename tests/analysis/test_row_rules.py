@@ -14,7 +14,7 @@ from robustflow.metrics.rows import ROW_KEY, measure, rows_frame
 from robustflow.sample import Sample
 
 
-def _measured(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: float) -> pl.DataFrame:
+def _random_rows(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: float) -> pl.DataFrame:
     """Rows of one sample with random ground truth and random predictions, some of which are not finite."""
     rng = np.random.default_rng(seed)
     height, width = rng.integers(1, 30, 2)
@@ -53,7 +53,7 @@ def _measured(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: f
     st.sampled_from([0.0, 0.0, 0.2, 1.0]),
 )
 def test_measured_rows_break_no_rule(seed, scale, truth, occlusion, holes):
-    rows = _measured(seed, scale, truth=truth, occlusion=occlusion, holes=holes)
+    rows = _random_rows(seed, scale, truth=truth, occlusion=occlusion, holes=holes)
     for reason, broken in broken_rules(rows):
         assert broken.is_empty(), f"{reason}: {broken.select(ROW_KEY).rows()}"
 
@@ -61,7 +61,7 @@ def test_measured_rows_break_no_rule(seed, scale, truth, occlusion, holes):
 @pytest.fixture(scope="module")
 def measured_rows() -> pl.DataFrame:
     return pl.concat(
-        _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
+        _random_rows(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
         for seed in range(4)
     )
 

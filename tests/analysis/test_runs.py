@@ -167,15 +167,15 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     half = runs[0].rows.with_columns(
         n_valid=pl.when(corruption="contrast").then(pl.col("n_valid") // 2).otherwise("n_valid")
     )
-    gaps = made_run(runs[0], half, "DIS")
-    cells, _ = _average(gaps, published=True)
-    assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
-    (cells_of_line,) = whole_content([gaps], published=False).cells.values()
+    with_gaps = made_run(runs[0], half, "DIS")
+    cells, _ = _average(with_gaps, published=True)
+    assert cells["Coverage"] == f"{with_gaps.summary.coverage:.2f}" == "0.75"
+    (cells_of_line,) = whole_content([with_gaps], published=False).cells.values()
     assert cells_of_line["coverage", ""].text == "0.75"
-    (lead, *_) = headline(whole_content([gaps, made_run(runs[0], runs[0].rows, "Whole")], published=False))
+    (lead, *_) = headline(whole_content([with_gaps, made_run(runs[0], runs[0].rows, "Whole")], published=False))
     assert "on 75.0 % of the pixels" in lead
     for name in ("means", "uncoupled", "cost", "row"):
-        (table,) = tables_of([gaps], published=False, wanted=[name])
+        (table,) = tables_of([with_gaps], published=False, wanted=[name])
         assert "errors cover 75.0 % of the pixels" in table.lines[0].note, name
 
 
@@ -192,13 +192,13 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(r
     the clean EPE although the error grew at every pixel that was predicted.
     """
 
-    def gaps(number):
+    def with_gaps(number):
         sums = {name: pl.col(name) / 16 for name in ("epe_sum", "clean_epe_sum", "rcre_sum")}
         some = {"n_valid": pl.col("n_valid") // 4, **{name: value * (1 + number / 10) for name, value in sums.items()}}
         left_out = {name: pl.when(corruption="contrast").then(value).otherwise(name) for name, value in some.items()}
         return made_run(runs[0], runs[0].rows.with_columns(**left_out), f"M{number}")
 
-    measured = [gaps(number) for number in range(1, 6)]
+    measured = [with_gaps(number) for number in range(1, 6)]
     figures = figures_of(measured, published=False)
     evidence = Evidence(run_results(measured), None)
     for run in measured:
@@ -228,7 +228,7 @@ def test_lines_of_runs_state_setting_and_notes(runs):
     assert comparison_note(part) == f"{note}; not complete"
 
 
-def _changed(run, model=(), **identity):
+def _with_identity(run, model=(), **identity):
     """The run with different settings of the model and different fields of its identity."""
     changed = Run(run.path)
     change_identity(changed, run.manifest.identity.model.settings | dict(model), **identity)
@@ -237,20 +237,20 @@ def _changed(run, model=(), **identity):
 
 def test_runs_of_one_name_are_named_by_what_differs(runs):
     dis, still = runs[:2]
-    fast, again = (_changed(dis, {"preset": "fast"}, seed=seed) for seed in (0, 1))
+    fast, again = (_with_identity(dis, {"preset": "fast"}, seed=seed) for seed in (0, 1))
     assert run_names([dis, fast]) == ["DIS (preset medium)", "DIS (preset fast)"]
     seeds = [f"DIS (preset {preset}, seed {seed})" for preset, seed in (("medium", 0), ("fast", 0), ("fast", 1))]
     assert run_names([dis, fast, again]) == seeds
-    weights = [_changed(dis, {"checkpoint": letter * 64}) for letter in "ab"]
+    weights = [_with_identity(dis, {"checkpoint": letter * 64}) for letter in "ab"]
     assert run_names(weights) == ["DIS (checkpoint aaaaaaaa)", "DIS (checkpoint bbbbbbbb)"]
-    elsewhere = _changed(still, benchmark="kitti-fc")
+    elsewhere = _with_identity(still, benchmark="kitti-fc")
     assert run_names([dis, still, elsewhere]) == ["DIS", f"{still.name} (demo)", f"{still.name} (KITTI-FC)"]
-    both = _changed(dis, {"preset": "fast"}, benchmark="kitti-fc")
+    both = _with_identity(dis, {"preset": "fast"}, benchmark="kitti-fc")
     assert run_names([dis, both]) == ["DIS (demo, preset medium)", "DIS (KITTI-FC, preset fast)"]
 
 
 def test_runs_of_one_model_are_named_by_what_was_measured_or_by_digest_and_number(runs):
-    dis, few, more, files, same = runs[0], *(_changed(runs[0]) for _ in range(4))
+    dis, few, more, files, same = runs[0], *(_with_identity(runs[0]) for _ in range(4))
     change_manifest(few, planned=(Cells(samples=tuple(dis.manifest.samples), corruptions={"contrast": (1, 3)}),))
     assert run_names([dis, few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
     change_manifest(more, samples={**more.manifest.samples, "other": ()})

@@ -49,7 +49,7 @@ def test_a_source_without_a_spread_has_none():
     assert min(_of(split, "seed") for split in splits) == 0, "a negative estimate of a variance counts as 0"
 
 
-def _of_scores(y: np.ndarray) -> dict[int, pl.DataFrame]:
+def _runs_with_scores(y: np.ndarray) -> dict[int, pl.DataFrame]:
     """Runs of fog whose CRE is y, float64 (images, seeds, severities), with up to three severities."""
     images, seeds, levels = y.shape
     runs = {}
@@ -66,7 +66,7 @@ def _of_scores(y: np.ndarray) -> dict[int, pl.DataFrame]:
 def test_split_of_three_images_equals_variances_computed_by_hand():
     """Scores of three images (rows) with two seeds (columns) at severity 1 and at severity 3."""
     y = np.array([[[0.0, 4.0], [2.0, 6.0]], [[1.0, 7.0], [1.0, 7.0]], [[5.0, 13.0], [7.0, 9.0]]])
-    split = variance_split(_of_scores(y), "cre")
+    split = variance_split(_runs_with_scores(y), "cre")
     # means of the images 3, 4, 8.5; of the seeds 5, 16/3; of the severities 8/3, 23/3; of all 31/6
     # mean squares: image 103/3, seed 1/3, image x seed 7/3, image x severity 1, seed x severity 3, residual 3
     assert _of(split, "image") ** 2 == pytest.approx((103 / 3 - 7 / 3) / 4)
@@ -81,7 +81,7 @@ def test_split_of_three_images_equals_variances_computed_by_hand():
 def test_rest_of_pure_noise_is_its_deviation_at_any_number_of_severities(severities):
     rng = np.random.default_rng(6)
     noise = [rng.normal(0, 1, (40, 3, severities)) for _ in range(25)]
-    rests = [_of(variance_split(_of_scores(y + 5), "cre"), "rest") ** 2 for y in noise]
+    rests = [_of(variance_split(_runs_with_scores(y + 5), "cre"), "rest") ** 2 for y in noise]
     standard_error = np.sqrt(2 / (40 * 3 * severities) / len(rests)) * 1.5  # estimates with fewer degrees of freedom
     assert np.mean(rests) == pytest.approx(1, abs=3 * standard_error)
 
@@ -94,7 +94,7 @@ def test_rest_is_the_variance_of_one_score_around_image_seed_and_severity():
         of_image_and_severity = rng.normal(0, 1, (40, 1, 1)) * np.array([1, -1])  # adds up to 0 over severities
         y = rng.normal(0, 2, (40, 1, 1)) + rng.normal(0, 0.5**0.5, (40, 3, 1)) + of_image_and_severity
         y = y + rng.normal(0, 0.5, (40, 3, 2)) + np.array([0.0, 4.0])
-        split = variance_split(_of_scores(y + 20), "cre")
+        split = variance_split(_runs_with_scores(y + 20), "cre")
         found.append([_of(split, source) ** 2 for source in ("image", "rest")])
     means, errors = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / len(found) ** 0.5
     assert np.all(np.abs(means - [4, 1.75]) < 3 * errors), (means, errors)

@@ -49,10 +49,10 @@ def test_attacks_count_their_evaluations():
 
 
 def test_a_model_that_hides_its_gradient_is_noticed():
-    def hidden(images1, images2):
+    def without_gradient(images1, images2):
         return 3 * (images1 + images2).round()[:, :2] + 0 * images1[:, :2]
 
-    _, attacked = attacked_pair("pgd", Given(hidden))
+    _, attacked = attacked_pair("pgd", Given(without_gradient))
 
     assert "gradient_zero" in attacked.warnings
 

@@ -104,47 +104,47 @@ class Shrunk:
 
 
 @pytest.fixture(scope="module")
-def five(tmp_path_factory):
+def models(tmp_path_factory):
     """Runs of five models, with noise as the attack."""
-    folder = tmp_path_factory.mktemp("five")
+    folder = tmp_path_factory.mktemp("models")
     shares = (1.0, 0.7, 0.9, 0.6, 0.8)
     chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
     return [run(folder / f"{share}", Shrunk(share), name=f"{share}", **chosen) for share in shares]
 
 
-def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(five):
-    (noise, *_) = predictions(five)
+def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(models):
+    (noise, *_) = predictions(models)
 
     def increase(rows):
         return ((rows["epe_sum"] - rows["clean_epe_sum"]) / rows["n_valid"]).mean()
 
-    corrupted = [increase(one.rows.filter(pl.col("severity") > 0)) for one in five]
-    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in five]
+    corrupted = [increase(one.rows.filter(pl.col("severity") > 0)) for one in models]
+    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in models]
     assert noise.attack == "random_sign"
     assert len(noise.models) == 5
     assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
     assert noise.interval[0] <= noise.rho <= noise.interval[1]
 
 
-def test_more_models_narrow_the_interval(five):
-    (few, *_), (many, *_) = predictions(five), predictions([*five, *five])
+def test_more_models_narrow_the_interval(models):
+    (few, *_), (many, *_) = predictions(models), predictions([*models, *models])
 
     assert (len(many.models), many.rho) == (10, pytest.approx(few.rho))
     assert many.interval[1] - many.interval[0] < few.interval[1] - few.interval[0]
 
 
 @pytest.mark.parametrize("count", [2, 3, 4])
-def test_below_five_models_no_correlation_is_given_and_the_table_says_so(five, count):
-    table = prediction_table(five[:count])
+def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models, count):
+    table = prediction_table(models[:count])
 
     assert [cell.text for cell in table.sections[0].lines[0].cells][1:] == [f"{count}", "-", "-", "-"]
     assert f"{count} models: too few for a correlation" in table.sections[0].lines[0].note
-    assert prediction_table(five[:1]) is None
+    assert prediction_table(models[:1]) is None
 
 
-def test_models_are_compared_on_the_samples_that_all_of_them_have(five, tmp_path):
+def test_models_are_compared_on_the_samples_that_all_of_them_have(models, tmp_path):
     chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
-    shorter = [*five, run(tmp_path / "run", Shrunk(0.75), name="0.75", count=1, **chosen)]
+    shorter = [*models, run(tmp_path / "run", Shrunk(0.75), name="0.75", count=1, **chosen)]
 
     noise = next(one for one in predictions(shorter) if one.attack == "random_sign")
 
@@ -158,36 +158,37 @@ def test_models_are_compared_on_the_samples_that_all_of_them_have(five, tmp_path
     assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
 
 
-def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(five, tmp_path):
+def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(models, tmp_path):
     chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
     other = run(tmp_path / "run", Shrunk(0.75), name="0.75", seed=1, **chosen)
 
-    table = prediction_table([*five, other])
+    table = prediction_table([*models, other])
     assert "0.75 has seed 1" in table.remarks[-1]
-    assert "seed" not in " ".join(prediction_table(five).remarks)
+    assert "seed" not in " ".join(prediction_table(models).remarks)
 
 
-def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(five, monkeypatch):
-    doubtful = [one.model_copy(update={"warnings": {"rounding": 2}}) for one in attack_scores(five[0])]
+def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(models, monkeypatch):
+    doubtful = [one.model_copy(update={"warnings": {"rounding": 2}}) for one in attack_scores(models[0])]
     monkeypatch.setattr(
-        "robustflow.analysis.attack_ranks.attack_scores", lambda one: doubtful if one is five[0] else attack_scores(one)
+        "robustflow.analysis.attack_ranks.attack_scores",
+        lambda one: doubtful if one is models[0] else attack_scores(one),
     )
 
-    noise = next(one for one in predictions(five) if one.attack == "random_sign")
+    noise = next(one for one in predictions(models) if one.attack == "random_sign")
     assert (len(noise.models), noise.lower_bounds) == (5, ("1.0",))
-    line = _line(prediction_table(five), "random_sign")
+    line = _line(prediction_table(models), "random_sign")
     assert "lower bound for 1.0" in line.note
 
 
 @pytest.mark.parametrize("warning", ["gradient_zero", "answers_differ", "square_above_white_box"])
-def test_a_score_that_says_little_about_the_model_is_not_correlated(five, monkeypatch, warning):
-    doubtful = attack_scores(five[0])[0].model_copy(update={"warnings": {warning: 1}})
+def test_a_score_that_says_little_about_the_model_is_not_correlated(models, monkeypatch, warning):
+    doubtful = attack_scores(models[0])[0].model_copy(update={"warnings": {warning: 1}})
     monkeypatch.setattr(
         "robustflow.analysis.attack_ranks.attack_scores",
-        lambda one: [doubtful] if one is five[0] else attack_scores(one),
+        lambda one: [doubtful] if one is models[0] else attack_scores(one),
     )
 
-    noise = next(one for one in predictions(five) if one.attack == "random_sign")
+    noise = next(one for one in predictions(models) if one.attack == "random_sign")
     assert noise.left_out == {"1.0": EXPLAINED[warning]}
     assert noise.rho is None
 

@@ -86,7 +86,7 @@ def _truncated_png(folder: Path) -> None:
     first.write_bytes(first.read_bytes()[:-2000])
 
 
-def _of_two_sizes(folder: Path) -> None:
+def _frames_of_two_sizes(folder: Path) -> None:
     write_frames(folder, [(64, 96), (64, 98)])
 
 
@@ -106,7 +106,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (lambda f: f.mkdir(), "run -m dis -b kitti-fc -d data", 1, "data"),
         (lambda f: f.mkdir(), "run -m dis -b folder -d data", 1, "data"),
         (_truncated_png, "run -m dis -b folder -d data -c contrast", 1, "truncated"),
-        (_of_two_sizes, "run -m dis -b folder -d data -c contrast", 1, "size"),
+        (_frames_of_two_sizes, "run -m dis -b folder -d data -c contrast", 1, "size"),
         (_kitti_with_8_bit_flow, "run -m dis -b kitti-fc -d data -c contrast", 1, "16"),
         (None, "run -m diss", 2, "did you mean 'dis'"),
         (None, "run -m dis -b kiti-fc", 2, "did you mean 'kitti-fc'"),
@@ -150,7 +150,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "corrupt data/000.png data/001.png -c fog -s 9", 2, "severity 9"),
         (write_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
         (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "truncated"),
-        (_of_two_sizes, "corrupt data/000.png data/001.png -c contrast", 1, "same size"),
+        (_frames_of_two_sizes, "corrupt data/000.png data/001.png -c contrast", 1, "same size"),
         (write_frames, "corrupt data/000.png data/001.png -c fog --focal 700", 2, "--focal only applies to your own"),
         (None, "gallery -c contrast --focal 700 -o made", 2, "--focal only applies to your own depth maps"),
         (write_frames, "gallery --clip data --focal 700 -o made", 2, "apply to the depth of two frames; omit --clip"),

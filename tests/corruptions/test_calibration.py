@@ -90,7 +90,7 @@ def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_wa
     assert len(full) >= 0.8 * len(table.corruptions)
 
 
-def _measured(name, severity):
+def _mean_ssim(name, severity):
     """Return the mean SSIM of a shipped level on the reference set, computed using only public functions."""
     corruption = load_corruption(name, scale="calibrated")
     values = []
@@ -112,7 +112,7 @@ def _measured(name, severity):
 def test_shipped_levels_have_the_ssim_they_claim(name, levels):
     for severity in levels:
         claimed = shipped().corruptions[name].levels[severity - 1].ssim
-        assert _measured(name, severity) == pytest.approx(claimed, abs=1e-6)
+        assert _mean_ssim(name, severity) == pytest.approx(claimed, abs=1e-6)
 
 
 def test_calibrating_twice_gives_the_same_table_and_another_seed_another():

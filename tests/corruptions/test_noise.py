@@ -40,7 +40,7 @@ def test_shot_tables_hold_the_poisson_distributions(photons, floor):
         np.testing.assert_allclose(found / 2 ** (column_bits + 16), expected, atol=1.01 * 2**-22)
 
 
-def lane(key, sample, bits):
+def random_bits(key, sample, bits):
     """Return the random bits for each sample as Python ints."""
     per_word = 64 // bits
     return int(hash64(key, np.uint64(sample // per_word))) >> bits * (sample % per_word) & (1 << bits) - 1
@@ -48,9 +48,9 @@ def lane(key, sample, bits):
 
 def naive_sample(name, state, key, sample, value):
     if name == "impulse_noise":
-        u = lane(key, sample, 16)
+        u = random_bits(key, sample, 16)
         return 0 if u < round(state.parameter * 2**15) else 255 if u < round(state.parameter * 2**16) else value
-    u = lane(key, sample, 32)
+    u = random_bits(key, sample, 32)
     if name == "gaussian_noise":
         entry = int(gaussian_table(state.parameter)[u >> 23])
         noise = entry & 511 if (u >> 9 & 16383) < entry >> 18 else entry >> 9 & 511

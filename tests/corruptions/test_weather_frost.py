@@ -38,12 +38,12 @@ def invented(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv(CACHE_VARIABLE, raising=False)
     monkeypatch.delenv(frost_assets.FOLDER_VARIABLE, raising=False)
-    forget()
+    clear_caches()
     yield folder
-    forget()
+    clear_caches()
 
 
-def forget():
+def clear_caches():
     photograph.cache_clear()
     frost._enlarged.clear()
 
@@ -221,7 +221,7 @@ def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
 
 
 def test_frost_with_the_real_textures_changes_the_frame():
-    forget()
+    clear_caches()
     try:
         pictures = [photograph(slot) for slot in range(5)]
     except AssetError as error:

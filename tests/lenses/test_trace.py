@@ -75,15 +75,15 @@ def test_turning_the_rays_turns_where_they_land(angle, height, across, tangent):
     rays = bundle(height, tangent, across)
     cosine, sine = math.cos(angle), math.sin(angle)
 
-    def turned(u, v):
+    def rotated(u, v):
         return cosine * u - sine * v, sine * u + cosine * v
 
-    x, y = turned(rays.x, rays.y)
-    l, m = turned(rays.l, rays.m)  # noqa: E741
+    x, y = rotated(rays.x, rays.y)
+    l, m = rotated(rays.l, rays.m)  # noqa: E741
     (_, straight), (_, other) = trace(lens, rays, 0.55), trace(lens, rays._replace(x=x, y=y, l=l, m=m), 0.55)
     assert other.alive[0] == straight.alive[0]
     if straight.alive[0]:
-        x, y = turned(straight.x, straight.y)
+        x, y = rotated(straight.x, straight.y)
         assert other.x == pytest.approx(x, abs=1e-11)
         assert other.y == pytest.approx(y, abs=1e-11)
 

@@ -99,7 +99,7 @@ def test_constant_flows_are_judged_by_several_pairs():
 
 
 @pytest.fixture(scope="module")
-def real():
+def kitti_pair():
     """A KITTI pair with DIS's flow, which its ground truth also covers in part."""
     folder = shared_folder("data", "kitti2015", "training")
     frames = [cv2.imread(str(folder / f"image_2/000010_{n}.png"))[..., ::-1].copy() for n in (10, 11)]
@@ -109,12 +109,12 @@ def real():
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_wrong_formats_on_a_real_pair_are_named(real, name):
-    frame1, frame2, *flows = real
+def test_wrong_formats_on_a_real_pair_are_named(kitti_pair, name):
+    frame1, frame2, *flows = kitti_pair
     for flow in flows:
         assert misread([(frame1, frame2, wrong_flow(flow, name))]).reading == WRONG[name][1]
 
 
-def test_right_flows_on_a_real_pair_are_not_accused(real):
-    frame1, frame2, *flows = real
+def test_right_flows_on_a_real_pair_are_not_accused(kitti_pair):
+    frame1, frame2, *flows = kitti_pair
     assert [misread([(frame1, frame2, flow)]) for flow in flows] == [None, None]

@@ -29,7 +29,7 @@ def weights(keys: Path) -> dict[str, np.ndarray]:
         if entry["dtype"].startswith("float"):
             source = entry.get("alias_of", entry["key"])
             bias, free = header.get("bias", BIAS), header.get("free", FREE)
-            values[entry["key"]] = _value(source, shape, header["gain"], bias, free)
+            values[entry["key"]] = _random_value(source, shape, header["gain"], bias, free)
         else:
             values[entry["key"]] = np.zeros(shape, entry["dtype"])
     return values
@@ -43,10 +43,10 @@ def fill_by_rule(net: torch.nn.Module, gain: float) -> None:
         for name, value in net.named_parameters():
             if name not in ("zero", "scale"):
                 key = name.removeprefix("model.")
-                value.copy_(torch.from_numpy(_value(key, tuple(value.shape), gain, BIAS, FREE)))
+                value.copy_(torch.from_numpy(_random_value(key, tuple(value.shape), gain, BIAS, FREE)))
 
 
-def _value(key: str, shape: tuple[int, ...], gain: float, bias: float, free: float) -> np.ndarray:
+def _random_value(key: str, shape: tuple[int, ...], gain: float, bias: float, free: float) -> np.ndarray:
     if key.endswith("running_mean"):
         return np.zeros(shape, np.float32)
     if key.endswith("running_var"):

@@ -295,13 +295,13 @@ def test_files_open_and_are_the_same_every_time(tmp_path):
         assert path.read_bytes() == figure_bytes(crer_by_family(results), path.suffix[1:])
 
 
-def _measured(frames: str, name: str, seed: int = 0) -> ModelResult:
+def _measured_line(frames: str, name: str, seed: int = 0) -> ModelResult:
     """The table entry of a run that has rows but no means."""
     return ModelResult("kitti-fc", frames, "OOD", name, "", {}, run=SimpleNamespace(rows=_rows(seed)))
 
 
 def test_figures_without_data_are_left_out_of_all_figures():
-    figures = all_figures([*published_results(), _measured("own", "a")])
+    figures = all_figures([*published_results(), _measured_line("own", "a")])
     of_means = {"clean_against_cre", "crer_by_family", "relations", "effective_trend"}
     assert set(figures) == of_means | {"severity_rcre_1", "severity_epe_1"}
     assert not all_figures([])
@@ -310,8 +310,8 @@ def test_figures_without_data_are_left_out_of_all_figures():
 def test_figures_of_a_sample_set_have_its_number_in_their_names(monkeypatch):
     """The first set has no ground truth; a single set has no number."""
     monkeypatch.setattr(ModelResult, "intervals", {})
-    clip = replace(_measured("clip", "a"), benchmark="gopro-fc")
-    kitti = [replace(line, run=_measured("", "", index).run) for index, line in enumerate(_own("OOD", "OOD"))]
+    clip = replace(_measured_line("clip", "a"), benchmark="gopro-fc")
+    kitti = [replace(line, run=_measured_line("", "", index).run) for index, line in enumerate(_own("OOD", "OOD"))]
     assert set(all_figures(kitti)) == {"clean_against_cre", "severity_rcre", "severity_epe"}
     curves = {f"severity_{metric}_{number}" for metric in ("rcre", "epe") for number in (1, 2)}
     assert set(all_figures([clip, *kitti])) == {"clean_against_cre_2"} | curves

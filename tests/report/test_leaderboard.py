@@ -99,7 +99,7 @@ def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert not any(_best(cells) for line, cells in _CELLS.items() if line.setting == "knowledge")
     (alone,) = _cells_of(_file("OOD,A,epe,clean,2.00\n")).values()
     assert not _best(alone)
-    two = _cells_of(_measured(("A", "OOD", 2.0), ("B", "OOD", 2.01)))
+    two = _cells_of(_measured_lines(("A", "OOD", 2.0), ("B", "OOD", 2.01)))
     assert [bool(_best(cells)) for cells in two.values()] == [True, False]
 
 
@@ -160,7 +160,7 @@ class _Measured(ModelResult):
     intervals: ClassVar = {}
 
 
-def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
+def _measured_lines(*models: tuple[str, str, float]) -> list[ModelResult]:
     return [
         _Measured(
             *("kitti-fc", "here", setting, name, ""),
@@ -173,7 +173,7 @@ def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
 
 
 def _places(*models: tuple[str, str, float]) -> dict[str, str | None]:
-    cells = _cells_of(_measured(*models))
+    cells = _cells_of(_measured_lines(*models))
     return {line.name: of_line[PLACE].text if PLACE in of_line else None for line, of_line in cells.items()}
 
 
@@ -185,7 +185,7 @@ def test_measured_models_of_every_setting_are_ranked_together_and_excluded_or_si
 
 
 def test_mark_of_the_best_value_skips_an_excluded_line_that_comes_first():
-    cells = _cells_of(_measured(("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)))
+    cells = _cells_of(_measured_lines(("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)))
     assert [line.name for line, of_line in cells.items() if _best(of_line)] == ["A"]
 
 

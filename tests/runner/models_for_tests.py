@@ -216,14 +216,14 @@ class Faulty:
     def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
         self._asked += 1
         time.sleep(self._pause)
-        if self._asked == 4 and self._fault and self._has_its_turn():
+        if self._asked == 4 and self._fault and self._claim_turn():
             self._fail()
         if self._log:
             with open(self._log, "a") as log:
                 log.write(f"{os.getpid()} {os.environ.get('CUDA_VISIBLE_DEVICES')}\n")
         return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32) / 16
 
-    def _has_its_turn(self) -> bool:
+    def _claim_turn(self) -> bool:
         for number in range(self._times):
             try:
                 open(f"{os.environ['FAULTS']}/{number}", "x").close()

@@ -81,22 +81,22 @@ def _run(folder, frames, **options):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(on_path, frames, tmp_path_factory):
-    return _run(tmp_path_factory.mktemp("undisturbed") / "run", frames)
+def reference_run(on_path, frames, tmp_path_factory):
+    return _run(tmp_path_factory.mktemp("reference_run") / "run", frames)
 
 
-def _check_equal(result, undisturbed):
-    assert result.rows.equals(undisturbed.rows)
+def _check_equal(result, reference_run):
+    assert result.rows.equals(reference_run.rows)
     cells = result.rows.select("sample", "corruption", "severity")
     assert cells.n_unique() == cells.height == PAIRS * (1 + 5 * len(FAST))
-    assert (result.path / "summary.json").read_bytes() == (undisturbed.path / "summary.json").read_bytes()
+    assert (result.path / "summary.json").read_bytes() == (reference_run.path / "summary.json").read_bytes()
 
 
-def test_every_actor_has_a_separate_gpu(two_nodes, frames, undisturbed, tmp_path, faults):
+def test_every_actor_has_a_separate_gpu(two_nodes, frames, reference_run, tmp_path, faults):
     log = faults.parent / "gpus.log"
     model = {"device": "cuda", "pause": 0.02, "log": str(log)}
     result = _run(tmp_path / "run", frames, model=model, **two_nodes.engine)
-    _check_equal(result, undisturbed)
+    _check_equal(result, reference_run)
     assert all(place.endswith(", GPU 0") for place in result.manifest.places)
     users = {line.split()[0]: line.split()[1] for line in log.read_text().splitlines()}
     on_nodes = {pid: gpu for pid, gpu in users.items() if gpu != "None"}
@@ -104,9 +104,9 @@ def test_every_actor_has_a_separate_gpu(two_nodes, frames, undisturbed, tmp_path
     assert len(on_nodes) == 2, "one actor per GPU"
 
 
-def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, frames, undisturbed, tmp_path, faults):
+def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, frames, reference_run, tmp_path, faults):
     result = _run(tmp_path / "run", frames, model={"fault": "exit"}, **two_nodes.engine)
-    _check_equal(result, undisturbed)
+    _check_equal(result, reference_run)
     places = result.manifest.places
     assert sum(places.values()) == PAIRS * (1 + len(FAST))
     assert all(place.endswith(", CPU") for place in places)
@@ -133,7 +133,7 @@ def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
 
 
 @pytest.mark.slow
-def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturbed, tmp_path):
+def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, reference_run, tmp_path):
     """Ray's memory monitor kills a worker when the machine's memory is nearly full; this test sets the limit to 4 GB
     above current use, or to half of the free memory, so that other processes on the machine do not reach it.
     """
@@ -143,7 +143,7 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
     (tmp_path / "faults").mkdir()
     variables = {"RAY_memory_usage_threshold": f"{limit:.3f}", "RAY_memory_monitor_refresh_ms": "100"}
     with cluster({**variables, "FAULTS": str(tmp_path / "faults")}) as nodes:
-        _check_equal(_run(tmp_path / "run", frames, model={"fault": "memory"}, **nodes.engine), undisturbed)
+        _check_equal(_run(tmp_path / "run", frames, model={"fault": "memory"}, **nodes.engine), reference_run)
     assert len(list((tmp_path / "faults").iterdir())) == 1
 
 
@@ -156,7 +156,7 @@ def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
 
 
 @pytest.mark.slow
-def test_nodes_killed_at_ten_moments_leave_the_same_rows(two_nodes, frames, undisturbed, tmp_path):
+def test_nodes_killed_at_ten_moments_leave_the_same_rows(two_nodes, frames, reference_run, tmp_path):
     """A node is killed at a random moment and a new one joins, again and again over several runs."""
     moments = random.Random(1)
     killed = number = 0
@@ -174,12 +174,12 @@ def test_nodes_killed_at_ten_moments_leave_the_same_rows(two_nodes, frames, undi
                     before = rows_so_far(folder).height
                     two_nodes.add(gpus=1)
                 time.sleep(0.05)
-            _check_equal(run.result(), undisturbed)
+            _check_equal(run.result(), reference_run)
             number += 1
 
 
 @pytest.mark.slow
-def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
+def test_every_node_is_killed_and_others_join(two_nodes, frames, reference_run, tmp_path):
     """All nodes are lost; a node that joins later continues with the remaining cells."""
     options = {"model": {"pause": 0.1}, **two_nodes.engine}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
@@ -191,8 +191,8 @@ def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tm
         finished = rows_so_far(tmp_path / "run").height
         two_nodes.add(gpus=1)
         two_nodes.add(gpus=1)
-        _check_equal(run.result(), undisturbed)
-    assert finished < undisturbed.rows.height
+        _check_equal(run.result(), reference_run)
+    assert finished < reference_run.rows.height
 
 
 def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkeypatch):

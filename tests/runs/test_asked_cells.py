@@ -36,7 +36,7 @@ def _call(folder, options):
     return rf.evaluate(BrightnessFlow(), benchmark, output=folder, **options)
 
 
-def _answer(result):
+def _result_facts(result):
     """Everything that a call says about its rows, without the folder and the time."""
     (document,) = json.loads(as_json_text([result]))
     for score in document.get("attacks", ()):
@@ -50,7 +50,7 @@ def _answer(result):
 @cache
 def _alone(options):
     with TemporaryDirectory() as folder:
-        return _answer(_call(folder, json.loads(options)))
+        return _result_facts(_call(folder, json.loads(options)))
 
 
 @settings(max_examples=8, deadline=None)
@@ -59,7 +59,7 @@ def test_calls_into_a_shared_folder_give_the_result_of_an_empty_one(calls):
     with TemporaryDirectory() as folder:
         results = [_call(folder, options) for options in calls]
         for result, options in zip(results, calls, strict=True):
-            assert _answer(result) == _alone(json.dumps(options))
+            assert _result_facts(result) == _alone(json.dumps(options))
         whole = rf.load_run(folder)
         assert whole.summary.complete
         assert set(whole.planned()) == {cell for result in results for cell in result.planned()}

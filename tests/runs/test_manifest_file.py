@@ -29,7 +29,7 @@ def whole(tmp_path_factory):
     return folder
 
 
-def _without(*path):
+def _removing(*path):
     def edit(manifest):
         del reduce(getitem, path[:-1], manifest)[path[-1]]
         return manifest
@@ -37,7 +37,7 @@ def _without(*path):
     return edit
 
 
-def _with(value, *path):
+def _setting(value, *path):
     def edit(manifest):
         reduce(getitem, path[:-1], manifest)[path[-1]] = value
         return manifest
@@ -50,28 +50,28 @@ SHAPES = {
     "a number": lambda manifest: 3,
     "empty": lambda manifest: {},
     "nothing but the schema": lambda manifest: {"schema": 4},
-    "no identity": _without("identity"),
-    "no digest": _without("identity_digest"),
-    "no samples": _without("samples"),
-    "no plan": _without("planned"),
-    "no model": _without("identity", "model"),
-    "no seed": _without("identity", "frames", "seed"),
-    "identity a list": _with([], "identity"),
-    "model a text": _with("dis", "identity", "model"),
-    "digest a number": _with(5, "identity_digest"),
-    "samples a list": _with(["motorcycle"], "samples"),
-    "a sample a number": _with(7, "samples", "motorcycle"),
-    "corruptions null": _with(None, "planned", 0, "corruptions"),
-    "severity 9": _with([9], "planned", 0, "corruptions", "contrast"),
-    "a severity twice": _with([1, 1], "planned", 0, "corruptions", "contrast"),
-    "a sample that is not planned": _with([], "samples", "other"),
-    "a sample planned twice": _with(["motorcycle"] * 2, "planned", 0, "samples"),
-    "provenance a list": _with([1], "provenance"),
-    "no basis": _without("provenance", "basis"),
-    "seconds a text": _with("long", "seconds"),
-    "packages a list": _with(["numpy"], "environment", "packages"),
-    "left out a list": _with([1], "left_out"),
-    "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "frames", "protocol", "x"),
+    "no identity": _removing("identity"),
+    "no digest": _removing("identity_digest"),
+    "no samples": _removing("samples"),
+    "no plan": _removing("planned"),
+    "no model": _removing("identity", "model"),
+    "no seed": _removing("identity", "frames", "seed"),
+    "identity a list": _setting([], "identity"),
+    "model a text": _setting("dis", "identity", "model"),
+    "digest a number": _setting(5, "identity_digest"),
+    "samples a list": _setting(["motorcycle"], "samples"),
+    "a sample a number": _setting(7, "samples", "motorcycle"),
+    "corruptions null": _setting(None, "planned", 0, "corruptions"),
+    "severity 9": _setting([9], "planned", 0, "corruptions", "contrast"),
+    "a severity twice": _setting([1, 1], "planned", 0, "corruptions", "contrast"),
+    "a sample that is not planned": _setting([], "samples", "other"),
+    "a sample planned twice": _setting(["motorcycle"] * 2, "planned", 0, "samples"),
+    "provenance a list": _setting([1], "provenance"),
+    "no basis": _removing("provenance", "basis"),
+    "seconds a text": _setting("long", "seconds"),
+    "packages a list": _setting(["numpy"], "environment", "packages"),
+    "left out a list": _setting([1], "left_out"),
+    "deep": _setting(json.loads("[" * 900 + "]" * 900), "identity", "frames", "protocol", "x"),
 }
 
 
@@ -115,7 +115,7 @@ def test_manifest_of_invalid_json_or_an_older_schema_is_refused_and_not_overwrit
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
     before = manifest["identity"]["measuring"]["rows"] - 1
-    edited = fitting(_with(before, "identity", "measuring", "rows")(manifest))
+    edited = fitting(_setting(before, "identity", "measuring", "rows")(manifest))
     refused(
         *damaged(whole, tmp_path, json.dumps(edited)),
         rf"was written with version {before} of the rows, but .* reads {before + 1}",
@@ -124,7 +124,7 @@ def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
 
 @pytest.mark.parametrize("fits", [False, True])
 def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, fits):
-    manifest = _with(7, "identity", "frames", "seed")(json.loads((whole / "manifest.json").read_text()))
+    manifest = _setting(7, "identity", "frames", "seed")(json.loads((whole / "manifest.json").read_text()))
     refused(*damaged(whole, tmp_path, json.dumps(sealed(manifest) if fits else manifest)), "was changed after")
 
 

@@ -137,7 +137,7 @@ EDITS = {
 }
 
 
-def _asked(run):
+def _page_values(run):
     """Everything that pages request from a run."""
     reasons, ends = exclusion_reasons(run), interval_ends(run, beside_published=True)
     return sample_set(run), measured_in_words([run]), reasons, ends, run.summary
@@ -152,7 +152,7 @@ def test_stored_summary_equals_a_computed_one(folder, tmp_path, edit):
         (bare / name).unlink(missing_ok=True)
     computed = rf.load_run(bare)
     run = rf.load_run(folder)
-    assert _asked(run) == _asked(computed)
+    assert _page_values(run) == _page_values(computed)
     run.write_means()
     computed.write_means()
     assert (folder / "summary.json").read_bytes() == (bare / "summary.json").read_bytes()
@@ -163,11 +163,11 @@ def test_stored_summary_is_read_without_the_rows(folder, monkeypatch):
     for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
         (folder / name).unlink()
     run = rf.load_run(folder)
-    whole = _asked(run)
+    whole = _page_values(run)
     run.keep()
     monkeypatch.setattr(RunFolder, "rows", lambda *_: pytest.fail("rows were read"))
     monkeypatch.setattr(RunFolder, "scan", lambda *_: pytest.fail("rows were read"))
-    assert _asked(rf.load_run(folder)) == whole
+    assert _page_values(rf.load_run(folder)) == whole
 
 
 def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
@@ -196,14 +196,14 @@ def test_means_that_another_process_writes_at_the_same_time_are_not_taken_for_th
 def test_read_only_run_folder_stores_no_summary(folder, monkeypatch):
     (folder / STALENESS_FILE).unlink()
     run = rf.load_run(folder)
-    whole = _asked(run)
+    whole = _page_values(run)
 
     def refuse(*_):
         raise DataError("read-only")
 
     monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
     run.keep()
-    assert _asked(rf.load_run(folder)) == whole
+    assert _page_values(rf.load_run(folder)) == whole
 
 
 def test_the_digest_of_a_folder_is_of_its_shards(folder):

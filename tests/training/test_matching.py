@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.training, pytest.mark.torch]
 HEIGHT, WIDTH = 40, 56
 
 
-def some(seed: int, pairs: int = 2):
+def random_features(seed: int, pairs: int = 2):
     generator = torch.Generator().manual_seed(seed)
     image1 = torch.rand(pairs, 3, HEIGHT, WIDTH, generator=generator) * 255
     truth = torch.randn(pairs, 2, HEIGHT // 8, WIDTH // 8, generator=generator) * 9
@@ -30,7 +30,7 @@ def some(seed: int, pairs: int = 2):
 @pytest.mark.parametrize("seed", range(4))
 def test_matching_equals_the_authors_code(seed):
     original = pytest.importorskip("ptlflow.models.gmflownet.loss", reason="needs the ptlflow extra")
-    confidence, image1, image2, truth = some(seed)
+    confidence, image1, image2, truth = random_features(seed)
     settings = configparser.ConfigParser()
     settings.POS_WEIGHT = settings.NEG_WEIGHT = 1
     settings.COARSE_TYPE = "cross_entropy"
@@ -51,7 +51,7 @@ def test_matching_equals_the_authors_code(seed):
 
 
 def test_matching_equals_the_naive_loop():
-    confidence, image1, image2, truth = some(9, pairs=1)
+    confidence, image1, image2, truth = random_features(9, pairs=1)
     matches = true_matches(image1, image2, truth)[0]
     right, wrong = [], []
     for place in range(35):
@@ -86,7 +86,7 @@ def test_pixels_of_another_colour_are_occluded():
 
 
 def test_no_match_at_all_is_no_nan_and_a_wrong_size_is_refused():
-    confidence, image1, image2, truth = some(2)
+    confidence, image1, image2, truth = random_features(2)
     assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()
     with pytest.raises(UsageError, match="crop to multiples of 8"):
         matching_loss(confidence[:, :30], image1, image2, truth)

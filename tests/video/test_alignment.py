@@ -31,7 +31,7 @@ def decode(clip, packets) -> tuple[list[np.ndarray], Fill]:
     return [picture for _, picture in fill_lost(decoder.decode(packets), fill)], fill
 
 
-def ruined(packets, indices) -> list[Packet]:
+def without_packets(packets, indices) -> list[Packet]:
     """Overwrite the packets of some frames with bytes that cannot be decoded."""
     return [Packet(b"\xff" * len(p.data), p.index) if p.index in indices else p for p in packets]
 
@@ -91,7 +91,7 @@ def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(made
 )
 def test_lost_frames_show_the_nearest_that_decodes_and_the_others_are_their_own(made, encoding, ruins, lost):
     clip, pictures = made(encoding, 30, 48, 64), clips.pictures(30)
-    shown, fill = decode(clip, ruined(read_packets(clip), ruins))
+    shown, fill = decode(clip, without_packets(read_packets(clip), ruins))
     assert fill.lost == lost
     assert all((shown[index] == pictures[clips.shown_as(fill, index)]).all() for index in range(30))
 
@@ -100,7 +100,7 @@ def test_lost_frames_show_the_nearest_that_decodes_and_the_others_are_their_own(
 def test_stream_without_a_decodable_frame_is_refused(made, ruins):
     clip = made(lossless("veryfast"), 30, 48, 64)
     with pytest.raises(DataError, match=r"none of the 30 frames .* choose a lower severity"):
-        decode(clip, ruined(read_packets(clip), ruins))
+        decode(clip, without_packets(read_packets(clip), ruins))
 
 
 def test_damage_is_the_same_in_two_calls(made):

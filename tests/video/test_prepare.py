@@ -55,13 +55,13 @@ def long_source(tmp_path_factory) -> PictureFolder:
 
 
 @pytest.fixture(scope="module")
-def straight(source, tmp_path_factory) -> PreparedClip:
+def uninterrupted(source, tmp_path_factory) -> PreparedClip:
     """The clip as prepared in one go."""
-    return prepare_clip(source, tmp_path_factory.mktemp("straight") / "out", FLOW)
+    return prepare_clip(source, tmp_path_factory.mktemp("uninterrupted") / "out", FLOW)
 
 
-def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(source, straight):
-    clip = straight
+def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(source, uninterrupted):
+    clip = uninterrupted
     assert (clip.manifest.fps, clip.manifest.step, clip.manifest.count) == ("960", 32, 133)
     assert clip.manifest.key_frames == [32, 64, 96]
     assert clip.pairs == [(32, 64), (64, 96)]
@@ -81,7 +81,7 @@ def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
 
 
 def test_a_stopped_run_continues_in_segments_of_any_length_and_ends_in_the_same_files(
-    source, straight, tmp_path, monkeypatch
+    source, uninterrupted, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(prepare_module, "SEGMENT", 8)
     made: list[int] = []
@@ -106,13 +106,13 @@ def test_a_stopped_run_continues_in_segments_of_any_length_and_ends_in_the_same_
         assert not (tmp_path / "stopped" / "clip.json").exists()
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert len(made) == 33  # over all three calls, every gap is interpolated once
-    assert contents(tmp_path / "stopped") == contents(straight.folder)
+    assert contents(tmp_path / "stopped") == contents(uninterrupted.folder)
     made.clear()
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert made == []
 
 
-def test_a_segment_damaged_between_stop_and_continuation_is_made_again(source, straight, tmp_path, monkeypatch):
+def test_a_segment_damaged_between_stop_and_continuation_is_made_again(source, uninterrupted, tmp_path, monkeypatch):
     monkeypatch.setattr(prepare_module, "SEGMENT", 8)
 
     def stop(clip, what, done, total):
@@ -126,7 +126,7 @@ def test_a_segment_damaged_between_stop_and_continuation_is_made_again(source, s
         data[len(data) // 2] ^= 4
         segment.write_bytes(data)
     prepare_clip(source, tmp_path / "stopped", FLOW)
-    assert contents(tmp_path / "stopped") == contents(straight.folder)
+    assert contents(tmp_path / "stopped") == contents(uninterrupted.folder)
 
 
 def test_a_clip_prepared_twice_at_the_same_time_is_made_once(long_source, tmp_path):
@@ -262,11 +262,11 @@ def test_folder_without_clips_is_refused(tmp_path):
         find_sources(tmp_path / "missing")
 
 
-def test_disk_estimate_is_slightly_above_the_size_of_the_files(source, straight, tmp_path):
+def test_disk_estimate_is_slightly_above_the_size_of_the_files(source, uninterrupted, tmp_path):
     estimate = estimate_disk([source], tmp_path / "not" / "yet", FLOW, 10**9)
-    used = sum(path.stat().st_size for path in straight.folder.rglob("*") if path.is_file())
+    used = sum(path.stat().st_size for path in uninterrupted.folder.rglob("*") if path.is_file())
     assert 0.9 * used < estimate.kept < 2 * used
-    assert straight.master.path.stat().st_size < 1.2 * estimate.masters
+    assert uninterrupted.master.path.stat().st_size < 1.2 * estimate.masters
     check_room(estimate, tmp_path)
     with pytest.raises(DataError, match="not enough disk space"):
         check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
