@@ -32,7 +32,7 @@ def pins():
     return {canonicalize_name(name): version for name, _, version in (line.partition("==") for line in lines if line)}
 
 
-def test_constraints_are_names_and_versions_alone():
+def test_constraints_contain_only_names_and_versions():
     for line in (ROOT / "constraints.txt").read_text().splitlines():
         assert re.fullmatch(r"#.*|[\w.-]+==[\w.+-]+", line), line
 

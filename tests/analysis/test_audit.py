@@ -237,7 +237,7 @@ def test_a_changed_summary_is_found(folder, summary):
     assert any("extra is 1, but according to the rows it is missing" in text for text in messages)
 
 
-def test_a_summary_of_another_version_is_refused_with_what_to_do(folder, summary):
+def test_summary_of_a_different_version_is_refused_with_the_remedy(folder, summary):
     now = summary["version"]
     with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; recreate it .* robustflow show"):
         _messages(folder, summary | {"version": now - 1})

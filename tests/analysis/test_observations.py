@@ -61,7 +61,7 @@ def test_verdicts_are_those_of_intervals_that_scipy_gives():
     assert _part(9, "under most corruptions").verdict == "too little evidence"
 
 
-def test_margins_cover_the_truth_and_exclude_its_other_side_as_rarely_as_they_say():
+def test_margins_have_their_stated_coverage_and_error_rate():
     rng = np.random.default_rng(0)
     wrong = dict.fromkeys(("mean", "difference", "correlation", "majority"), 0)
     for _ in range(600):

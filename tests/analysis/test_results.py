@@ -33,7 +33,7 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     assert list(map(vars, read_results(path))) == [vars(line)]
 
 
-def test_the_share_of_pixels_that_errors_cover_is_kept():
+def test_results_file_keeps_the_coverage_of_errors():
     head = _HEAD.replace("value", "value,coverage")
     partly, whole = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
     again = parse_results(results_csv([partly, whole]), "mine.csv", "mine")

@@ -291,7 +291,7 @@ def test_interval_of_skewed_errors_extends_further_towards_the_tail():
     assert found["high"] - found["estimate"] > found["estimate"] - found["low"]
 
 
-def test_the_same_seed_gives_the_same_interval_and_another_a_near_one():
+def test_equal_seeds_give_equal_intervals_and_different_seeds_close_ones():
     rows = _rows(30)
     first, again, other = (intervals(rows, seed=seed) for seed in (1, 1, 2))
     assert first.equals(again)
@@ -313,7 +313,7 @@ def test_blocks_of_resamples_change_nothing(monkeypatch):
     np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
 
 
-def test_no_interval_of_a_length_goes_below_zero():
+def test_interval_of_a_length_is_never_negative():
     clean = np.full(6, 1e-3)
     corrupted = np.outer([0.1, 0.2, 0.3, 0.15, 0.3, 1.0], np.ones(3))
     found = intervals(rows_of(clean, corrupted, corrupted)).filter(corruption="average")

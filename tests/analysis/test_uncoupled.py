@@ -65,7 +65,7 @@ def test_scores_are_those_of_a_loop_over_images(seed, images):
         found.table("epe")
 
 
-def test_an_error_k_times_as_large_is_ln_k_whatever_the_accuracy():
+def test_log_ratio_of_a_k_fold_error_is_ln_k_at_any_accuracy():
     """When the errors of two models double under corruption, CRE calls the less accurate one less robust by a factor
     of four.
     """

@@ -48,7 +48,7 @@ def test_attacks_count_their_evaluations():
     }
 
 
-def test_a_model_that_hides_its_gradient_is_noticed():
+def test_a_model_that_hides_its_gradient_is_detected():
     def without_gradient(images1, images2):
         return 3 * (images1 + images2).round()[:, :2] + 0 * images1[:, :2]
 
@@ -57,7 +57,7 @@ def test_a_model_that_hides_its_gradient_is_noticed():
     assert "gradient_zero" in attacked.warnings
 
 
-def test_a_gradient_that_is_nan_is_noticed():
+def test_a_gradient_that_is_nan_is_detected():
     def root(images1, images2):
         return torch.sqrt(images1 * 0)[:, :2] + images2[:, :2]
 

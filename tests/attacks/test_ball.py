@@ -105,7 +105,7 @@ def test_frames_that_change_alike_share_the_sum_of_their_gradients():
     assert ball.step(ball.clean, gradient, 3) * 255 == pytest.approx(97)
 
 
-def test_a_step_without_a_gradient_stays():
+def test_step_with_a_zero_gradient_changes_nothing():
     for norm in ("linf", "rms"):
         ball = ball_of(norm=norm)
         assert np.array_equal(ball.step(ball.clean, np.zeros_like(ball.clean), 3), ball.clean)
@@ -199,7 +199,7 @@ def test_each_condition_of_a_ball_excludes_a_pair():
 
 
 @pytest.mark.parametrize(("norm", "most"), [("linf", 255), ("rms", 255), ("area", 100)])
-def test_budgets_are_numbers_above_zero_up_to_the_whole_range(norm, most):
+def test_budget_outside_the_range_of_grey_levels_is_refused(norm, most):
     assert ball_of(most, norm).budget == most
     for wrong in (0, -1, most + 1, float("nan"), True, "8"):
         with pytest.raises(UsageError):

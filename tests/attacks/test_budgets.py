@@ -89,7 +89,7 @@ def test_no_attack_exceeds_any_budget_in_8_bits_and_none_that_searches_ends_belo
 
 
 @pytest.mark.parametrize("name", ON_SMALL_PAIRS)
-def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
+def test_attacked_frames_are_reproducible_and_differ_between_seeds(name):
     first, again, other = (attacked_pair(name, seed=seed)[1] for seed in (1, 1, 2))
 
     assert np.array_equal(first.frames, again.frames)

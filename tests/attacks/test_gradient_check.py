@@ -94,7 +94,7 @@ def test_flows_that_differ_by_rounding_or_where_predict_is_nan_agree():
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("change", [Noise.apply, lambda images: images + 2 * (images.detach() - images)])
-def test_a_gradient_of_noise_or_of_the_wrong_sign_is_noticed(change, seed):
+def test_a_gradient_of_noise_or_of_the_wrong_sign_is_detected(change, seed):
     assert "gradient_misleading" in attacked_pair("pgd", with_gradient(change), seed=seed)[1].warnings
 
 

@@ -233,7 +233,7 @@ def test_the_json_of_a_run_has_its_attacks(both):
     assert facts["attacks"][-1]["epe"] == attack_scores(both)[-1].epe
 
 
-def test_a_run_of_attacks_alone_has_a_page_and_prints(tmp_path, capsys, real_pictures):
+def test_run_with_only_attacks_is_shown_on_a_page_and_in_the_terminal(tmp_path, capsys, real_pictures):
     from robustflow.cli.tables import print_result
 
     with real_pictures():
@@ -254,7 +254,7 @@ def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
     return AttackScore(attack=attack, severity=severity, epe=epe, **(values | changes))
 
 
-def test_the_budget_that_doubles_the_error_lies_on_the_line_between_severities():
+def test_budget_that_doubles_the_error_is_interpolated_between_severities():
     scores = [score("pgd", 1, 1.5), score("pgd", 3, 3.5)]
 
     assert budget_at_double(scores, "pgd", 1.0) == pytest.approx(1 + 3 * 0.25)

@@ -110,7 +110,7 @@ def test_a_universal_perturbation_is_the_same_for_every_sample(tmp_path_factory,
         ),
     ],
 )
-def test_a_trained_attack_that_cannot_be_made_is_refused_in_one_line(name, error, message):
+def test_impossible_trained_attack_is_refused_in_one_line(name, error, message):
     with refused(error, message):
         rf.attack(*GREY, still, name, 3)
 

@@ -186,7 +186,7 @@ def test_narrowed_benchmark_has_the_requested_corruptions_severities_and_pairs(k
 
 
 @given(st.integers(1, 400), st.integers(1, 400))
-def test_a_limit_takes_pairs_of_the_whole_course_and_a_larger_one_only_adds(count, limit):
+def test_limit_selects_pairs_evenly_and_a_larger_limit_only_adds_pairs(count, limit):
     keys = [f"{number:06d}" for number in range(count)]
     chosen = spread(keys, limit)
     assert len(chosen) == min(count, limit)
@@ -239,7 +239,7 @@ def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_p
         assert total / count == pytest.approx(np.linalg.norm(predicted - flow, axis=2)[valid].mean(), abs=1e-4)
 
 
-def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
+def test_folder_of_a_different_data_set_is_refused_by_name(kitti, tmp_path):
     (tmp_path / "training" / "colored_0").mkdir(parents=True)
     with pytest.raises(DataError, match="looks like the data of --benchmark kitti2012"):
         load_benchmark("kitti-fc", tmp_path)

@@ -145,7 +145,7 @@ def test_occluded_and_non_occluded_ground_truth_are_two_exports(kitti, tmp_path)
         list(export(load_benchmark("kitti2015", kitti).narrowed(["contrast"], [1], 1), tmp_path / "out"))
 
 
-def test_frames_that_were_not_exported_are_neither_kept_nor_claimed(one, tmp_path):
+def test_export_into_a_folder_of_other_frames_is_refused(one, tmp_path):
     """Frames without `export.json`, such as the authors', would be kept and called an export."""
     list(export(one, tmp_path))
     (tmp_path / "export.json").unlink()

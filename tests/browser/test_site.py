@@ -341,7 +341,7 @@ def test_findings_can_be_searched(opened):
     assert all("BrightFlow" in text for text in page.locator("[data-finding]:visible").all_inner_texts())
 
 
-def test_narrow_screens_scroll_inside_the_table_alone(opened):
+def test_narrow_screen_scrolls_only_inside_the_table(opened):
     page = opened("leaderboard", width=390, height=844)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     box = page.locator(".board:visible .scroll")

@@ -14,7 +14,7 @@ NAMES = sorted(typer.main.get_command(app).commands)
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["rnu"], *([name, "--help"] for name in NAMES)])
-def test_a_start_prints_what_the_whole_command_line_prints(arguments):
+def test_single_command_prints_the_same_as_with_all_commands_loaded(arguments):
     whole, started = (CliRunner().invoke(built, arguments) for built in (app, command_line(arguments)))
     assert whole.output == started.output != ""
     assert whole.exit_code == started.exit_code

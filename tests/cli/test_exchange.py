@@ -152,7 +152,7 @@ def test_replaced_or_missing_record_is_refused(records, tmp_path):
         collected(tmp_path / "site")
 
 
-def test_record_of_an_earlier_version_is_left_out_of_the_leaderboard_alone(robustflow, run, records, monkeypatch):
+def test_leaderboard_leaves_out_only_the_record_of_an_earlier_version(robustflow, run, records, monkeypatch):
     """The board shows the others, `show` gives the same reason, and the record cannot be added to a collection."""
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     old = Path("old.robustflow")

@@ -49,7 +49,7 @@ def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, mo
         assert len(asked) == 1
 
 
-def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_be_verified(robustflow, run):
+def test_imported_results_are_shown_beside_a_run_and_marked_unverified(robustflow, run):
     Path("RAFT_ood").mkdir()
     values = {"CRE": [1, 2, 3, 4, 5], "rCRE": [2, 3, 4, 5, 6], "clean_EPE": [3] * 5, "corrupt_EPE": [4, 5, 6, 7, 8]}
     Path("RAFT_ood/results.json").write_text(json.dumps({"brightness": values}))

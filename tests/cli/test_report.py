@@ -48,7 +48,7 @@ def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
         robustflow.refuses("report", *runs, *wrong)
 
 
-def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
+def test_tables_of_several_sample_sets_name_their_models(robustflow, runs):
     """Two runs are too few for any observation: the table is shown only when requested by name.
     Farneback misses most of the pair's motion, so no table includes it, and a remark explains why.
     """

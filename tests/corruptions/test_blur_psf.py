@@ -93,7 +93,7 @@ def test_a_stack_is_converted_once_unless_its_cache_entry_is_damaged(stacks, tmp
 
 
 @pytest.mark.torch
-def test_every_flipped_bit_of_a_kept_stack_is_noticed(stacks, tmp_path):
+def test_every_flipped_bit_of_a_kept_stack_is_detected(stacks, tmp_path):
     reference_stack.reference_field(stacks, 0.0832)
     (cached,) = (tmp_path / "cache" / "psf").iterdir()
     whole, rng = cached.read_bytes(), np.random.default_rng(1)

@@ -18,7 +18,7 @@ def test_bgr_variant_equals_the_reference_on_reversed_channels(name):
 
 
 @pytest.mark.parametrize("name", ["jpeg_compression", "psf_blur"])
-def test_the_order_matters_where_colours_are_treated_apart(name):
+def test_channel_order_changes_the_result_of_colour_dependent_corruptions(name):
     rgb, bgr = (corrupt(FRAME, FRAME, name, 3, variant=each) for each in ("reference", "reference-bgr"))
     assert not np.array_equal(rgb, bgr)
 

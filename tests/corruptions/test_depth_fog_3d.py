@@ -125,7 +125,7 @@ DEPTH_CORRUPTIONS = ("fog_3d", "rain_3d", "snow_3d", *BLURS)
 @pytest.mark.parametrize("name", BLURS)
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**16), value=st.integers(0, 255), severity=st.integers(1, 5))
-def test_an_even_frame_stays_even_whatever_the_depth(name, seed, value, severity):
+def test_uniform_frame_stays_uniform_under_blurs_at_any_depth(name, seed, value, severity):
     rng = np.random.default_rng(seed)
     depth = rng.uniform(1, 60, (9, 13)).astype(np.float32).repeat(7, axis=0).repeat(9, axis=1)
     depth += rng.uniform(0, 1, depth.shape).astype(np.float32)

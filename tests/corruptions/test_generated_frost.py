@@ -60,7 +60,7 @@ def offline(tmp_path, *commands):
     return subprocess.run(command, cwd=tmp_path, env=left | places, capture_output=True, text=True, timeout=900)
 
 
-def test_the_demo_needs_no_network_and_a_call_to_pip_would_be_noticed(tmp_path):
+def test_demo_runs_without_network_and_without_pip(tmp_path):
     """The same corruption on a user's frames requires the photographs, so it shows that the check works."""
     for name, frame in zip(("a.png", "b.png"), load_benchmark("demo").dataset.load("motorcycle").frames, strict=True):
         write_image(tmp_path / name, frame[:64, :64])

@@ -146,7 +146,7 @@ def shares(particles, index=0, depth=None):
 
 @pytest.mark.parametrize("radius", [0.3, 0.8, 2.0, 6.0])
 @pytest.mark.parametrize("streak", [0.0, 4.0])
-def test_a_particle_covers_its_area_whatever_its_size_and_speed(radius, streak):
+def test_particle_covers_its_area_at_any_size_and_speed(radius, streak):
     rng = np.random.default_rng(3)
     depth, total, count = 5.0, 0.0, 40
     for _ in range(count):

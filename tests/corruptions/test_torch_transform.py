@@ -30,7 +30,7 @@ def test_torch_transform_equals_the_plain_one_with_channels_first(channels):
         assert got.is_contiguous()
 
 
-def test_items_of_a_batch_are_drawn_apart_and_pairs_of_a_batch_together():
+def test_items_of_a_batch_have_independent_draws_and_frames_of_a_pair_share_theirs():
     transform = TorchCorruption(["frost"], [4])
     batch = torch.stack([image(3)] * 3)
     first, second = transform(batch, batch, key="b")
@@ -47,7 +47,7 @@ def test_transform_of_a_structure_changes_only_its_images():
     assert out["flow"] is sample["flow"]
 
 
-def test_masks_beside_a_plain_tensor_are_kept_and_a_video_is_refused():
+def test_masks_beside_a_plain_tensor_are_returned_unchanged():
     """The frames of a video belong together, but the items of a batch are drawn independently."""
     grey, mask = image(0, (1, 24, 32)), tv_tensors.Mask(image(1, (1, 24, 32)))
     out, out_mask = TorchCorruption(["contrast"], [5])(grey, mask)
@@ -103,7 +103,7 @@ def epochs(workers, keyed, count=1):
 
 
 @pytest.mark.parametrize("workers", [0, 2])
-def test_every_sample_of_every_epoch_has_its_own_draw(workers):
+def test_every_sample_of_every_epoch_has_a_different_draw(workers):
     drawn = epochs(workers, keyed=False, count=2)
     assert len({item for epoch in drawn for item in epoch}) == 24
     assert drawn == epochs(workers, keyed=False, count=2)

@@ -160,7 +160,7 @@ def _send_two(transform, pipe):
     pipe.send([transform(flat).tobytes() for _ in range(2)])
 
 
-def test_processes_with_copies_of_one_transform_draw_apart():
+def test_processes_with_copies_of_one_transform_have_different_draws():
     transform = CorruptionTransform(["gaussian_noise"], [3])
     context = multiprocessing.get_context("fork")
     drawn = []
@@ -174,7 +174,7 @@ def test_processes_with_copies_of_one_transform_draw_apart():
     assert len({*drawn, transform(flat).tobytes()}) == 5
 
 
-def test_ranks_of_a_distributed_training_draw_apart(monkeypatch):
+def test_ranks_of_a_distributed_training_have_different_draws(monkeypatch):
     flat, drawn = np.full((16, 16, 3), 128, np.uint8), []
     for rank in ("0", "1"):
         monkeypatch.setenv("RANK", rank)

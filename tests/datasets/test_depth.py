@@ -302,7 +302,7 @@ def test_files_beside_frames_close_to_the_root_are_not_read_as_maps(tmp_path):
         ]
 
 
-def test_a_frame_is_not_its_own_map_however_its_folder_is_written(tmp_path, monkeypatch):
+def test_frame_is_never_read_as_its_depth_map(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     frames = load_dataset("folder", write_both(pictures_of(Path("clip"), "a.png", "b.png")))
     (tmp_path / "link").symlink_to(tmp_path / "clip")

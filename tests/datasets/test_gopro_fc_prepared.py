@@ -62,7 +62,7 @@ def test_clean_pairs_are_the_masters_key_frames(prepared):
 
 
 @pytest.mark.parametrize("name", ["gopro_fc.json", "scene/clip.json", "scene/master.mp4", "scene/keyframes/000032.png"])
-def test_a_flipped_bit_in_a_prepared_folder_is_noticed(prepared, tmp_path, name):
+def test_a_flipped_bit_in_a_prepared_folder_is_detected(prepared, tmp_path, name):
     path = Path(shutil.copytree(prepared, tmp_path / "copy")) / name
     whole, rng = path.read_bytes(), np.random.default_rng(0)
 

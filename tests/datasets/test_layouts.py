@@ -205,7 +205,7 @@ def test_flyingthings3d_subset_is_read(tmp_path: Path) -> None:
     refused("flyingthings3d", tmp_path, r"0000002\.png: missing", **options)
 
 
-def test_networks_train_on_the_flow_file_alone_save_where_it_needs_more(tmp_path: Path) -> None:
+def test_training_truth_ignores_maps_other_than_flow_where_possible(tmp_path: Path) -> None:
     pytest.importorskip("h5py")
     sintel(tmp_path / "sintel")
     dataset = load_dataset("sintel", tmp_path / "sintel")

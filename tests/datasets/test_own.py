@@ -246,7 +246,7 @@ def test_options_for_opening_a_benchmark_are_refused_with_an_open_one(module):
         rf.evaluate(ZeroFlow(), opened, split="keys.txt", data_options={"count": 3}, output="run")
 
 
-def test_a_video_alone_is_a_folder(tmp_path):
+def test_video_without_a_benchmark_name_is_read_as_a_folder(tmp_path):
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
     with pytest.raises(DataError, match="contains videos, not frames; give one file"):

@@ -82,7 +82,7 @@ def test_findings_report_exactly_the_planted_changes():
     assert not one["seen"]
 
 
-def test_a_seed_with_a_network_that_learned_nothing_or_is_missing_is_left_out_whole():
+def test_seed_with_a_missing_or_untrained_network_is_left_out():
     given = made_runs(5, {})
     given["all", "shapes", 1] = made_runs(1, {}, clean=2.1)["all", "shapes", 0]  # zero flow has an error of 4 px
     del given["no_weather", "shapes", 3]

@@ -49,7 +49,7 @@ def test_flow_file_with_an_extra_byte_is_refused(tmp_path: Path, suffix: str) ->
     refused(path, "too long")
 
 
-def test_a_flipped_byte_of_a_png_is_noticed_or_harmless(tmp_path: Path) -> None:
+def test_a_flipped_byte_of_a_png_is_detected_or_harmless(tmp_path: Path) -> None:
     path = tmp_path / "flow.png"
     write_flow(path, FLOW)
     expected, _ = read_flow(path)

@@ -187,7 +187,7 @@ def test_writing_refuses_what_is_not_a_flow_and_leaves_nothing(tmp_path: Path, s
     assert list(tmp_path.iterdir()) == []
 
 
-def test_writing_replaces_a_file_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_writing_leaves_the_existing_file_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "flow.flo"
     write_flow(path, np.ones((2, 2, 2)))
     before = path.read_bytes()

@@ -64,7 +64,7 @@ def test_truncated_images_are_refused(tmp_path: Path, suffix: str, size: int) ->
         refused(path, "truncated|damaged|empty")
 
 
-def test_a_flipped_byte_of_a_png_is_noticed_or_harmless(tmp_path: Path) -> None:
+def test_a_flipped_byte_of_a_png_is_detected_or_harmless(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     write_image(path, RGB)
     whole = path.read_bytes()

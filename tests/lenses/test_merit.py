@@ -86,7 +86,7 @@ def test_a_lens_that_cannot_be_built_is_reported():
     assert not fill_residuals(free, *setting, Limits(), out)
 
 
-def test_damped_least_squares_goes_downhill_until_little_is_left_to_gain():
+def test_damped_least_squares_lowers_the_cost_until_it_converges():
     free, setting, out = singlet(-0.2)
     costs = []
     for iterations in (1, 5, 60):

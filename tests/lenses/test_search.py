@@ -37,7 +37,7 @@ def test_random_structures_have_the_power_requested():
         assert sum(powers) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_another_seed_finds_another_lens_that_meets_the_specification():
+def test_different_seed_finds_a_different_lens_that_meets_the_specification():
     specification, (_, goal) = SPECIFICATIONS[1], goal_of(2)
     lines = []
     first, second = design(2, 5, SMALL, lines.append), design(2, 6, SMALL)

@@ -120,7 +120,7 @@ def test_rims_block_rays_only_when_requested():
         assert rays[-1].tolist() == expected
 
 
-def test_input_rays_are_left_alone():
+def test_tracing_does_not_modify_its_input():
     rays = bundle([1.0, 2.0], tangent=0.1)
     before = [part.copy() for part in rays]
     trace(cooke_triplet(), rays, 0.55)

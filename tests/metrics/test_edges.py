@@ -67,7 +67,7 @@ def test_a_slanted_plane_has_no_edge():
     assert not motion_edges(flow, sparse).any()
 
 
-def test_a_mask_of_another_size_is_refused():
+def test_a_mask_of_a_different_size_is_refused():
     with pytest.raises(DataError, match="differ in size"):
         motion_edges(np.zeros((4, 4, 2), np.float32), np.ones((9, 9), np.bool_))
 

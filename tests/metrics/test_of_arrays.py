@@ -66,7 +66,7 @@ def test_array_that_is_not_a_flow_is_refused_in_one_sentence(wrong):
         rf.metrics.epe(wrong, np.zeros((3, 4, 2)))
 
 
-def test_masks_of_another_size_are_refused():
+def test_masks_of_a_different_size_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
     with pytest.raises(DataError, match=r"mask has shape \(4, 3\)"):
         rf.metrics.epe(flow, flow, np.ones((4, 3), bool))

@@ -56,7 +56,7 @@ def batch(*pairs):
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in NAMES]
 )
-def test_pairs_of_a_batch_do_not_see_each_other(name):
+def test_pairs_of_a_batch_do_not_affect_each_other(name):
     model = network(name)
     size = SMALLER if name in WITHOUT_RAFTS_LIMIT else SIZE
     a, b, c = (textured_pair(*size, seed) for seed in range(3))
@@ -69,7 +69,7 @@ def test_pairs_of_a_batch_do_not_see_each_other(name):
         assert np.abs(flow - expected).max() <= 1e-4 * scale  # in a different batch, sums are rounded differently
 
 
-def test_pairs_of_flowformer_see_each_other_so_they_go_one_by_one():
+def test_pairs_of_flowformer_are_predicted_one_by_one():
     model = network("flowformer")
     a, b, c = (textured_pair(*SMALLER, seed) for seed in range(3))
     one_by_one, model.net.batched = model.run(*batch(a, b)), True

@@ -21,7 +21,7 @@ from robustflow.runs.provenance import Provenance
 from robustflow.testing import BrightnessFlow
 
 
-def test_the_catalog_knows_every_model_by_name_and_no_other():
+def test_catalog_lists_exactly_the_models_of_this_package():
     of_any_method = {"precomputed", *EXPORTED.values()}  # regardless of the file's contents
     assert set(methods()) == set(MODELS.names()) - of_any_method
 
@@ -194,7 +194,7 @@ def test_every_data_set_that_models_train_on_has_a_name():
     assert dataset_facts("robustspring").same_domain == ("spring",)  # no model is trained on Spring's test sequences
 
 
-def test_a_known_file_is_known_by_its_hash_whatever_is_declared():
+def test_known_file_is_recognised_by_its_hash_despite_a_declaration():
     digest = "3a831a4b" + "0" * 56
     training = training_of({"name": "raft", "checkpoint": digest}, "C")
     assert training.basis == "catalog: raft kitti"

@@ -102,7 +102,7 @@ def test_flow_is_exact_where_only_a_tile_corner_covers():
     assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # float32 would underflow
 
 
-def test_pairs_of_any_size_give_alone_and_together_the_same():
+def test_batched_pairs_of_any_size_equal_single_ones():
     class Batched(Counting):
         def predict(self, frame1, frame2):
             return np.repeat(frame1.astype(np.float32).mean(-1, keepdims=True), 2, axis=-1)
@@ -120,7 +120,7 @@ def test_pairs_of_any_size_give_alone_and_together_the_same():
 
 
 @pytest.mark.parametrize("shape", [(2,), (64, 96, 1), (1, 1, 2)])
-def test_answer_of_another_shape_than_the_tile_is_refused(shape):
+def test_answer_of_a_different_shape_than_the_tile_is_refused(shape):
     class Broadcasts:
         def predict(self, frame1, frame2):
             return np.ones(shape, np.float32)

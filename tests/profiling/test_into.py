@@ -49,7 +49,7 @@ def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
 
 
 @pytest.mark.parametrize("runtime", ["numpy", "torch"])
-def test_tiny_is_profiled_into_its_run_whatever_computed_it(profile, tmp_path, runtime):
+def test_profile_of_tiny_is_stored_in_a_run_of_either_runtime(profile, tmp_path, runtime):
     spec = ModelSpec("tiny", (("runtime", runtime),))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     code, _, err = profile("tiny", "--size", "64x96", "--repeat", 0, "--into", run.path)

@@ -21,7 +21,7 @@ MTF_TOLERANCE = {1: 0.06, 2: 0.06, 3: 0.06, 4: 0.09, 5: 0.06}
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
-def test_elements_field_and_f_number_are_the_papers(severity):
+def test_elements_field_and_f_number_equal_the_papers(severity):
     lens, wanted = shipped_lens(severity), SPECIFICATIONS[severity - 1]
     order = first_order_of(lens)
     assert lens.elements == wanted.elements

@@ -50,7 +50,7 @@ def test_windows_of_all_nodes_and_their_mirror_images_add_up_to_one(length, pitc
 
 @settings(max_examples=100)
 @given(st.integers(1, 5000), st.sampled_from(PITCHES))
-def test_windows_hold_their_whole_triangle(length, pitch):
+def test_windows_contain_their_complete_triangle(length, pitch):
     axis = Axis.of(length, pitch)
     assert axis.pitch <= pitch
     assert axis.windows.shape[1] == 2 * pitch

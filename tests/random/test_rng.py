@@ -93,7 +93,7 @@ def test_a_file_name_that_is_not_utf8_names_a_stream():
 
 
 @pytest.mark.parametrize("part", [None, 0.5, True])
-def test_a_name_that_is_neither_text_nor_a_whole_number_is_refused_as_a_name(part):
+def test_stream_name_of_a_wrong_type_is_refused(part):
     with pytest.raises(UsageError, match=f"name of a random stream consists of texts and whole numbers, not {part}"):
         Rng.of(0, part)
 

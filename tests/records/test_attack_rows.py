@@ -67,12 +67,12 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
         (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "but is not an attack"),
     ],
 )
-def test_a_forged_row_of_an_attack_is_noticed(attacked, where, change, check, says):
+def test_a_forged_row_of_an_attack_is_detected(attacked, where, change, check, says):
     values = {name: pl.lit(value, ROW_SCHEMA[name]) for name, value in change.items()}
     assert_fails(with_rows(attacked, at(where, **values)), check, says)
 
 
-def test_attacks_that_are_missing_or_unknown_are_noticed(attacked):
+def test_attacks_that_are_missing_or_unknown_are_detected(attacked):
     def attacks(names):
         return lambda manifest: manifest["planned"][0].update(attacks={name: [1] for name in names})
 

@@ -173,7 +173,7 @@ _MEASURED = [  # the pair has no occlusion map, the run has no confidence, and t
     [(name, _FOG) for name in _MEASURED]
     + [(name, pl.col("corruption") == "clean") for name in ("n_all", "n_valid", "epe_sum", "fl_count_s10_40")],
 )
-def test_a_number_taken_out_is_noticed(packed, column, where):
+def test_removed_number_is_detected(packed, column, where):
     assert failure(with_rows(packed, at(where, **{column: pl.lit(None, ROW_SCHEMA[column])})))
 
 

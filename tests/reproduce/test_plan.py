@@ -76,7 +76,7 @@ def test_random_weights_are_used_only_if_allowed():
     assert out.folder == inside.folder
 
 
-def test_the_catalogue_knows_a_file_by_its_content_and_a_name_is_not_enough(tmp_path, monkeypatch):
+def test_catalogue_recognises_files_by_content_and_not_by_name(tmp_path, monkeypatch):
     entry = _entry("raft", "things").model_copy(update={"sha256": hashlib.sha256(b"weights").hexdigest()[:8]})
     monkeypatch.setattr(weights_module, "checkpoints", lambda: (entry,))
     (tmp_path / "deep").mkdir()

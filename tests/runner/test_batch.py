@@ -86,7 +86,7 @@ def test_wrong_answer_to_a_batch_is_refused(tmp_path, answer, says):
         ("model", 1, 2, 2),
     ],
 )
-def test_each_call_of_the_model_is_announced_so_that_a_time_limit_holds_for_it_alone(confidence, draws, batch, calls):
+def test_time_limit_applies_to_each_call_of_the_model(confidence, draws, batch, calls):
     events: list[str] = []
 
     class Confident(Batched):

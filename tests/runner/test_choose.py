@@ -114,7 +114,7 @@ def test_data_of_a_class_from_a_notebook_stay_in_this_process(monkeypatch):
     assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 
-def test_a_script_without_a_guard_stays_in_one_process_and_says_why(tmp_path, monkeypatch):
+def test_script_without_a_main_guard_runs_in_one_process_and_states_the_reason(tmp_path, monkeypatch):
     script = tmp_path / "script.py"
     main = SimpleNamespace(__file__=str(script), __spec__=None)
     monkeypatch.setitem(sys.modules, "__main__", main)

@@ -142,7 +142,7 @@ def test_example_pictures_are_drawn_from_the_clip(clip_folder, tmp_path):
     assert isinstance(setup.model.model, FiveFrames)
 
 
-def test_changed_and_damaged_frames_around_a_pair_are_noticed(tmp_path):
+def test_changed_and_damaged_frames_around_a_pair_are_detected(tmp_path):
     frames = tmp_path / "frames"
     frames.mkdir()
     for number in range(3):
@@ -158,7 +158,7 @@ def test_changed_and_damaged_frames_around_a_pair_are_noticed(tmp_path):
         run(Recorder((0, 1)), frames, tmp_path / "other", **chosen)
 
 
-def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(clip_folder, tmp_path):
+def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_folder, tmp_path):
     message = r"needs 5 frames, but 'motorcycle' contains only pairs; datasets with clips: .*sintel, .*folder"
     with pytest.raises(UsageError, match=message) as error:
         rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **SMALLEST)
@@ -249,7 +249,7 @@ def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_pat
     assert all(np.array_equal(a, b) for a, b in zip(plain, writing, strict=True))
 
 
-def test_nodes_of_a_cluster_are_asked_for_the_frames_around_a_pair(clip_folder, tmp_path):
+def test_cluster_nodes_must_have_the_frames_around_a_pair(clip_folder, tmp_path):
     job = Job(rf.load_dataset("folder", clip_folder), Recorder(), RunOptions(window=Window(2, 1)), tmp_path)
     names = [Path(path).name for path, _ in files_of(job, Unit("2", "fog", (1,)))]
     assert names == ["2.png", "3.png", "0.png", "1.png", "4.png"]

@@ -75,7 +75,7 @@ def test_a_run_with_the_models_confidence_continues_where_only_the_data_are_comp
     assert run(tmp_path / "run", confidence="model").rows.filter(pl.col("severity") < 2).equals(first)
 
 
-def test_the_flow_back_is_not_asked_for_where_the_frames_are_equal(tmp_path):
+def test_backward_flow_of_equal_frames_is_not_predicted(tmp_path):
     class Counting(Sure):
         asked = 0
 
@@ -105,7 +105,7 @@ def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
         run(tmp_path / "run", tmp_path / "flows")
 
 
-def test_frames_without_truth_have_the_share_of_rejected_pixels_alone(clip_folder, tmp_path):
+def test_rows_without_ground_truth_have_only_the_share_of_rejected_pixels(clip_folder, tmp_path):
     options = {"corruptions": FAST, "severities": [1], "limit": 1, "confidence": "forward-backward"}
     result = rf.evaluate(Sure(), "folder", clip_folder, tmp_path / "run", **options)
     assert result.rows["ause"].null_count() == result.rows.height

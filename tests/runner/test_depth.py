@@ -179,7 +179,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
     assert not (tmp_path / "run").exists()
 
 
-def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps(tmp_path):
+def test_run_accepts_depth_later_and_refuses_changed_maps(tmp_path):
     """Check still scenes of a dataset whose depth is stored in separate files."""
     module = "tests.runner.test_depth:FilesOfDepth"
     options = {"folder": str(tmp_path)}
@@ -196,7 +196,7 @@ def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps
 
 
 @pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2", HAZE])
-def test_nodes_of_a_cluster_are_asked_for_the_depth_of_units_that_need_it(clip_folder, maps, tmp_path, name):
+def test_cluster_nodes_must_have_the_depth_of_units_that_need_it(clip_folder, maps, tmp_path, name):
     benchmark = load_benchmark("folder", clip_folder, options={"depth": maps}).narrowed([name, "contrast"], [1])
     options = RunOptions(depth=benchmark.depths, attacks=("square:queries=3",))
     job = Job(benchmark.dataset, ModelSpec("dis"), options, tmp_path)

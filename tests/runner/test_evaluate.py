@@ -132,7 +132,7 @@ def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatc
         rf.evaluate("mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
 
 
-def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
+def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path):
     def constant(value):
         return lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)
 

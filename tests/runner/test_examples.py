@@ -134,7 +134,7 @@ def test_interrupted_drawing_leaves_the_rows_and_no_partial_folder(tmp_path, mon
     assert (tmp_path / "run" / "summary.json").exists()
 
 
-def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path, small):
+def test_examples_of_a_model_that_predicts_differently_are_refused(tmp_path, small):
     class Drifts:
         """Predicts a larger motion with every call."""
 

@@ -13,6 +13,6 @@ TURNED = tuple(frame.reshape(7, 5, 3) for frame in PAIR)
 
 
 @pytest.mark.parametrize("frames", [PAIR, PAIR[::-1], PAIR[:1], FORTRAN, TURNED, EMPTY])
-def test_shapes_and_bytes_are_hashed_in_order_whatever_the_layout_in_memory(frames):
+def test_digest_depends_on_shapes_bytes_and_order_only(frames):
     content = b"".join(str(frame.shape).encode() + frame.tobytes() for frame in frames)
     assert frames_digest(frames) == blake3(content).hexdigest(length=16)

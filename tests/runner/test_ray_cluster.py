@@ -104,7 +104,7 @@ def test_every_actor_has_a_separate_gpu(two_nodes, frames, reference_run, tmp_pa
     assert len(on_nodes) == 2, "one actor per GPU"
 
 
-def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, frames, reference_run, tmp_path, faults):
+def test_killed_actor_loses_no_row_and_its_node_is_named(two_nodes, frames, reference_run, tmp_path, faults):
     result = _run(tmp_path / "run", frames, model={"fault": "exit"}, **two_nodes.engine)
     _check_equal(result, reference_run)
     places = result.manifest.places
@@ -133,7 +133,7 @@ def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
 
 
 @pytest.mark.slow
-def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, reference_run, tmp_path):
+def test_worker_killed_for_its_memory_loses_no_row(on_path, frames, reference_run, tmp_path):
     """Ray's memory monitor kills a worker when the machine's memory is nearly full; this test sets the limit to 4 GB
     above current use, or to half of the free memory, so that other processes on the machine do not reach it.
     """

@@ -187,7 +187,7 @@ def test_record_of_a_robustspring_run_is_verified(run):
     assert verified(record_bytes(run)).ok
 
 
-def test_a_record_knows_its_names_with_its_benchmark_alone(run):
+def test_names_of_robustspring_are_valid_only_in_records_of_this_benchmark(run):
     entries = entries_of_record(record_bytes(run))
     parts = {name: json.loads(entries[name]) for name in ("record.json", "manifest.json", "summary.json")}
     identity = parts["manifest.json"]["identity"]

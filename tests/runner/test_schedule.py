@@ -122,7 +122,7 @@ def test_costly_cells_come_while_frames_wait_and_cheap_ones_while_they_run_out()
     assert [schedule.take("0", False)[1] for _ in range(4)] == ["c1", "c1", "c0", "c0"]
 
 
-def test_a_second_feeder_begins_another_sample_and_helps_with_the_last():
+def test_second_feeder_starts_a_different_sample_and_helps_with_the_last():
     schedule = CellSchedule(_units(2, 1))
     assert schedule.take(None, False) == ("0", CLEAN, 0)
     assert schedule.take(None, False) == ("1", CLEAN, 0)

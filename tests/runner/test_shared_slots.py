@@ -16,7 +16,7 @@ def _add_one(pipe, slots):
     pipe.send(None)
 
 
-def test_frames_come_out_as_they_went_in_and_flows_come_back():
+def test_frames_and_flows_pass_through_slots_unchanged():
     slots, (ours, theirs) = SharedSlots(4), multiprocessing.Pipe()
     child = multiprocessing.get_context("spawn").Process(target=_add_one, args=(theirs, slots))
     child.start()

@@ -139,7 +139,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
         still_run(tmp_path / "flows", clip_folder, tmp_path / "run")
 
 
-def test_a_model_trained_on_the_frames_has_seen_them_when_they_are_still():
+def test_still_run_on_training_frames_is_labelled_leaked():
     training = rf.models.provenance.Training(("kitti2015",), "declared")
     assert rf.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
 

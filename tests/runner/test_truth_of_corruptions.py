@@ -99,7 +99,7 @@ def test_the_variance_over_seeds_leaves_out_corruptions_without_truth(run):
     assert splits[0].equals(splits[1])
 
 
-def test_a_run_of_corruptions_without_truth_alone_has_a_mean_of_its_rcre(tmp_path):
+def test_run_of_only_corruptions_without_truth_has_a_mean_rcre(tmp_path):
     alone = rf.evaluate("dis", corruptions=["elastic_transform"], severities=[1], output=tmp_path / "run")
     assert alone.epe is None
     assert alone.rcre == alone.summary.corruptions["elastic_transform"].rcre > 0

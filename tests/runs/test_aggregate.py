@@ -196,7 +196,7 @@ def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():
 
 
 @pytest.mark.parametrize(("averaging", "length"), [("image", (2.0 + 5.0) / 2), ("pixel", (200.0 + 50.0) / 110)])
-def test_clean_flow_length_counts_clean_rows_and_predicted_pixels_alone(averaging, length):
+def test_clean_flow_length_is_over_predicted_pixels_of_clean_rows(averaging, length):
     rows = [row("a", n_all=100, pred_magnitude_sum=200.0), row("a", "fog", 1, pred_magnitude_sum=9000.0)]
     rows += [row("b", n_all=10, pred_magnitude_sum=50.0), row("c", n_all=0)]
     assert summarize(rows_frame(rows), averaging).clean_flow_length == pytest.approx(length, rel=1e-12)
@@ -212,7 +212,7 @@ def test_empty_rows_have_no_means():
     assert (summary.epe, summary.epe_clean, summary.samples, summary.corruptions) == (None, None, 0, {})
 
 
-def test_duplicate_rows_and_tables_of_another_schema_are_refused():
+def test_duplicate_rows_and_tables_of_a_different_schema_are_refused():
     with pytest.raises(RunError, match="sample 'b', fog severity 2 occur twice"):
         summarize(rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]))
     with pytest.raises(RunError, match="lack the column 'n_all'"):

@@ -135,7 +135,7 @@ def test_coinciding_lines_are_both_visible():
     assert widths == sorted(set(widths), reverse=True)
 
 
-def test_no_axis_goes_far_beyond_all_pixels():
+def test_axis_of_shares_ends_near_100_percent():
     table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.0, 1.0]})
     (axes,) = displacement_figure({"a": table}).axes
     assert 100 < axes.get_ylim()[1] <= 130

@@ -79,7 +79,7 @@ class _Changes(ZeroFlow):
         return {"name": "still"}
 
 
-def test_a_file_that_changes_during_a_run_is_noticed_at_its_end(three, tmp_path):
+def test_a_file_that_changes_during_a_run_is_detected_at_its_end(three, tmp_path):
     before = (three / "2.bmp").read_bytes()
     with pytest.raises(
         DataError, match=r"2\.bmp changed while the run was reading it.* sample '1' .* run the same command again"

@@ -112,7 +112,7 @@ def test_manifest_of_invalid_json_or_an_older_schema_is_refused_and_not_overwrit
     refused(*damaged(whole, tmp_path, text), rf"manifest\.json {match}")
 
 
-def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
+def test_rows_of_a_different_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
     before = manifest["identity"]["measuring"]["rows"] - 1
     edited = fitting(_setting(before, "identity", "measuring", "rows")(manifest))
@@ -128,7 +128,7 @@ def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, f
     refused(*damaged(whole, tmp_path, json.dumps(sealed(manifest) if fits else manifest)), "was changed after")
 
 
-def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
+def test_a_flipped_bit_in_a_manifest_is_detected(whole, tmp_path):
     folder, _ = damaged(whole, tmp_path, "")
     data = (whole / "manifest.json").read_bytes()
     rng = np.random.default_rng(0)

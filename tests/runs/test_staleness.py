@@ -182,7 +182,7 @@ def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
     assert exclusion_reasons(later) != before
 
 
-def test_means_that_another_process_writes_at_the_same_time_are_not_taken_for_these_rows(folder, monkeypatch):
+def test_means_written_by_another_process_meanwhile_are_not_used(folder, monkeypatch):
     earlier = (folder / "summary.json").read_bytes()
     _double_errors(folder)
     monkeypatch.setattr(

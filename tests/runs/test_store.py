@@ -51,7 +51,7 @@ def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
 
 
 @pytest.mark.parametrize("gone", ["", ".lock"])
-def test_a_run_whose_folder_or_lock_is_moved_writes_nothing_into_the_next_run_there(folder, gone):
+def test_run_whose_folder_or_lock_was_moved_writes_nothing_into_its_successor(folder, gone):
     _write(folder, "a", CLEAN, (0,))
     (folder.path / gone).rename(folder.path.parent / "elsewhere")
     following = RunFolder(folder.path)
@@ -77,7 +77,7 @@ def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
     assert list((folder.path / "clean").iterdir()) == [folder.clean_path("c")]
 
 
-def test_keys_that_look_alike_as_file_names_stay_apart(folder):
+def test_keys_with_similar_file_names_have_separate_files(folder):
     for key in ("a/b", "a_b", "a b", "a:b", "x" * 300, "x" * 299, ".."):
         _write(folder, key, "fog:1+snow", (1,))
     assert folder.rows()["sample"].n_unique() == 7

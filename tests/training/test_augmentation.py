@@ -93,7 +93,7 @@ def test_eraser_draws_as_often_and_as_large_as_stated():
     assert stats.chisquare(observed).pvalue > _ALPHA
 
 
-def test_erasing_fills_with_the_mean_and_leaves_the_frame_alone():
+def test_erasing_fills_with_the_mean_in_a_copy():
     frame = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     before = frame.copy()
     erased = erase(frame, ((70, 50, 60, 60),))
@@ -178,7 +178,7 @@ def test_a_dense_frame_of_the_crops_size_is_its_own_crop_where_it_is_not_scaled(
 
 
 @pytest.mark.parametrize("augmentation", ["dense", "sparse"])
-def test_the_flow_stays_true_to_the_pictures(augmentation):
+def test_augmented_flow_matches_the_augmented_frames(augmentation):
     """The second frame, sampled along the flow, matches the first as closely after augmentation as before."""
     sample = TexturePairs(count=1, size=(200, 260), reach=6, seed=2).load("0")
     part = Part(data="sintel", augmentation=augmentation, log2_scale=(-0.1, 0.4), flip=True)

@@ -58,7 +58,7 @@ def test_recipe_has_the_settings_of_the_case(given, case):
 @pytest.mark.parametrize(
     ("case", "number"), [(case, int(number)) for case, stated in CASES.items() for number in stated.get("steps", "0")]
 )
-def test_terms_and_gradients_of_a_step_are_the_originals(given, case, number):
+def test_terms_and_gradients_of_a_step_equal_the_originals(given, case, number):
     expected, found = given.cases["cases"][case]["steps"][str(number)], step(given, case, number, gradients=True)
     for name, value in found.terms.items():
         assert value == pytest.approx(expected[name], rel=LOSS), name
@@ -102,7 +102,7 @@ def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
 
 
 @EACH_CASE
-def test_masks_kept_offsets_and_corrector_input_are_the_originals(given, case, monkeypatch):
+def test_masks_kept_offsets_and_corrector_input_equal_the_originals(given, case, monkeypatch):
     expected, visible, kept = given.cases["cases"][case], [], []
     _spy(monkeypatch, "visibility", visible)
     _spy(monkeypatch, "kept_offsets", kept)

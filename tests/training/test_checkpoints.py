@@ -60,7 +60,7 @@ def small(tmp_path) -> Path:
     return path
 
 
-def test_a_flipped_bit_of_the_last_checkpoint_is_noticed_or_changes_nothing(small):
+def test_a_flipped_bit_of_the_last_checkpoint_is_detected_or_changes_nothing(small):
     whole, rng = small.read_bytes(), np.random.default_rng(0)
     expected = [_as_stored(part) if isinstance(part, dict) else part for part in read_progress(small)]
     refused = 0

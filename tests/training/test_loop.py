@@ -334,7 +334,7 @@ def scored(monkeypatch):
     return validated
 
 
-def test_best_weights_are_compared_on_the_same_pairs_alone(request_for, scored):
+def test_best_weights_are_compared_only_on_equal_pairs(request_for, scored):
     request = request_for(steps=4, validation=Validation("sintel", every=1))
     run_training(request, StopAfter(3))
     run_training(replace(request, resume=True, validation=Validation("sintel", "other pairs", every=1)))
@@ -384,7 +384,7 @@ def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
         run_training(replace(corrupted, resume=True, data=plain.data))
 
 
-def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chairs, tmp_path):
+def test_a_folder_of_a_different_data_set_names_what_was_expected(request_for, chairs, tmp_path):
     (tmp_path / "mixed" / "data").mkdir(parents=True)
     for path in (chairs / "FlyingChairs_release" / "data").iterdir():
         if path.name != "00002_img2.ppm":

@@ -115,7 +115,7 @@ def test_smoothness_is_zero_for_motion_of_its_order(second_order):
     assert smoothness(affine, flat, 10, False) > smoothness(affine, image, 10, False)
 
 
-def test_parts_of_a_batch_are_normalised_by_themselves_and_the_first_moves_the_statistics():
+def test_shares_of_a_batch_are_normalised_separately_and_the_first_updates_the_statistics():
     from robustflow.training.norms import group_batchnorm
 
     inputs = torch.randn(6, 4, 5, 5, generator=torch.Generator().manual_seed(3)) * 3 + 1

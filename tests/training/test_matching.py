@@ -78,7 +78,7 @@ def test_a_shift_by_eight_pixels_matches_the_neighbour_and_leaves_the_frame_at_t
     assert (matches[:, 6] == -1).all()
 
 
-def test_pixels_of_another_colour_are_occluded():
+def test_pixels_of_a_different_colour_are_occluded():
     image1, truth = torch.full((1, 3, HEIGHT, WIDTH), 90.0), torch.zeros(1, 2, HEIGHT, WIDTH)
     for difference, matched in ((19.0, True), (21.0, False)):
         matches = true_matches(image1, image1 + difference, truth).reshape(5, 7)

@@ -95,7 +95,7 @@ def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
         assert state[key].std().item() == pytest.approx(deviation, abs=close)
 
 
-def test_the_schedule_of_a_long_training_run_is_the_originals(shared):
+def test_the_schedule_of_a_long_training_run_equals_the_originals(shared):
     stated = json.loads((shared(RAFT) / "expected.json").read_text())
     schedules = {name: rates for name, rates in stated.items() if name.startswith("lr_")}
     assert schedules

@@ -53,7 +53,7 @@ def alone(batch: Batch, number: int) -> Batch:
     return Batch(batch.image1[only], batch.image2[only], batch.flow[only], batch.valid[only], batch.names[only])
 
 
-def test_steps_of_samflow_are_the_originals(pack, recipe):
+def test_steps_of_samflow_equal_the_originals(pack, recipe):
     network, batch = pack.network(recipe), pack.batch()
     expected, found = pack.header["steps"], []
     pairs = [alone(batch, stated["item"]) for stated in expected]

@@ -171,7 +171,7 @@ def test_losses_and_gradient_norms_of_a_step_equal_the_originals(name, case, num
 
 
 @EACH_CASE
-def test_flows_and_gradients_of_the_first_step_are_the_originals(name, case):
+def test_flows_and_gradients_of_the_first_step_equal_the_originals(name, case):
     pack = pack_of(name)
     step, expected = made(name, case)[0][0], pack.header["cases"][case]
     compared = [key for key in pack.arrays if re.fullmatch(rf"{case}/flow(_last|\d+)", key)]
@@ -192,7 +192,7 @@ def test_flows_and_gradients_of_the_first_step_are_the_originals(name, case):
 
 
 @EACH_CASE
-def test_weights_after_the_steps_are_the_originals(name, case):
+def test_weights_after_the_steps_equal_the_originals(name, case):
     pack = pack_of(name)
     expected, (_, weights) = pack.header["cases"][case], made(name, case)
     moved = sum(expected["rate"])
@@ -273,7 +273,7 @@ def test_flowformer_pp_with_the_contexts_of_other_pairs_is_rejected():
     assert max(off) > 0.3
 
 
-def test_flowformer_pp_takes_a_crop_as_it_is_in_training_alone():
+def test_flowformer_pp_pads_frames_except_in_training():
     network, seen = network_of("flowformer_pp"), []
     network.net.model.context_encoder.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0].shape))
     height, padded = (side // 32 * 32 for side in pack_of("flowformer_pp").header["size"])
@@ -333,7 +333,7 @@ def _far_reach(patch, network, batch):
         _far_reach,
     ],
 )
-def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake):
+def test_flowdiffuser_from_a_different_start_is_rejected(monkeypatch, mistake):
     network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
     wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
     assert off_by("flowdiffuser", wrong) > 2 * _LOSS["flowdiffuser"][0]

@@ -65,7 +65,7 @@ def test_the_census_is_that_of_a_naive_loop(levels, radius):
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
 
 
-def test_the_masked_census_does_not_see_what_is_hidden():
+def test_masked_census_ignores_hidden_pixels():
     first, second = 255 * images(1, 20, 24, 1), 255 * images(1, 20, 24, 2)
     seen = torch.zeros(1, 1, 20, 24)
     seen[..., :10] = 1
@@ -101,7 +101,7 @@ def test_the_dilated_warp_fetches_from_the_whole_frame():
         assert (found[number].numpy()[:, ~mask] == 0).all()
 
 
-def test_the_smoothness_of_second_order_leaves_affine_motion_alone():
+def test_second_order_smoothness_of_affine_motion_is_zero():
     y, x = torch.meshgrid(torch.arange(20.0), torch.arange(30.0), indexing="ij")
     flow = torch.stack((0.3 * x - 0.1 * y, 0.2 * y))[None]
     flat = torch.full((1, 3, 20, 30), 0.5)
@@ -130,7 +130,7 @@ def test_the_distillation_moves_the_levels_and_not_the_teacher():
     assert distillation(OneWay(same, [quarter], image, image, seen)).item() == pytest.approx(nothing, rel=1e-4)
 
 
-def test_the_student_is_asked_for_the_teachers_flow_in_its_own_pixels():
+def test_target_of_the_student_is_the_teachers_flow_in_its_pixels():
     teacher = torch.full((1, 2, 32, 48), 4.0)
     enlarged = torch.empty(1, 2, 32, 48)
     enlarged[:, 0], enlarged[:, 1] = 4.0 * 48 / 32, 4.0 * 32 / 16
@@ -215,7 +215,7 @@ def test_the_relative_rotation_is_the_originals_constant_unless_it_is_switched_o
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_the_moved_flow_is_true_to_the_moved_frames(number):
+def test_moved_flow_matches_the_moved_frames(number):
     """The moved second frame, sampled along the moved flow, equals the moved first frame."""
     height, width = 96, 128
     frame = images(1, height + 40, width + 40, number)

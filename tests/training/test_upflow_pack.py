@@ -123,7 +123,7 @@ def test_recipe_has_the_weights_of_the_whole_case():
     ("case", "number"),
     [(case, number) for case, stated in CASES.items() for number in range(len(stated.get("total", "-")))],
 )
-def test_step_is_the_originals(case, number):
+def test_step_equals_the_originals(case, number):
     expected, step, tolerance = pack().header["cases"][case], made(case).steps[number], _TERM[min(number, 2)]
     assert step.loss == pytest.approx(expected["total"][number], rel=tolerance)
     for name, value in expected["terms"][number].items():
@@ -132,7 +132,7 @@ def test_step_is_the_originals(case, number):
     assert step.rate == 1e-4
 
 
-def test_flows_visibility_and_fetched_frames_are_the_originals():
+def test_flows_visibility_and_fetched_frames_equal_the_originals():
     arrays, expected, ways = pack().arrays, CASES[whole_case()], made(whole_case()).ways
     for way, name in zip(ways, ("forward", "backward"), strict=True):
         np.testing.assert_allclose(way.flow.detach(), arrays[f"flow_{name}"], atol=1e-4)
@@ -144,7 +144,7 @@ def test_flows_visibility_and_fetched_frames_are_the_originals():
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_gradients_of_the_first_step_are_the_originals(case):
+def test_gradients_of_the_first_step_equal_the_originals(case):
     arrays, expected, found = pack().arrays, pack().header["cases"][case]["gradient_norms"], made(case)
     gradients = found.steps[0].gradients
     assert gradients.keys() == expected.keys()
@@ -175,7 +175,7 @@ def test_loss_of_the_originals_flows_has_the_originals_gradient_at_every_pixel(c
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_weights_after_the_steps_are_the_originals(case):
+def test_weights_after_the_steps_equal_the_originals(case):
     arrays, weights = pack().arrays, made(case).weights
     for key in [key for key in arrays if key.startswith(f"{case}/after/")]:
         np.testing.assert_allclose(weights[key.rpartition("/")[2]], arrays[key], rtol=0, atol=WEIGHT)
@@ -228,7 +228,7 @@ def test_frames_fetched_from_the_crop_are_rejected():
     assert min(off_by(name, terms[name]) for name in ("photometric", "census")) > 1e-3
 
 
-def test_photometric_terms_of_visible_pixels_alone_are_rejected():
+def test_photometric_terms_over_only_visible_pixels_are_rejected():
     settings = recipe_of(whole_case()).objective
     wrong = dict.fromkeys(("photometric", "census"), 0.0)
     with torch.no_grad():

@@ -48,7 +48,7 @@ def made(tmp_path_factory):
 
 
 @pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
-def test_frames_whose_packets_survive_are_exactly_their_own(made, amount):
+def test_frames_of_intact_packets_are_decoded_exactly(made, amount):
     """If frames do not depend on each other, every undamaged frame is decoded correctly at its position."""
     clip, pictures = made(INTRA), clips.pictures(COUNT, HEIGHT, WIDTH)
     stream = corrupted_stream(clip, "bit_error", amount)

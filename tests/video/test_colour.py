@@ -35,7 +35,7 @@ def reference_rgb(y: np.ndarray, cb: np.ndarray, cr: np.ndarray) -> np.ndarray:
 
 
 @given(RGB)
-def test_conversion_is_the_standards(rgb):
+def test_conversion_equals_the_standard(rgb):
     height, width = rgb.shape[:2]
     even = np.pad(rgb, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     picture = rgb_to_i420(rgb)

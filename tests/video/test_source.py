@@ -180,7 +180,7 @@ def read(request):
     ],
     ids=["empty", "text", "image", "playlist", "concatenation"],
 )
-def test_file_without_a_video_is_refused_and_a_list_of_other_files_never_followed(tmp_path, read, content, says):
+def test_file_without_a_video_is_refused_and_lists_of_files_are_not_opened(tmp_path, read, content, says):
     """FFmpeg detects formats by content: it would read a list of files whatever the file name."""
     video(tmp_path / "real.mp4", clips.frames(3))
     (tmp_path / "a.mp4").write_bytes(content)

@@ -59,7 +59,7 @@ def test_enlarged_flow_is_bilinear_between_centres_of_pixels(factor):
 
 
 @pytest.mark.parametrize("size", [(2, 3), (9, 14)])
-def test_a_spline_goes_through_the_pixels_and_is_scipys_between_them(size):
+def test_spline_equals_the_pixels_and_scipy_between_them(size):
     image = RNG.normal(size=(*size, 3))
     weighed = coefficients(image.astype(np.float32).reshape(size[0], -1)).reshape(*size, 3)
     height, width = size

@@ -111,7 +111,7 @@ def test_pixels_meet_inside_a_window_that_does_not_wrap(shift):
     torch.testing.assert_close(found.flatten(1, 2), wanted, atol=1e-5, rtol=1e-5)
 
 
-def test_each_pair_is_transformed_by_itself():
+def test_pairs_of_a_batch_are_encoded_independently():
     torch.manual_seed(0)
     net = PairTransformer().eval()
     first, second = torch.randn(2, 3, 256, 11, 13).unbind()

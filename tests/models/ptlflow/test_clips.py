@@ -124,7 +124,7 @@ def videoflow(net, sequence, first):
 
 @pytest.mark.torch
 @pytest.mark.parametrize("name", NAMES)
-def test_bit_equal_to_the_library_anywhere_in_a_sequence(library, capsys, name):
+def test_flow_anywhere_in_a_sequence_is_bit_equal_to_that_of_the_library(library, capsys, name):
     net = fresh(library, name)
     flows = {}
     for first in (3, 0, LENGTH - 2, 1):

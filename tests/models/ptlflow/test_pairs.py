@@ -101,7 +101,7 @@ def test_identity_states_weights_and_execution(library):
 
 
 @pytest.mark.torch
-def test_random_weights_are_the_same_every_time_and_leave_the_generator_alone(library):
+def test_random_weights_are_reproducible_and_do_not_use_the_global_generator(library):
     import torch
 
     torch.manual_seed(5)

@@ -67,7 +67,7 @@ def test_weights_are_found_in_every_layout_of_the_authors(path, state, layout, z
     assert read.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def test_safetensors_are_read_whatever_the_length_of_their_header(path, state):
+def test_safetensors_with_any_header_length_are_read(path, state):
     """A header of 0x3c20 bytes starts with a space and "<", like a web page."""
     save_file(state, path)
     content = path.read_bytes()
@@ -282,7 +282,7 @@ def test_file_that_is_not_a_checkpoint_is_refused(path, content, says):
 
 
 @pytest.mark.parametrize("zipped", [True, False], ids=["zip", "legacy"])
-def test_a_file_cut_anywhere_is_refused(path, state, zipped):
+def test_truncated_checkpoint_is_refused(path, state, zipped):
     torch.save(state, path, _use_new_zipfile_serialization=zipped)
     whole = path.read_bytes()
     for length in [*range(1, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
@@ -291,7 +291,7 @@ def test_a_file_cut_anywhere_is_refused(path, state, zipped):
             load(path)
 
 
-def test_a_changed_byte_is_noticed(path, state):
+def test_a_changed_byte_is_detected(path, state):
     torch.save(state, path)
     changed = bytearray(path.read_bytes())
     changed[changed.index(state["first.weight"].numpy().tobytes()) + 5] ^= 1
@@ -390,7 +390,7 @@ def test_values_that_are_not_finite_in_float32_are_refused(path, state, bad):
     ],
     ids=["integers", "complex", "sparse", "meta", "huge of one stored value"],
 )
-def test_values_of_another_kind_are_refused(path, state, value, holds):
+def test_values_of_a_different_kind_are_refused(path, state, value, holds):
     torch.save({**state, "first.bias": value}, path)
     assert path.stat().st_size < 100_000
     with refused(ModelError, holds):

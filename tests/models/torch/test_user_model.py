@@ -227,7 +227,7 @@ def test_undecidable_convention_asks_for_a_declaration(net, options, says):
         rf.TorchModel(net, device="cpu", **options)
 
 
-def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
+def test_network_that_fails_on_the_textures_is_accepted_with_a_warning():
     class Fixed(nn.Module):
         def forward(self, image1, image2):
             if image1.shape[2:] != (64, 96):
