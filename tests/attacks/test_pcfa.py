@@ -22,7 +22,7 @@ def search_of(**options):
 
 
 def pair_of(search, problem, values, options):
-    """The pair and the change that the variables stand for, float64."""
+    """The pair and the change that the variables encode, float64."""
     clean = problem.ball.clean.astype(np.float64)
     if options.get("moved") == "joint":
         low, high = clean.min(axis=0), clean.max(axis=0)

@@ -164,7 +164,7 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, scripted):
 
 
 def test_two_models_are_shown_side_by_side_and_saved(opened, app, tmp_path):
-    """The second model's numbers do not depend on the first, and the saved image is as tall as its contents."""
+    """The second model's numbers do not depend on the first, and the saved image has the height of its contents."""
     seen = opened()
     page = seen.page
     alone = _number(page, "epe")

@@ -9,7 +9,7 @@ from robustflow.datasets.kitti_sky import sky
 from ..shared_data import shared_folder
 
 OPEN = [(slice(0, 60), slice(340, 370)), (slice(10, 60), slice(490, 540)), (slice(0, 90), slice(700, 750))]
-"""Boxes of pair 000010 that show nothing but sky."""
+"""Boxes of pair 000010 that show only sky."""
 HIDDEN = [(slice(60, 100), slice(190, 280)), (slice(30, 90), slice(590, 640)), (slice(130, 375), slice(0, 1242))]
 """Boxes of pair 000010 that show trees, and everything below the highest measured pixel."""
 

@@ -1,4 +1,4 @@
-"""What is stored of a golden run: the digest of its identity, digests of its rows, and every mean."""
+"""Store golden runs: the digest of its identity, digests of its rows, and every mean."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def ssim(first, second):
 
 
 def weighted_steps(flow, image, alpha, second_order, span, penalty):
-    """The weighted penalties of the differences along y and x, each (2, h, w); `span` is that of the edges."""
+    """The weighted penalties of the differences along y and x, each (2, h, w); `span` is the step of the edges."""
     out = []
     for axis in (1, 2):
         steps, edges = np.diff(flow, 2 if second_order else 1, axis), np.diff(image, 1, axis)

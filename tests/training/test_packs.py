@@ -36,7 +36,7 @@ def image(path: Path) -> torch.Tensor:
 
 
 STAGES = {"mixed": "ood"}
-"""The stage of each case that is not named after its stage."""
+"""Stages of cases with a different name."""
 
 
 def _cases() -> list[str]:

@@ -74,7 +74,7 @@ def pack_of(name: str) -> TrainingPack:
 
 
 def first_case(name: str) -> str:
-    """The case for which mistakes are made."""
+    """The case into which mistakes are planted."""
     return next(iter(pack_of(name).header["cases"]))
 
 

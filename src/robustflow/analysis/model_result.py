@@ -124,7 +124,7 @@ class ModelResult:
 
     def may_be_best(self, metric: str) -> bool:
         """Return whether the lowest value of a metric may be marked: of runs, only the EPE, because a flow that is too
-        short has a lower CRE, CREr and RCRE than the sound flow; of the paper, whatever the paper marks."""
+        short has a lower CRE, CREr and RCRE than the sound flow; of the paper, all of them."""
         if self.setting == "knowledge":
             return False
         return self.published or (self.run is not None and metric == "epe")

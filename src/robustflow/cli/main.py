@@ -68,7 +68,7 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
     """Build the command line; with `arguments`, only the commands that they name have options.
 
     Typer evaluates the annotations of every option on every start, which takes a quarter of the time of `--help`.
-    Commands that are merely listed need nothing but their description.
+    All other commands are only listed with their description.
     """
     app = typer.Typer(
         name="robustflow",

@@ -47,7 +47,7 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 
 ALL = "all"
-"""Stands for all corruptions of a benchmark where names are expected."""
+"""In a list of names, selects all corruptions of the benchmark."""
 
 
 def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]:

@@ -19,7 +19,7 @@ _CLEAR = 0.7
 """A reading is clearly better if its photometric error is below this fraction of the error of the flow as it is, and of
 zero flow."""
 _CLEAR_OF_TWO = 0.5
-"""The same for a reading with two changes: there are many, so one of them may fit a useless flow by chance."""
+"""As `_CLEAR`, for readings with two changes, which are many: one of them may fit a useless flow by chance."""
 _LEAST_GAIN = 0.5
 """Smallest gain of a clearly better reading, in grey levels: less can be noise."""
 _LEAST_SHARE = 0.05

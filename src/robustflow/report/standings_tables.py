@@ -100,7 +100,7 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
-        f"{100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
+        f"{100 * power:g} %. A group is a drive or sequence, or a single pair without either. The numbers of "
         "pairs assume as many pairs per group as in these runs. All are estimated from the variance of these runs; the "
         f"{100 * level:g} % interval of the number of groups shows how uncertain that is, and is too short if a few "
         "groups dominate the difference."

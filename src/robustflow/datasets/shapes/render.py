@@ -31,7 +31,7 @@ def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame]
 
     Returns:
         Frames, RGB uint8 (H, W, 3); flow, float32 (H, W, 2), in pixels; and the occlusion map, bool (H, W), True where
-        the point is covered by a layer in front of its own in the second frame, or lies outside the rectangle
+        a nearer layer covers the point in the second frame, or the point lies outside the rectangle
         through the centres of that frame's outermost pixels. If no row of the second frame captures a point, its flow
         ends at the point's position at the capture time of the nearest row.
     """

@@ -141,9 +141,9 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> G
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Block stop signals while workers start, so that a worker does not die of one before it ignores them: the main
-    process would wait for ever for it to read its data. The resource tracker must already be running, because starting
-    it unblocks the signals."""
+    """Block stop signals while workers start, so that none kills a worker that does not ignore them yet; the main
+    process would then wait for its data forever. The resource tracker must already be running, because starting it
+    unblocks the signals."""
     resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
     try:
