@@ -77,7 +77,7 @@ def test_gopro_results_have_only_rcre_and_averages_name_their_corruptions(tmp_pa
     assert without.frames.endswith("average over 19 corruptions, without psf_blur")
 
 
-def test_files_under_the_same_corruptions_are_one_group(tmp_path):
+def test_files_with_equal_corruptions_form_one_group(tmp_path):
     paths = [_write(tmp_path / name, _reference()) for name in ("RAFT_ood", "GMA_ood")]
     lines = read_imported(paths)
     assert [line.name for line in lines] == ["RAFT_ood", "GMA_ood"]

@@ -110,7 +110,7 @@ def test_one_seed_and_other_metrics_are_refused():
         variance_split({0: runs[0], 1: runs[1].with_columns(sample=pl.lit("x") + pl.col("sample"))})
 
 
-def test_models_that_do_not_differ_share_their_possible_ranks():
+def test_equal_models_share_their_possible_ranks():
     rng = np.random.default_rng(4)
     hard = rng.lognormal(0, 0.5, 60)
     runs = {}

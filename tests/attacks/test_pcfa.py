@@ -84,7 +84,7 @@ def test_the_objective_and_its_gradient_equal_the_papers(options, inside):
             assert gradient[at] == pytest.approx((sides[0] - sides[1]) / 2e-4, rel=0.02, abs=2e-3)
 
 
-def test_the_kept_pair_is_the_smallest_until_one_is_inside_and_then_the_nearest_inside():
+def test_stored_pair_has_the_smallest_change_until_one_is_inside_the_budget():
     search, problem = search_of(variant="original")
     bound, kept = 5 / 255, []
     steps = [(3, 9.0), (4, 1.0), (2, 9.5), (0.9, 8.0), (0.5, 8.5), (1, 7.0), (1.5, 2.0)]
@@ -106,7 +106,7 @@ def test_a_pair_outside_the_budget_is_projected_and_evaluated_unless_in_the_orig
         assert all(np.array_equal(images, problem.ball.project(outside)) for images in problem.asked)
 
 
-def test_pcfa_returns_its_best_pair_or_in_the_original_the_kept_one_projected():
+def test_pcfa_returns_its_best_pair_and_the_original_variant_the_stored_pair_projected():
     attack, problem = numpy_problem("pcfa", budget=5, steps=2)
     images = attack.run(problem, problem.pair.stream("pcfa"))
     assert images is problem.best

@@ -277,7 +277,7 @@ def quick_subset():
     return module
 
 
-def test_tau_of_the_quick_subset_is_that_within_a_setting_and_of_other_methods(quick_subset):
+def test_tau_of_the_quick_subset_is_within_a_setting_and_over_other_methods(quick_subset):
     quick = benchmark_facts("kitti-fc").quick
     lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
     assert len(lines) == quick.published
@@ -342,7 +342,7 @@ def test_estimated_mean_is_marked_in_the_terminal_and_in_tables(tmp_path, capsys
         ("S:train", "sintel", "alley_1/0001", {}),
     ],
 )
-def test_judging_the_training_of_a_run_again_repeats_no_note(sets, benchmark, key, protocol):
+def test_repeated_check_of_training_sets_gives_the_note_once(sets, benchmark, key, protocol):
     judged = Provenance.of(Training(parse_training_sets(sets), "declared"), benchmark, [key], protocol)
     assert judged.note
     assert judged.on(benchmark, [key], protocol) == judged

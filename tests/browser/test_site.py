@@ -47,7 +47,7 @@ def _kitti(page) -> None:
     page.get_by_role("radio", name="KITTI-FC").check(force=True)
 
 
-def test_sorting_orders_numbers_and_keeps_what_is_missing_last(opened):
+def test_sorting_is_numeric_with_missing_values_last(opened):
     page = opened("leaderboard")
     _kitti(page)
     parameters = page.get_by_role("button", name="Param.")
@@ -121,7 +121,7 @@ def test_a_phone_shows_model_epe_and_cre_and_the_column_it_sorts_by(opened):
     assert page.locator("th[aria-sort]:visible").count() == 1
 
 
-def test_words_and_legends_are_not_cut_on_a_phone(opened):
+def test_text_and_legends_are_not_cut_off_on_a_phone(opened):
     """No word in a table is split across lines, and no legend extends beyond the screen."""
     page = opened("report", width=390, height=844)
     broken = page.locator("article:visible th[scope=row]").evaluate_all(
@@ -315,7 +315,7 @@ def test_a_hostile_name_stays_text(opened):
     assert page.evaluate("document.documentElement.scrollWidth") == 360, "a long word wraps everywhere"
 
 
-def test_downloads_hold_the_numbers_and_no_formula(opened, tmp_path):
+def test_downloads_contain_the_numbers_and_no_formula(opened, tmp_path):
     page = opened("leaderboard")
     with page.expect_download() as wait:
         page.get_by_role("button", name="Download CSV").click()

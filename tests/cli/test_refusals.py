@@ -28,7 +28,7 @@ NEEDS_TORCH = [pytest.mark.torch, pytest.mark.skipif(not find_spec("torch"), rea
         ("1 / 0\n", "ZeroDivisionError: division by zero (raised during the import)"),
     ],
 )
-def test_a_module_that_cannot_be_imported_says_why(robustflow, tmp_path, text, says):
+def test_failed_import_of_a_module_is_reported_with_its_reason(robustflow, tmp_path, text, says):
     (tmp_path / "mine.py").write_text(text)
     assert says in robustflow.refuses("check", "mine:Rain")
 

@@ -32,7 +32,7 @@ def test_report_shows_a_run_beside_the_published_rows(robustflow, runs):
     assert second.count("\n") == 3
 
 
-def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
+def test_table_row_prints_one_latex_line_per_run(robustflow, runs):
     out = robustflow.prints("report", *runs, "--table", "row")
     lines = out.splitlines()
     assert len(lines) == 2

@@ -52,7 +52,7 @@ def test_transform_equals_the_corruption_of_that_name_and_severity():
     np.testing.assert_array_equal(CorruptionTransform(["fog"], [2], seed=7)(image, key="a"), expected)
 
 
-def test_a_float_image_is_the_8_bit_one():
+def test_float_image_is_corrupted_like_the_8_bit_image():
     image = picture(40, 56)
     transform = CorruptionTransform(["gaussian_noise"], [3])
     between = np.clip(image + np.random.default_rng(0).uniform(-0.4, 0.4, image.shape), 0, 255)
@@ -60,7 +60,7 @@ def test_a_float_image_is_the_8_bit_one():
     np.testing.assert_array_equal(np.rint(out * 255).astype(np.uint8), transform(image, key=1))
 
 
-def test_frames_of_a_clip_share_what_a_pair_shares():
+def test_frames_of_a_clip_share_the_parameters_that_a_pair_shares():
     frames = [picture(40, 56, seed=index) for index in range(3)]
     transform = CorruptionTransform(["frost"], [4])
     clip = transform(frames, key="clip")
@@ -75,7 +75,7 @@ def test_frames_of_a_clip_share_what_a_pair_shares():
     np.testing.assert_array_equal(stacked, np.stack([first, second]))
 
 
-def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_luma():
+def test_grey_images_get_full_noise_or_the_luma_of_colour_corruptions():
     flat = np.full((200, 200), 128, np.uint8)
     for name in ("gaussian_noise", "pixelate+gaussian_noise"):
         noisy = CorruptionTransform([name], [1])(flat, key=0).astype(float)
@@ -98,7 +98,7 @@ def test_grey_image_is_corrupted_to_the_luma_of_the_rgb_result(name):
     assert np.abs(transform(grey, key=0)[..., 0] - luma).max() <= 1
 
 
-def test_keys_name_draws_and_calls_count_them():
+def test_draws_depend_on_the_key_or_on_the_number_of_the_call():
     transform = CorruptionTransform(["impulse_noise"], [3], seed=1)
     image = picture(40, 56)
     again = CorruptionTransform(["impulse_noise"], [3], seed=1)
@@ -232,7 +232,7 @@ def test_psf_blur_is_not_a_default():
     assert CorruptionTransform(["psf_blur"]).names == ("psf_blur",)
 
 
-def test_repr_says_what_differs_from_the_defaults():
+def test_repr_shows_only_arguments_that_differ_from_the_defaults():
     assert repr(CorruptionTransform(probability=0.5)) == (
         "CorruptionTransform(names=the default, severities=[1, 2, 3, 4, 5], probability=0.5, seed=0)"
     )

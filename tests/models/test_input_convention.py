@@ -7,7 +7,7 @@ from robustflow.models.input_convention import InputConvention
 
 @pytest.mark.parametrize("vertical", ["both", "bottom"])
 @pytest.mark.parametrize("multiple", [1, 8, 16, 32])
-def test_padding_reaches_the_next_multiple_and_no_further(vertical, multiple):
+def test_padding_is_up_to_the_next_multiple(vertical, multiple):
     convention = InputConvention(fit="pad", multiple=multiple, vertical=vertical)
     for height in range(1, 70, 3):
         for width in range(1, 70, 4):

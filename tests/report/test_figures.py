@@ -142,7 +142,7 @@ def test_a_quantity_has_one_axis_in_all_panels_of_relations():
     assert panels[1].get_ylim() == panels[3].get_xlim()
 
 
-def test_a_tenth_of_a_pixel_is_a_tenth_of_an_axis():
+def test_axes_of_small_values_span_at_least_one_pixel():
     """Two models 0.11 px apart, and curves that reach 0.11 px: no axis spans less than one pixel."""
     cells = "".join(
         f"OOD,{name},epe,{what},{value}\n"
@@ -197,7 +197,7 @@ def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkey
     assert any(value.endswith(f" [{low:.2f}, {high:.2f}]") for value in values)
 
 
-def test_bands_are_mentioned_where_they_are_drawn():
+def test_caption_mentions_bands_only_if_drawn():
     assert "Bands are" in severity_curves({"a": _rows()}).caption
     alone = severity_curves({"a": _rows(count=1)})
     assert not alone.axes[0].collections
@@ -230,7 +230,7 @@ def test_families_of_more_models_than_styles_are_those_of_the_models_with_the_lo
     assert "the 8 of 10 models with the lowest error" in _texts(figure)
 
 
-def test_no_colour_of_a_kind_is_that_of_a_model():
+def test_colours_of_method_types_differ_from_those_of_models():
     kinds = [style.colour for style in KIND_STYLES.values()]
     models = [style.colour for style in MODEL_STYLES]
     assert len({*kinds, *models}) == len(kinds) + len(models)
@@ -270,7 +270,7 @@ _CELLS = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,av
 
 
 @pytest.mark.filterwarnings("ignore:Glyph")
-def test_hostile_names_are_drawn_as_text():
+def test_names_with_markup_are_drawn_as_text():
     (made,) = parse_results(_CELLS, "made.csv", "made")
     results = [replace(made, name=name) for name in HOSTILE]
     rows = _rows(count=3)

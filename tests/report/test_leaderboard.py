@@ -95,7 +95,7 @@ def test_class_means_are_means_of_the_printed_values():
         assert float(cells["cre", family].text) == pytest.approx(fmean(values), abs=0.005)
 
 
-def test_knowledge_driven_methods_and_models_alone_are_not_marked():
+def test_knowledge_driven_methods_and_single_models_are_not_marked():
     assert not any(_best(cells) for line, cells in _CELLS.items() if line.setting == "knowledge")
     (alone,) = _cells_of(_file("OOD,A,epe,clean,2.00\n")).values()
     assert not _best(alone)
@@ -115,7 +115,7 @@ def test_runs_of_one_name_on_different_frames_are_not_ranked_together():
     assert {(line.setting, line.name): _best(content.cells[line]) for line in rest} == before
 
 
-def test_order_puts_what_is_missing_last():
+def test_missing_values_are_sorted_last():
     results = _file("OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n")
     assert [line.name for line in sorted(results, key=by_error)] == ["C", "A", "B"]
     (board,) = boards_of(results, {})

@@ -91,7 +91,7 @@ def test_catalogue_recognises_files_by_content_and_not_by_name(tmp_path, monkeyp
         weights_in([tmp_path / "none"])
 
 
-def test_the_papers_dis_is_the_one_on_colours_unless_requested_otherwise():
+def test_dis_of_the_paper_is_run_with_dis_rgb_by_default():
     assert [variant.model for variant in paper_variants("kitti-fc", ["DIS"])] == ["dis_rgb"]
     assert "grey" in choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])[0].weights
     with pytest.raises(UsageError, match="one model at a time"):
@@ -102,7 +102,7 @@ def test_the_papers_dis_is_the_one_on_colours_unless_requested_otherwise():
 
 @pytest.mark.slow
 @pytest.mark.torch
-def test_the_addresses_are_those_of_the_libraries():
+def test_checkpoint_addresses_equal_those_of_the_libraries():
     ptlflow = pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     optical_flow = pytest.importorskip("torchvision", reason="needs the torch extra").models.optical_flow
     known = {

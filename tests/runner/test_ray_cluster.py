@@ -147,7 +147,7 @@ def test_worker_killed_for_its_memory_loses_no_row(on_path, frames, reference_ru
     assert len(list((tmp_path / "faults").iterdir())) == 1
 
 
-def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
+def test_errors_of_the_model_are_reported_with_the_node(two_nodes, frames, tmp_path):
     with pytest.raises(ModelError, match=r"no weights at all.* \(on node .+\)$") as raised:
         _evaluate_trouble("raises", frames, tmp_path / "run", workers=1, **two_nodes.engine)
     with pytest.raises(ModelError) as expected:

@@ -78,7 +78,7 @@ def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path
 
 
 @pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
-def test_frames_that_no_file_names_are_compared(tmp_path, severities):
+def test_frames_without_files_are_compared_by_content(tmp_path, severities):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
     with pytest.raises(RunError, match="sample '0' has different frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(9, 1), severities)

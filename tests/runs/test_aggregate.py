@@ -42,7 +42,7 @@ def test_image_mean_is_over_images_with_pixels():
     assert image_mean(rows_frame(rows), "rcre_sum", "n_valid") == 4.0
 
 
-def test_shares_are_percentages_and_averaged_alike():
+def test_shares_are_percentages_averaged_like_errors():
     rows = [
         row("a", n=10, fl_count=1, px1_count=5, px3_count=3, px5_count=2, wauc_sum=8.0),
         row("b", n=30, fl_count=30, px1_count=30, px3_count=30, px5_count=30, wauc_sum=0.0),
@@ -164,7 +164,7 @@ def test_a_missing_clean_row_is_listed():
     assert summary.cre == 2.0
 
 
-def test_the_plan_decides_what_is_missing():
+def test_rows_are_missing_only_if_planned():
     rows = rows_frame(THREE_IMAGES)
     planned = list(rows.select("sample", "corruption", "severity").iter_rows())
     assert summarize(rows, planned=planned).complete

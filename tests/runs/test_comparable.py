@@ -98,13 +98,13 @@ def test_different_data_are_a_different_sample_set_and_the_difference_is_named(b
 @pytest.mark.parametrize(
     "identity", [{"allow_invalid": True}, {"window": {"before": 1}}, {"model": {"name": "B", "preset": "fast"}}]
 )
-def test_the_model_and_its_errors_make_no_other_sample_set(base, identity):
+def test_sample_set_does_not_depend_on_the_model(base, identity):
     one, other = made_run(base, rows()), made_run(base, rows(1.0).reverse(), **identity)
     assert sample_set(one) == sample_set(other)
     assert differences({"A": one, "B": other}) == ""
 
 
-def test_lines_that_cannot_be_compared_say_why(base):
+def test_lines_of_different_seeds_state_their_seed(base):
     runs = [made_run(base, rows(), "A"), made_run(base, rows(), "B", seed=1), made_run(base, rows(), "C")]
     notes = comparison_notes(runs)
     assert [note.rpartition("; ")[2] for note in notes] == ["seed 0", "seed 1", "seed 0"]
@@ -161,14 +161,14 @@ def test_one_benchmark_under_two_names_is_compared_where_the_frames_are_equal(ba
     assert "B has benchmark KITTI flow 2015, " in common.remark
 
 
-def test_a_comparison_says_what_it_left_out(base):
+def test_comparison_states_the_rows_it_leaves_out(base):
     first, second = made_run(base, rows(), "A"), made_run(base, rows(1.0, pairs=5), "B")
     comparison = compare(first, second)
     assert set(comparison.frame["images"]) == {5}
     assert comparison.remark.endswith("The runs differ: A has 6 pairs; B has 5 pairs.")
 
 
-def test_orders_are_over_common_rows_and_blame_what_differs(base):
+def test_rankings_use_common_rows_and_name_the_difference(base):
     """B is worse than A under every corruption, so comparing A on fog with B on three corruptions would wrongly report
     a changed order ("seed 1 (tau -1.00)")."""
     only_fog = (CELLS[0], *CELLS[1:3])

@@ -44,7 +44,7 @@ def test_a_folder_that_another_run_holds_is_refused_at_once(folder):
         RunFolder(folder.path).lock()
 
 
-def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
+def test_folder_with_an_unwritable_lock_is_refused_with_the_reason(tmp_path):
     (tmp_path / ".lock").mkdir()
     with pytest.raises(RunError, match=f"cannot write {tmp_path}: Is a directory; choose another folder"):
         RunFolder(tmp_path).lock()
@@ -64,7 +64,7 @@ def test_run_whose_folder_or_lock_was_moved_writes_nothing_into_its_successor(fo
     following.unlock()
 
 
-def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
+def test_dropping_samples_deletes_only_their_rows_and_clean_flows(folder):
     for key in ("a", "b", "c"):
         _write(folder, key, CLEAN, (0,))
         folder.finish_sample(key)
@@ -164,7 +164,7 @@ def test_a_shard_with_different_columns_is_refused(folder):
             read()
 
 
-def test_two_shards_that_contradict_each_other_are_named(folder):
+def test_contradictory_shards_are_refused_by_name(folder):
     _write(folder, "a", "fog", (1, 2))
     (shard,) = list_shards(folder.rows_folder)
     other = _row("a", "fog", 2) | {"epe_sum": 17.0}

@@ -20,7 +20,7 @@ def summary():
     return summarize(rows_frame(THREE_IMAGES))
 
 
-def test_table_is_corruption_by_severity(summary):
+def test_summary_table_is_indexed_by_corruption_and_severity(summary):
     assert summary.table("cre").rows(named=True) == [
         {"corruption": "fog", "family": "weather", "1": 3.0, "2": 7.0, "mean": 5.0},
         {"corruption": "snow", "family": "weather", "1": -3.0, "2": None, "mean": -3.0},
@@ -57,7 +57,7 @@ def test_a_mean_that_is_not_finite_cannot_be_written():
         Scores(epe=float("nan"))
 
 
-def test_means_from_shards_are_those_of_the_rows_without_holding_them(tmp_path):
+def test_means_from_shards_equal_those_of_the_rows_with_less_memory(tmp_path):
     path = evaluate(ZeroFlow(), "demo", output=tmp_path, corruptions=["contrast"], severities=[1, 2]).path
     rows = read_shards(list_shards(path / "rows"))
     for averaging in ("image", "pixel"):

@@ -15,7 +15,7 @@ from robustflow.training.schedules import SCHEDULES, one_cycle  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
 
-def test_the_sequence_loss_is_the_naive_loop():
+def test_sequence_loss_equals_the_naive_loop():
     rng = np.random.default_rng(0)
     flows, truth = rng.normal(size=(3, 2, 2, 5, 6)) * 10, rng.normal(size=(2, 2, 5, 6)) * 300
     valid = rng.random((2, 5, 6))
@@ -51,7 +51,7 @@ def test_predictions_that_do_not_fit_are_refused(flows):
         sequence_loss(flows, torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4))
 
 
-def test_the_schedule_is_torchs_one_cycle():
+def test_schedule_equals_one_cycle_of_pytorch():
     for steps, highest in ((200, 4e-4), (1000, 1e-4)):
         weight = torch.nn.Parameter(torch.zeros(1))
         optimizer = torch.optim.AdamW([weight], lr=highest)
@@ -72,7 +72,7 @@ def test_every_schedule_begins_positive_and_never_exceeds_its_rate():
         assert max(rates) <= 1e-3 * (1 + 1e-12)
 
 
-def test_coverage_is_the_naive_splat():
+def test_coverage_equals_the_naive_splat():
     rng = np.random.default_rng(1)
     flow = rng.normal(size=(1, 2, 7, 9)).astype(np.float64) * 2
     expected = np.zeros((7, 9))

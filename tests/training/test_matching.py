@@ -85,7 +85,7 @@ def test_pixels_of_a_different_colour_are_occluded():
         assert ((matches >= 0) == matched)[1:, 1:].all()
 
 
-def test_no_match_at_all_is_no_nan_and_a_wrong_size_is_refused():
+def test_matching_without_a_match_is_finite_and_a_wrong_size_is_refused():
     confidence, image1, image2, truth = random_features(2)
     assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()
     with pytest.raises(UsageError, match="crop to multiples of 8"):

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.training
 
 
 @given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
-def test_an_epoch_holds_every_place_at_most_once_and_leaves_out_less_than_an_update(count, block, seed, epoch):
+def test_epoch_uses_every_pair_at_most_once_and_omits_less_than_one_update(count, block, seed, epoch):
     if count < block:
         with pytest.raises(UsageError, match="too few for one update"):
             Order(count, block, seed)
@@ -23,7 +23,7 @@ def test_an_epoch_holds_every_place_at_most_once_and_leaves_out_less_than_an_upd
     assert set(places) <= set(range(count))
 
 
-def test_epochs_and_seeds_differ():
+def test_order_differs_between_epochs_and_seeds():
     order, other = Order(200, 4, 0), Order(200, 4, 1)
     first = [order.place(n) for n in range(200)]
     assert first != [order.place(200 + n) for n in range(200)]

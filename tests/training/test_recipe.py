@@ -69,7 +69,7 @@ def test_sintel_stage_of_gmflownet_has_neither_kitti_nor_hd1k():
         assert all(recipe.schedule_ahead == 1 for recipe in recipes_of(method).values())
 
 
-def test_batchnorm_of_craft_learns_over_two_shares_in_every_stage():
+def test_recipes_of_craft_normalise_each_batch_in_two_shares():
     for recipe in recipes_of("craft").values():
         assert (recipe.devices, recipe.frozen_norms) == (2, "none")
 
@@ -90,7 +90,7 @@ def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method)
         assert recipe.source
 
 
-def test_the_mix_of_the_paper_has_its_shares():
+def test_mix_of_the_paper_has_the_stated_shares():
     counts = {"sintel": 1041, "hd1k": 1047, "flyingthings3d": 20151}
     places = [counts[part.data] * part.times for part in mix_parts("ood")]
     assert sum(places) == 253_737
@@ -112,7 +112,7 @@ def test_updates_are_counted_as_the_originals_do(method, stage, updates):
 
 
 @pytest.mark.parametrize("method", trained_methods())
-def test_steps_that_the_user_gives_are_as_many_updates_as_they_say(method):
+def test_steps_option_sets_the_number_of_updates(method):
     for stage in recipes_of(method).values():
         assert stage.changed(steps=2 * stage.accumulate).updates == 2
         assert stage.changed(crop=(64, 96)).updates == stage.updates

@@ -43,7 +43,7 @@ def images(count: int, height: int, width: int, seed: int = 0) -> torch.Tensor:
 
 
 @pytest.mark.parametrize(("levels", "radius"), [(255.0, 3), (1.0, 3), (255.0, 1)])
-def test_the_census_is_that_of_a_naive_loop(levels, radius):
+def test_census_equals_the_naive_loop(levels, radius):
     first, second = images(1, 9, 11, 1), images(1, 9, 11, 2)
 
     def grey(image: torch.Tensor) -> np.ndarray:
@@ -155,7 +155,7 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
     assert off.item() == pytest.approx(3 * 0.1, rel=1e-5)  # the sum over three colours, each in 0..1
 
 
-def test_brightflow_gets_the_frames_also_in_their_own_colours_and_without_their_border(chairs):
+def test_brightflow_also_gets_unchanged_frames_without_their_border(chairs):
     objective = load_recipe("brightflow", "sintel").objective
     part = Part(data="flyingchairs", augmentation="dense", log2_scale=(0.0, 0.4), flip=True, eraser=False)
     opened = open_part(part, [chairs], labelled=False)
@@ -192,7 +192,7 @@ SPATIAL = Spatial(
 )
 
 
-def test_moved_frames_hold_nothing_from_outside_and_half_of_them_are_flipped():
+def test_moved_frames_contain_no_outside_pixels_and_half_are_flipped():
     flipped = 0
     for number in range(300):
         moves = draw_moves(Rng.of("moves", number), SPATIAL, (48, 80))

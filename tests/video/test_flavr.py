@@ -45,7 +45,7 @@ def clip():
     return [torch.rand(2, 3, 16, 24, generator=generator) for _ in range(4)]
 
 
-def test_brighter_frames_give_as_much_brighter_frames(saved):
+def test_brightness_offset_of_the_input_is_kept_in_interpolated_frames(saved):
     """The mean of each colour channel is subtracted from the input and added back to the output."""
     net, _ = saved
     shift = torch.tensor([0.1, -0.2, 0.3]).view(1, 3, 1, 1)
@@ -75,7 +75,7 @@ def test_checkpoint_for_a_different_factor_is_refused(saved):
         load_flavr(path)
 
 
-def test_frames_are_the_networks_rounded_and_cropped(weights, interpolator):
+def test_interpolated_frames_equal_the_network_output_rounded_and_cropped(weights, interpolator):
     window = [np.random.default_rng(i).integers(0, 256, (19, 26, 3), np.uint8) for i in range(4)]
     made = interpolator.between(window, 4)
     padded = [np.pad(frame, ((0, 5), (0, 6), (0, 0)), mode="edge") for frame in window]

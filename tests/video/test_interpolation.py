@@ -49,7 +49,7 @@ def test_clip_shorter_than_the_window_gives_no_frames(count):
     assert interpolated_count(count, 4) <= 1
 
 
-def test_flow_interpolation_beats_a_cross_fade_by_far():
+def test_flow_interpolation_has_a_much_higher_psnr_than_a_cross_fade():
     scene = Scene(160, 208, (4.0, 1.5), (-6.0, 3.0), turn=0.01)
     first, second = scene.frame(0), scene.frame(1)
     made = FlowInterpolator().between((first, first, second, second), 4)
@@ -74,7 +74,7 @@ def test_interpolation_keeps_odd_frame_sizes(shape):
     assert [frame.shape for frame in made] == [(*shape, 3)]
 
 
-def test_no_interpolator_is_chosen_silently():
+def test_missing_interpolator_is_refused():
     assert load_interpolator(None, 1, None) is None
     with pytest.raises(UsageError, match=r"none was specified.*flavr.*flow"):
         load_interpolator(None, 4, None)

@@ -291,7 +291,7 @@ def test_unfinished_or_foreign_output_folder_is_refused(long_source, tmp_path):
         read_folder(tmp_path / "out")
 
 
-def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
+def test_record_with_a_path_outside_its_folder_is_refused(tmp_path):
     (tmp_path / "gopro_fc.json").write_text(json.dumps(sealed({"version": 2, "clips": ["../elsewhere"]})))
     with pytest.raises(DataError, match="damaged"):
         read_folder(tmp_path)

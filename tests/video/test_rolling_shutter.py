@@ -29,7 +29,7 @@ def test_each_row_is_from_the_frame_nearest_to_its_time(seed, height, readouts):
             assert any((row == clip[6 + offset, y]).all() for offset in nearest)
 
 
-def test_no_readout_time_is_a_global_shutter_and_a_still_scene_stays_as_it_is():
+def test_zero_readout_time_and_static_scenes_leave_frames_unchanged():
     clip = np.random.default_rng(0).integers(0, 256, (31, 20, 30, 3), np.uint8)
     np.testing.assert_array_equal(rolling_frames(clip.__getitem__, 15, [0])[0], clip[15])
     for frame in rolling_frames(lambda index: clip[7], 15, READOUTS).values():

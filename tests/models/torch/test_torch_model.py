@@ -213,7 +213,7 @@ NETS = {
 }
 
 
-def test_on_the_cpu_not_a_bit_depends_on_the_batch():
+def test_flow_on_the_cpu_does_not_depend_on_the_batch():
     build, convention = NETS["brightflow"]
     model = network("brightflow", seeded(build), convention, {}, device="cpu")
     pairs = [textured_pair(100, 130, seed) for seed in range(3)]
@@ -264,7 +264,7 @@ def test_a_frame_too_small_for_upflow_says_so():
         model.predict(*noise_pair(40, 64))
 
 
-def test_the_smallest_frames_still_give_a_flow():
+def test_smallest_allowed_frames_give_a_flow():
     model = network("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
     assert np.isfinite(model.predict(*noise_pair(16, 12))).all()
 
