@@ -104,7 +104,7 @@ def error_coverage(deviation: float, sizes: np.ndarray, within: float, repeats: 
     [(REAL_DEVIATION, KITTI_DRIVES), (REAL_DEVIATION, np.ones(14, int)), (1.1, np.ones(20, int))],
     ids=["drives of KITTI-FC", "14 images", "20 images"],
 )
-def test_intervals_of_errors_as_dispersed_as_real_ones_cover(deviation, sizes):
+def test_intervals_of_realistic_errors_have_about_the_stated_coverage(deviation, sizes):
     """Of 300 intervals of 95 %, 91.7 to 98.3 % cover with a probability of 99 %."""
     found = error_coverage(deviation, sizes, 0.4, repeats=300, seed=50)
     assert all(91.7 <= found[key] <= 98.3 for key in ("epe", "cre", "crer")), found
@@ -127,12 +127,12 @@ def test_intervals_of_few_images_at_real_dispersion_have_the_stated_coverage(gro
     assert all(87.0 <= found[key] <= 98.8 for key in ("epe", "cre", "crer")), found
 
 
-def test_intervals_of_independent_images_cover_roughly():
+def test_intervals_of_independent_images_have_about_the_stated_coverage():
     found = _interval_coverage(Truth(), clusters=40, images=1, repeats=80, seed=1, resamples=399)
     assert min(found.values()) >= 87, found
 
 
-def test_the_paired_test_keeps_its_level_roughly():
+def test_paired_test_has_about_the_stated_level():
     found = _rejections(Truth(), clusters=40, images=1, repeats=80, seed=3, resamples=399)
     assert max(found.values()) <= 13, found
 

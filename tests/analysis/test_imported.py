@@ -84,7 +84,7 @@ def test_files_with_equal_corruptions_form_one_group(tmp_path):
     assert len({line.frames for line in lines}) == 1
 
 
-def test_files_of_flowbench_are_read_as_one(tmp_path):
+def test_several_files_of_flowbench_are_merged(tmp_path):
     """The numbers for RAFT equal those in the repository."""
     attack = _experiment("snow", 3, 69.0) | {"attack": "pgd"}
     files = [

@@ -95,7 +95,7 @@ def test_variants_of_one_model_count_once():
     assert set(_verdicts(_results(values)).values()) <= {"too little evidence", "cannot be computed"}
 
 
-def test_numbers_read_off_the_tables_by_hand():
+def test_observations_state_numbers_read_off_the_tables_by_hand():
     assert "ID GMA, ID SKFlow, ID CRAFT" in _part(7, "low_light has a higher EPE than high_light, for most").message
     stable = _part(3, "lower CREr").numbers
     assert stable["highest_unsupervised"] == pytest.approx((7.33 - 3.52) / 3.52)

@@ -73,7 +73,7 @@ def test_the_token_is_not_an_argument_of_the_browser(tmp_path, monkeypatch):
         "localhost.evil.example:{port}",
     ],
 )
-def test_another_host_is_not_answered(app, host):
+def test_request_for_a_different_host_is_refused(app, host):
     port = app.host.rpartition(":")[2]
     name = host.format(port=port)
     for path in ("/", f"/?token={app.token}", "/choices"):
@@ -96,7 +96,7 @@ def test_guard_on_port_80_answers_hosts_that_omit_it(host):
 
 @pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "https://{host}", "http://{host}.evil.example"])
 @pytest.mark.parametrize("path", ["/preview", "/upload"])
-def test_a_post_from_elsewhere_is_refused(app, path, origin):
+def test_post_from_a_different_origin_is_refused(app, path, origin):
     status, body, _ = app.ask("POST", path, "{}", origin=origin.format(host=app.host))
     assert (status, list(json.loads(body))) == (403, ["error"])
 

@@ -98,7 +98,7 @@ def test_pgd_takes_falling_steps_from_each_random_start(steps, norm, target):
     assert attack.starts == 2
 
 
-def test_attacks_with_random_starts_make_three_and_bim_one():
+def test_attacks_make_three_random_starts_and_bim_one_clean_start():
     options = {name: (load_attack(name).steps, load_attack(name).starts) for name in ("bim", "pgd", "cospgd", "apgd")}
 
     assert options == {"bim": (20, 1), "pgd": (20, 3), "cospgd": (20, 3), "apgd": (100, 3)}

@@ -74,7 +74,7 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path):
     assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
 
 
-def test_the_stored_digests_are_of_the_shipped_corruptions():
+def test_stored_digests_cover_exactly_the_shipped_corruptions():
     stored = [set(json.loads(module.DIGESTS.read_text())) for module in (machine_check, clips)]
     assert stored == [set(machine_check.CHECKED), set(CLIP)]
 

@@ -136,7 +136,7 @@ def test_two_corruptions_of_one_name_cannot_be_in_one_run():
 @pytest.mark.parametrize(
     "made", [Contrast("reference"), Contrast(severities=(1,) * 5), GeneratedFrost(), load_corruption("fog:2+snow")]
 )
-def test_an_object_that_differs_from_its_name_cannot_be_in_a_run(made):
+def test_object_that_differs_from_its_registered_name_is_refused_in_a_run(made):
     """A run loads each corruption by its name."""
     assert corruption_names([Contrast(), Fog()]) == ("contrast", "fog")
     with pytest.raises(UsageError, match=re.escape(f"an object of the corruption '{made.name}' cannot be run")):

@@ -123,7 +123,7 @@ def _apart(root: Path, where: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("where", ["RobustSpring/clean", "spring", "far/away"])
-def test_springs_own_frames_may_be_elsewhere(root, where):
+def test_clean_frames_of_spring_may_be_in_another_folder(root, where):
     before = load_benchmark("robustspring", root)
     frame = before.dataset.load(before.keys[0]).frames[0]
     options = _apart(root, where)

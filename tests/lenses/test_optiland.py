@@ -80,7 +80,7 @@ def test_rays_meet_every_surface_where_optiland_says(name):
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_focal_length_and_entrance_pupil_are_optilands(name):
+def test_focal_length_and_entrance_pupil_equal_optiland(name):
     lens = LENSES[name]()
     optic, order = optiland_of(lens), first_order_of(lens)
     assert order.focal_length == pytest.approx(float(np.ravel(optic.paraxial.f2())[0]), rel=1e-9)

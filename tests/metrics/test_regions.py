@@ -64,7 +64,7 @@ def test_ground_truth_that_is_valid_but_not_finite_is_refused():
     assert not Regions.of(sample).mask("s0_10")[2, 3]
 
 
-def test_unknown_or_absent_regions_are_named():
+def test_unknown_or_absent_regions_are_refused_by_name():
     with pytest.raises(UsageError, match="did you mean 's10_40'"):
         Regions.of(_sample()).mask("s10_4")
     with pytest.raises(UsageError, match="unknown region of this sample 'occ'"):

@@ -80,7 +80,7 @@ def test_pairs_of_flowformer_are_predicted_one_by_one():
         np.testing.assert_array_equal(flow, model.predict(*pair))
 
 
-def test_pairs_of_flowformer_pp_do_not_see_each_other_in_training():
+def test_pairs_of_flowformer_pp_do_not_affect_each_other_in_training():
     net = network("flowformer_pp").net.train()
     pairs = np.stack([np.stack(textured_pair(64, 72, seed)) for seed in range(3)])
     frames = torch.from_numpy(pairs).permute(1, 0, 4, 2, 3).float()

@@ -37,7 +37,7 @@ def test_flows_features_and_visibility_equal_the_original(pack, case):
     assert differing <= visible.size / 1000, f"{differing} of {visible.size} pixels differ"
 
 
-def test_sampling_as_later_versions_of_pytorch_do(pack, case):
+def test_sampling_follows_later_versions_of_pytorch(pack, case):
     net = pack.fill(UPFlow(align_corners=False))
     flow = net(*images(pack, case))
     pack.check_flow(f"{case} flow_alignfalse", flow[:, :, ::2, ::2], pack.expected(case)["flow_alignfalse"])

@@ -116,7 +116,7 @@ def test_damaged_psfs_are_refused(copy, content):
         shipped.shipped_field(2)
 
 
-def test_shipping_writes_what_loading_accepts(copy):
+def test_written_lens_files_are_accepted_by_the_loader(copy):
     lens, field = shipped_lens(2), shipped.shipped_field(2)
     ship_lens(3, lens, field, copy)
     assert shipped_lens(3) == lens

@@ -217,7 +217,7 @@ def test_figures_of_too_few_models_are_left_out():
     assert "ID: r" not in title.replace("OOD: r", "")
 
 
-def test_families_of_more_models_than_styles_are_those_of_the_models_with_the_lowest_error():
+def test_family_figure_shows_at_most_as_many_models_as_styles():
     """The model with the highest error comes first; colours are those of the other figures, and the figure says that
     models are missing."""
     results = _own(*["OOD"] * 10, weather=True)[::-1]

@@ -111,7 +111,7 @@ def test_window_at_the_ends_of_a_clip_follows_the_model(clip_folder, tmp_path, w
         run(Recorder((1, 1)), clip_folder, tmp_path / "run", **SMALLEST)
 
 
-def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder, tmp_path):
+def test_two_frame_models_get_the_same_frames_and_identity_on_a_clip(clip_folder, tmp_path):
     chosen = {"corruptions": [name for name in IMAGE_PAIR if name != "frost"], "severities": [4], "limit": 1}
     pairs = run("farneback", clip_folder, tmp_path / "pairs", **chosen)
     clip = run(Recorder(), clip_folder, tmp_path / "clips", **chosen)

@@ -196,7 +196,7 @@ def test_the_user_may_name_the_model_again():
     assert RunSource().model_to_reuse({}) is None
 
 
-def test_a_benchmark_that_a_run_names_is_not_code(drawn):
+def test_benchmark_named_in_a_run_folder_is_not_imported(drawn):
     run = rf.load_run(drawn.path)
     change_identity(run, benchmark="marker_module:touch")
     with pytest.raises(RunError, match="code named in a run is never loaded"):

@@ -100,7 +100,7 @@ def test_a_panel_has_the_colour_wheel_of_its_flows(truth):
 
 
 @pytest.mark.parametrize(("height", "width"), [(4000, 30), (8, 900), (16, 16)])
-def test_odd_sizes_stay_readable(height, width):
+def test_panel_of_unusual_frame_sizes_is_readable(height, width):
     with Image.open(io.BytesIO(draw_panel(_panel(height, width, True)))) as picture:
         assert picture.width == 1400
         assert picture.height < 3200

@@ -54,7 +54,7 @@ def test_recheck_finds_changed_rows(run, change, says):
         recheck(run.manifest.identity, rows, count=2)
 
 
-def test_rows_without_a_valid_pixel_are_not_those_of_a_model_that_predicts_every_pixel(run):
+def test_recheck_finds_rows_without_a_valid_pixel(run):
     size = pl.col("height").cast(pl.Int64) * pl.col("width")
     rows = run.rows.with_columns(n_all=pl.lit(0), n_valid=pl.lit(0), n_invalid=size, epe_sum=0.0, rcre_all_sum=0.0)
     with pytest.raises(RunError, match=r"1 of 1 rows do not match .*: this model's error differs by inf"):

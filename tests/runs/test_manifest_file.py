@@ -123,7 +123,7 @@ def test_rows_of_a_different_version_are_refused_in_one_sentence(whole, tmp_path
 
 
 @pytest.mark.parametrize("fits", [False, True])
-def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, fits):
+def test_edited_identity_in_a_manifest_is_refused(whole, tmp_path, fits):
     manifest = _setting(7, "identity", "frames", "seed")(json.loads((whole / "manifest.json").read_text()))
     refused(*damaged(whole, tmp_path, json.dumps(sealed(manifest) if fits else manifest)), "was changed after")
 

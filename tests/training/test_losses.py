@@ -94,7 +94,7 @@ def test_pixels_that_leave_the_frame_are_occluded():
         assert not seen[0, 0, :, 8:].any()
 
 
-def test_equal_images_are_at_no_distance_and_brightness_changes_census_less_than_noise():
+def test_photometric_distance_of_equal_images_is_zero_and_census_tolerates_brightness():
     generator = torch.Generator().manual_seed(0)
     image = torch.rand(1, 3, 20, 24, generator=generator)
     assert ssim_distance(image, image).max() < 1e-6

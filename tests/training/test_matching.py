@@ -67,7 +67,7 @@ def test_matching_equals_the_naive_loop():
     )
 
 
-def test_a_shift_by_eight_pixels_matches_the_neighbour_and_leaves_the_frame_at_the_border():
+def test_shift_by_eight_pixels_matches_the_next_cell_except_at_the_border():
     image1 = torch.full((1, 3, HEIGHT, WIDTH), 90.0)
     truth = torch.zeros(1, 2, HEIGHT, WIDTH)
     truth[:, 0] = 8

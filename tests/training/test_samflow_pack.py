@@ -85,7 +85,7 @@ def test_mistake_in_the_recipe_moves_the_loss_beyond_its_tolerance(pack, recipe,
     assert abs(loss.item() / expected["loss"] - 1) > 10 * LOSS[0]
 
 
-def test_pairs_of_one_batch_do_not_see_each_other(pack, recipe):
+def test_pairs_of_one_batch_do_not_affect_each_other(pack, recipe):
     """The original code uses one pair per process; with more, contexts would be mixed as in FlowFormer."""
     network, batch = pack.network(recipe), pack.batch()
     with torch.no_grad():

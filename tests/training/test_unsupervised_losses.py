@@ -76,7 +76,7 @@ def test_masked_census_ignores_hidden_pixels():
     assert masked_census(first, second, torch.zeros_like(seen)) == 0
 
 
-def test_the_dilated_warp_fetches_from_the_whole_frame():
+def test_dilated_warp_samples_the_uncropped_frame():
     """Sampling agrees with SciPy's sampling of the uncropped frame, for two frames of different sizes in one batch."""
     rng = np.random.default_rng(3)
     sizes = [(30, 40), (26, 44)]
@@ -268,7 +268,7 @@ def test_stretched_and_cropped_frames_have_the_crop_size_and_flips(augmentation,
     np.testing.assert_array_equal(augmented_whole(frames, swapped)[0], frames[1])
 
 
-def test_identity_moves_change_nothing():
+def test_identity_transform_changes_nothing():
     still = np.eye(3)
     frame, flow = images(1, 20, 30), torch.randn(1, 2, 20, 30)
     assert torch.allclose(moved(frame, [still]), frame, atol=1e-5)

@@ -67,7 +67,7 @@ def test_frames_of_intact_packets_are_decoded_exactly(made, amount):
 
 @pytest.mark.parametrize("encoding", [lossless("veryfast"), crf(20)], ids=["lossless", "crf"])
 @pytest.mark.parametrize("amount", [100_000, 5_000, 500, 50])
-def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(made, encoding, amount):
+def test_predicted_streams_keep_the_frame_count_and_are_exact_until_the_first_error(made, encoding, amount):
     clip = made(encoding)
     clean, _ = decode(clip, read_packets(clip))
     stream = corrupted_stream(clip, "bit_error", amount)
@@ -89,7 +89,7 @@ def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(made
     ],
     ids=["first pictures", "middle and tail", "first idr of a predicted stream"],
 )
-def test_lost_frames_show_the_nearest_that_decodes_and_the_others_are_their_own(made, encoding, ruins, lost):
+def test_lost_frames_show_the_nearest_decoded_frame(made, encoding, ruins, lost):
     clip, pictures = made(encoding, 30, 48, 64), clips.pictures(30)
     shown, fill = decode(clip, without_packets(read_packets(clip), ruins))
     assert fill.lost == lost

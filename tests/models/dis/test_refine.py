@@ -50,7 +50,7 @@ def energy_terms(case, du, dv):
     return colours, slopes_of_colours, inside
 
 
-def test_the_forms_are_the_sums_of_squares(case):
+def test_energy_terms_equal_sums_of_squares(case):
     tensors = motion_tensors(flat(case[0]), flat(case[1]), case[2]).astype(float)
     for du, dv in ((0.0, 0.0), (0.5, -1.0), (-2.0, 0.25)):
         xx, xy, yy, xt, yt, tt = np.moveaxis(tensors, -1, 0)

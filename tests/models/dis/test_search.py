@@ -39,13 +39,13 @@ def test_patches_end_where_plain_descent_ends():
     assert moved > rows.size * columns.size / 2
 
 
-def test_a_patch_further_than_its_size_stays_where_it_began():
+def test_patch_displaced_by_more_than_its_size_keeps_its_initial_flow():
     image1, image2 = pair(1, (48, 64), (12, 0))
     found = inverse_search(flat(image1), flat(image2), np.zeros((1, 1, 2), np.float32), PATCH, STRIDE, 50)
     assert np.hypot(found[..., 0], found[..., 1]).max() <= PATCH
 
 
-def test_without_texture_the_start_stays():
+def test_textureless_patch_keeps_its_initial_flow():
     coarse = np.random.default_rng(0).normal(size=(12, 12, 2)).astype(np.float32)
     stripes = np.zeros((24, 24, 3), np.float32)
     stripes[:, ::4] = 200  # there is no texture along the stripes, so motion in this direction cannot be measured

@@ -166,7 +166,7 @@ def test_invalid_options_of_networks_are_refused(name, options, says):
 
 
 @pytest.mark.torch
-def test_arflow_is_stretched_to_what_is_requested(load):
+def test_arflow_resizes_frames_to_the_requested_size(load):
     for options, fitted in (
         ({}, (256, 832)),
         ({"size": "64x128"}, (64, 128)),

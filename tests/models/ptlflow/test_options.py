@@ -26,7 +26,7 @@ class Pyramid(Net):
 
 
 @pytest.mark.parametrize("net", [Net, Smaller])
-def test_sequences_become_lists_through_all_bases(net):
+def test_sequence_options_of_all_base_classes_become_lists(net):
     options, rounds = constructor_options("net", net, None)
     assert options == {"widths": [64, 96], "backbone_weights": None, "iters": 32}
     assert rounds == 32
@@ -35,7 +35,7 @@ def test_sequences_become_lists_through_all_bases(net):
     assert WIDTHS == (64, 96)
 
 
-def test_a_constructor_without_further_arguments_hides_those_of_its_base():
+def test_arguments_of_a_base_class_are_hidden_by_a_closed_constructor():
     assert constructor_options("pyramid", Pyramid, None) == ({}, None)
     with pytest.raises(UsageError, match="model 'pyramid' does not have exactly one number of iterations"):
         constructor_options("pyramid", Pyramid, 3)
