@@ -27,9 +27,9 @@ def test_a_command_that_is_not_named_has_no_options():
 def test_run_help_shows_the_common_options_first_and_the_others_under_four_headings():
     output = CliRunner().invoke(app, ["run", "--help"]).output
     panels = [line.split("─")[1].strip() for line in output.splitlines() if line.startswith("╭")]
-    assert panels == ["Options", "What to measure", "On what", "How", "Output"]
-    common = output[output.index("╭") : output.index("╭─ What")]
-    options = [line.split()[1 + (line[2] == "*")] for line in common.splitlines() if line[3:8].strip().startswith("--")]
+    assert panels == ["Arguments", "Options", "What to measure", "On what", "How", "Output"]
+    common = output[output.index("╭─ Options") : output.index("╭─ What")]
+    options = [line.split()[1] for line in common.splitlines() if line.startswith("│ --")]
     assert options == ["--model", "--benchmark", "--data", "--checkpoint", "--device", "--output", "--help"]
 
 

@@ -48,7 +48,7 @@ def test_own_prescription_is_rendered(robustflow, monkeypatch):
     [
         ("render --lens lens.json", 2, "--output"),
         ("render --severity 7", 2, "severity 7 does not exist"),
-        ("show --severity x", 2, "integers from 1 to 5"),
+        ("show --severity x", 2, "'x'"),
         ("design --severity 0", 2, "severity 0 does not exist"),
         ("show --lens /nowhere/lens.json", 1, "/nowhere/lens.json"),
         ("show --severities=", 2, "--severity is empty: give a value"),

@@ -60,7 +60,7 @@ def test_ray_gives_the_rows_of_one_process_and_leaves_nothing_behind(tmp_path):
     assert not list(Path(os.environ["TMPDIR"]).iterdir())
     places = result.manifest.places
     more = rf.evaluate(DIS, benchmark, output=tmp_path / "ray", **{**SETTING, "severities": [2]})
-    assert more.rows.height > whole.rows.height
+    assert rf.load_run(more.path).rows.height > whole.rows.height
     assert more.manifest.places == places
 
 

@@ -132,7 +132,7 @@ class RobustSpring(Samples):
                 wanted.setdefault(path.parent.relative_to(clean.folder), set()).add(path.name)
         for place, names in wanted.items():
             there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
-            if gone := names - there:
+            if lacks := names - there:
                 raise DataError(
-                    f"{folder / place / min(gone)}: missing, though {clean.folder} exists; unpack the complete archive"
+                    f"{folder / place / min(lacks)}: missing, though {clean.folder} exists; unpack the complete archive"
                 )

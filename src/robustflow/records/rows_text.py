@@ -24,7 +24,7 @@ def rows_to_text(rows: pl.DataFrame) -> bytes:
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> rows_to_text(rows_frame([]))[:36]
-    b'sample,group,corruption,severity,fra'
+    b'sample,group,corruption,severity,tru'
     """
     out = io.StringIO(newline="")
     csv.writer(out, lineterminator="\n").writerows(rows.select(list(ROW_SCHEMA)).sort(ROW_KEY).iter_rows())

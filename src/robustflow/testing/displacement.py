@@ -42,7 +42,7 @@ def displacement(
         of 16x16 pixels; NaN where the waves cannot be read.
 
     >>> from robustflow.corruptions import load_corruption
-    >>> np.abs(displacement(load_corruption("gaussian_blur"), 1, (64, 96))[1:-1, 1:-1]).max() < 0.05
+    >>> bool(np.abs(displacement(load_corruption("gaussian_blur"), 1, (64, 96))[1:-1, 1:-1]).max() < 0.05)
     True
     """
     state = corruption.draw_with_depth(stream_for(corruption, severity, seed, "displacement"), severity, shape, depth)

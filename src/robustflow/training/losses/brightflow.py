@@ -103,5 +103,5 @@ def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor
         warped, corrected: source frames without and with offsets, warped to the target frames.
         flow: flow from the target frames to the source frames, float (N, 2, H, W), in pixels.
     """
-    without, with_them = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
-    return (coverage(flow, (with_them < without).float()) > 0).float()
+    before, after = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
+    return (coverage(flow, (after < before).float()) > 0).float()
