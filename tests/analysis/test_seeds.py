@@ -77,6 +77,21 @@ def test_split_of_three_images_equals_variances_computed_by_hand():
     assert (split["error_of_mean"].drop_nulls() ** 2).sum() == pytest.approx(8 / 3 + 7 / 3 / 12)
 
 
+@pytest.mark.parametrize("severity_scores", [[0.0], [0.0, 5.0], [0.0, 5.0, 6.0]])
+def test_split_of_scores_without_interactions_equals_the_variance_of_each_source(severity_scores):
+    images, seeds, severities = np.array([1.0, 3.0, 8.0, 9.0]), np.array([0.0, 4.0, 5.0]), np.array(severity_scores)
+    split = variance_split(_runs_with_scores(images[:, None, None] + seeds[:, None] + severities), "cre")
+    counts = {"image": 4, "seed": 3, "severity": severities.size, "rest": 12 * severities.size}
+    assert dict(split.select("source", "levels").iter_rows()) == counts
+    of_severity = severities.var(ddof=1) if severities.size > 1 else 0.0
+    variances = np.array([images.var(ddof=1), seeds.var(ddof=1), of_severity, 0.0])
+    assert split["deviation"].to_numpy() ** 2 == pytest.approx(variances)
+    assert split["share"].to_numpy() == pytest.approx(100 * variances / variances.sum())
+    assert split["error_of_mean"][0] ** 2 == pytest.approx(variances[0] / 4)
+    assert split["error_of_mean"][1] ** 2 == pytest.approx(variances[1] / 3)
+    assert split["error_of_mean"][2] is None
+
+
 @pytest.mark.parametrize("severities", [1, 2, 3])
 def test_rest_of_pure_noise_is_its_deviation_at_any_number_of_severities(severities):
     rng = np.random.default_rng(6)

@@ -283,6 +283,12 @@ def test_log_deviation_is_that_of_the_mean_errors_of_groups():
     assert found["cre", "average"] is None
 
 
+def test_log_deviation_of_a_group_without_error_is_unknown():
+    errors = np.array([0.0, 2.0, 4.0, 8.0])
+    found = intervals(rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((4, 3))))
+    assert found.filter(metric="epe")["log_deviation"].to_list() == [None] * found.filter(metric="epe").height
+
+
 def test_interval_of_skewed_errors_extends_further_towards_the_tail():
     """The true mean of skewed errors may be much higher than the estimate but hardly lower; percentile intervals are
     skewed in the opposite direction.

@@ -20,6 +20,7 @@ WRONG = {
     "x 0.55": (lambda flow, size: flow * np.float32(0.55), Reading(factor=2.0)),
     "an eighth": (lambda flow, size: flow / 8, Reading(factor=8.0)),
     "doubled": (lambda flow, size: flow * 2, Reading(factor=0.5)),
+    "8 times": (lambda flow, size: flow * 8, Reading(factor=0.125)),
 }
 
 
