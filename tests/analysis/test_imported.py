@@ -10,11 +10,9 @@ from statistics import fmean
 import pytest
 
 from robustflow.analysis.imported import NOTE, read_imported
-from robustflow.analysis.imported.flowbench_attacks import FLAGS, read_stored_attacks
 from robustflow.analysis.results_file import parse_results, read_results, results_csv
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
-from robustflow.records.audit import audit
 from tests.made_rows import values_frame
 from tests.refusals import refused
 
@@ -184,85 +182,3 @@ def test_results_from_an_endless_pipe_are_refused_at_their_maximum_size(tmp_path
     threading.Thread(target=write_until_closed, daemon=True).start()
     with pytest.raises(DataError, match=r"pipe is larger than \d+ MiB"):
         read(path)
-
-
-def _attack(attack, epe, **changed):
-    """An experiment in FlowBench's format; the numbers of the first one are those of CCMR in the FlowBench
-    repository."""
-    entry = {"model": "ccmr", "checkpoint": "kitti", "attack": attack, "norm": "inf", "epsilon": 0.0314, "alpha": 0.01}
-    entry |= {"iterations": 20, "targeted": False, "loss": "epe", "dataset": "kitti-2015", "metrics": {"epe": epe}}
-    return entry | changed
-
-
-def _pcfa(reached, **changed):
-    metrics = {"epe": 73.99, "epe_ground_truth": 17.84, "l2_delta12": reached, "l_inf_delta12": 0.9676}
-    targeted = {"targeted": True, "target": "negative", "epsilon": 0.05, "metrics": metrics}
-    return {key: value for key, value in _attack("pcfa", 0.0, **targeted).items() if key != "norm"} | changed
-
-
-def test_stored_attacks_of_flowbench_carry_their_flags(tmp_path):
-    iteration = _attack("pgd", 0.0, metrics={"epe_ground_truth_i1": 1.0, "l2_delta12_i1": 0.1})
-    weather = _attack("weather", 4.42, target="negative", dataset="sintel-tr115-final", model=32)
-    rows = [
-        _pcfa(0.1768),
-        _pcfa(0.05003),
-        _attack("fgsm", 9.6, iterations=None),
-        _attack("pgd", 3.8, metrics={"epe": 3.8, "l_inf_delta12": 0.03137}),
-        _attack("cospgd", 12.0),
-        _attack("cospgd", 13.0),
-        _attack("bim", 20.0, norm="two", epsilon=0.251, dataset="sintel-clean"),
-        weather,
-        iteration,
-        _clean(0.75),
-    ]
-    found = read_stored_attacks([_write(tmp_path, {"experiments": rows}, "metrics_kitti-2015.json")])
-
-    assert [(row.attack, row.norm, set(row.flags)) for row in found] == [
-        ("pcfa", "rms", {"beyond_budget"}),
-        ("pcfa", "rms", set()),
-        ("fgsm", "linf", {"budget_unknown", "pixels_without_truth"}),
-        ("pgd", "linf", {"fgsm_above_iterative", "pixels_without_truth"}),
-        ("cospgd", "linf", {"budget_unknown", "pixels_without_truth", "repeats_differ"}),
-        ("cospgd", "linf", {"budget_unknown", "pixels_without_truth", "repeats_differ"}),
-        ("bim", "frame", {"bim_step", "budget_unknown"}),
-        ("weather", "", {"random_weather"}),
-    ]
-    assert (found[0].epe, found[0].to_target, found[0].budget, found[0].reached) == (17.84, 73.99, 0.05, 0.1768)
-
-
-def test_the_audit_counts_the_rows_beyond_their_budget(tmp_path):
-    content = {"experiments": [_pcfa(0.1768), _pcfa(0.2), _pcfa(0.049), _attack("pgd", 3.8)]}
-    found = audit(_write(tmp_path, content, "metrics_kitti-2015.json"))
-
-    assert found.checked == {"budget": 3}
-    assert [finding.recomputed for finding in found.findings] == [0.1768, 0.2]
-    assert "perturbation 0.1768 (rms), budget 0.05" in found.findings[0].message
-
-
-def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, robustflow):
-    path = _write(tmp_path, {"experiments": [_pcfa(0.1768, model="<b>\x1b[1m")]}, "metrics_kitti-2015.json")
-    text = robustflow.prints("report", path, "--format", "markdown")
-
-    assert "Imported, not verifiable" in text
-    assert FLAGS["beyond_budget"] in text
-    assert "\x1b" not in text
-    assert "<b>" not in text
-
-
-@pytest.mark.parametrize(
-    ("row", "says"),
-    [
-        (_attack("pgd", math.nan), "experiment 1, epe: nan"),
-        (_attack("pgd", 1.0, norm="one"), "norm 'one'; expected inf or two"),
-        (_attack("pgd", 1.0, epsilon="8/255"), "epsilon: '8/255' is not a number"),
-        (_attack("pgd", 1.0, iterations=True), "iterations True"),
-        (_attack("pgd", 1.0, targeted=True, target=["zero"]), "target"),
-        (_attack("pgd", 1.0, model=None), "the model or the checkpoint is missing"),
-        (_attack("pgd", 1.0, dataset={}), "the dataset is missing"),
-        (_attack("pgd", 1.0, metrics=[]), "'epe' is missing"),
-        (_pcfa("x"), "'x' is not a number"),
-    ],
-)
-def test_wrong_row_of_an_attack_is_refused_in_one_sentence(tmp_path, row, says):
-    with refused(DataError, says):
-        read_stored_attacks([_write(tmp_path, {"experiments": [row]})])

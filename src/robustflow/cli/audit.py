@@ -14,17 +14,15 @@ def audit(
         Path | None,
         typer.Argument(
             metavar="FILE",
-            help="A results file (CSV), FlowBench's metrics_*.json, or a run's folder or record; the paper's tables by "
-            "default.",
+            help="A results file (CSV), or a run's folder or record; the paper's tables by default.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """List numbers that contradict the others by more than rounding, each with its printed and its recomputed value.
 
-    Recomputes CRE from EPE, averages, CREr, ranks and highlighted best values; detects swapped or shifted rows, and
-    FlowBench attacks that exceed their budget. Exit codes: 0 if everything is consistent, 3 if not, 1 if the source
-    cannot be read.
+    Recomputes CRE from EPE, averages, CREr, ranks and highlighted best values; detects swapped or shifted rows.
+    Exit codes: 0 if everything is consistent, 3 if not, 1 if the source cannot be read.
 
     \b
     Examples:

@@ -19,8 +19,7 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="RUN",
-            help="Folders or records of runs, folders that contain them, or FlowBench's metrics_*.json, for a "
-            "table of its attacks.",
+            help="Folders or records of runs, or folders that contain them.",
         ),
     ] = None,
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
@@ -60,11 +59,9 @@ def report(
       robustflow report runs/mine runs/other --published --only-own --figures figures
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
-    from ..analysis.imported.flowbench_attacks import read_stored_attacks
     from ..errors import UsageError, unknown_name
     from ..records.load import load_any_run, with_runs_inside
     from ..report.assemble import ROW, figures_of, tables_of
-    from ..report.attack_table import stored_attacks_table
     from ..report.render import FORMATS
     from ..report.render.latex import only_lines
     from ..target import is_target
@@ -80,19 +77,12 @@ def report(
     row_alone = names(table) == [ROW]
     if ROW in (names(table) or ()) and not (row_alone and format in ("terminal", "latex")):
         raise UsageError(f"--table {ROW} prints a line of LaTeX per run: omit other tables and formats")
-    stored = [path for path in runs or [] if path.suffix.lower() == ".json"]
-    if stored and (format == PAGE or table is not None):
-        raise UsageError("FlowBench's files provide only a table of attacks; omit --table and --format page")
-    loaded = [load_any_run(run) for run in with_runs_inside([path for path in runs or [] if path not in stored])]
+    loaded = [load_any_run(run) for run in with_runs_inside(runs or [])]
     if format == PAGE:
         refuse_unused(context, {"seed"}, "with --format page")
         text = _page(loaded, published, only_own, table)
     else:
-        tables = []
-        if loaded or published:
-            tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
-        if stored:
-            tables.append(stored_attacks_table(read_stored_attacks(stored)))
+        tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
         texts = map(only_lines, tables) if row_alone else ()
         text = "".join(texts) or "\n".join(as_text(one, format, output) for one in tables)
     write_text(text, output)

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 from ..analysis.attack_ranks import Prediction, predictions
 from ..analysis.attacks import AttackScore, attack_scores, budget_at_double
-from ..analysis.imported import NOTE
-from ..analysis.imported.flowbench_attacks import FLAGS, StoredAttack
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.ranking import LEAST_MODELS
 from ..analysis.run_names import named_runs
@@ -202,38 +200,3 @@ def _prediction_line(one: Prediction) -> Line:
     if len(one.models) < LEAST_MODELS:
         note = "; ".join(filter(None, (f"{counted(len(one.models), 'model')}: too few for a correlation", note)))
     return Line.of(one.attack, texts, note)
-
-
-def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
-    """Tabulate the attacks stored by FlowBench, one section per dataset.
-
-    Raises:
-        UsageError: the files contain no attacks.
-    """
-    if not rows:
-        raise UsageError("these FlowBench files contain no attacks")
-    sections = [
-        Section(f"FlowBench, {dataset}", tuple(_stored_line(row) for row in rows if row.dataset == dataset))
-        for dataset in dict.fromkeys(row.dataset for row in rows)
-    ]
-    labels = ("norm", "budget", "steps", "target", "EPE (px)", "to target (px)", "reached")
-    remark = (
-        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; the norm 'frame' is the norm of "
-        "the change in one frame. Errors are means over images, for frames before rounding to 8 bits."
-    )
-    title = "Attacks stored by FlowBench"
-    return Table("imported-attacks", title, tuple(map(Column, labels)), tuple(sections), (remark,), "Model, attack")
-
-
-def _stored_line(row: StoredAttack) -> Line:
-    texts = [
-        row.norm or DASH,
-        DASH if row.budget is None else f"{row.budget:g}",
-        DASH if row.iterations is None else str(row.iterations),
-        row.target,
-        number_text(row.epe, None),
-        number_text(row.to_target, None),
-        DASH if row.reached is None else f"{row.reached:.4g}",
-    ]
-    note = "; ".join(FLAGS[flag] for flag in row.flags)
-    return Line.of(f"{row.model} {row.checkpoint}, {row.attack}", texts, note)

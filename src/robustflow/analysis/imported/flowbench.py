@@ -96,35 +96,14 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
         DataError: if a corruption or dataset is unknown, a severity is outside 1 to 5, or an EPE is not a finite
             number.
     """
-    return [_experiment(entry, where) for entry, where in entries(content, path, (_ATTACK, _NONE))]
-
-
-def entries(content: dict[str, Any], path: Path, attacks: Sequence[str]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield the experiments of a file with one of these attacks, each with its place for error messages.
-
-    Raises:
-        DataError: if an experiment is not an object.
-    """
+    experiments = []
     for index, entry in enumerate(content["experiments"], 1):
         where = f"{path}, experiment {index}"
         if not isinstance(entry, dict):
             raise DataError(f"{where}: not an object")
-        if entry.get("attack") in attacks:
-            yield entry, where
-
-
-def model_and_metrics(entry: dict[str, Any], where: str) -> tuple[str, str, dict[str, Any]]:
-    """Return the model, the checkpoint and the metrics of an experiment, which include `epe`.
-
-    Raises:
-        DataError: if one of them is missing.
-    """
-    metrics, *names = (entry.get(part) for part in ("metrics", "model", "checkpoint"))
-    if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: 'epe' is missing from its metrics")
-    if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
-        raise DataError(f"{where}: the model or the checkpoint is missing")
-    return plain(str(names[0]), 40), plain(str(names[1]), 40), metrics
+        if entry.get("attack") in (_ATTACK, _NONE):
+            experiments.append(_experiment(entry, where))
+    return experiments
 
 
 def lines(experiments: Sequence[Experiment]) -> Iterator[ModelResult]:
@@ -178,7 +157,12 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
             raise DataError(f"{where}: unknown corruption '{plain(str(corruption), 40)}'; FlowBench has {known}")
         if isinstance(severity, bool) or severity not in SEVERITIES:
             raise DataError(f"{where}: severity {plain(repr(severity), 40)}; expected 1 to 5")
-    model, checkpoint, metrics = model_and_metrics(entry, where)
+    metrics, *names = (entry.get(part) for part in ("metrics", "model", "checkpoint"))
+    if not isinstance(metrics, dict) or "epe" not in metrics:
+        raise DataError(f"{where}: 'epe' is missing from its metrics")
+    if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
+        raise DataError(f"{where}: the model or the checkpoint is missing")
+    model, checkpoint = (plain(str(name), 40) for name in names)
     epe = finite_number(metrics["epe"], f"{where}, epe")
     return Experiment(model, checkpoint, dataset, corruption, int(severity), epe)
 
