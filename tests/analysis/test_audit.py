@@ -4,7 +4,6 @@ tables."""
 from __future__ import annotations
 
 import json
-import shutil
 from collections import Counter
 from decimal import Decimal
 from statistics import fmean
@@ -15,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.analysis.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
-from robustflow.analysis.audit.row_rules import RULES
 from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import AVERAGE, CLEAN
@@ -23,11 +21,7 @@ from robustflow.analysis.results_file import parse_results, results_csv
 from robustflow.analysis.run_results import run_results
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
-from robustflow.errors import RunError
-from robustflow.records.audit import audit
 from tests.made_rows import made_run
-
-from ..runs.edited import edit_rows
 
 _FOUND = audit_published()
 
@@ -195,13 +189,6 @@ def run(tmp_path_factory):
     return evaluate("farneback", "shapes", output=tmp_path_factory.mktemp("audit"), data_options=pairs, **options)
 
 
-def test_unchanged_run_folder_has_no_finding(run):
-    found = audit(run.path)
-    assert not found.findings
-    assert found.checked["summary"] > 100
-    assert found.checked["rows"] == len(RULES) * run.rows.height
-
-
 def test_exported_means_of_an_incomplete_run_are_not_called_inconsistent(run):
     """Its clean and its corrupted errors are over different pairs."""
     last = (pl.col("sample") == run.rows["sample"][-1]) & (pl.col("corruption") == "contrast")
@@ -210,59 +197,3 @@ def test_exported_means_of_an_incomplete_run_are_not_called_inconsistent(run):
     assert [line.coverage for line in table] == [pytest.approx(8 / 10)]
     assert "cre" not in audit_results(table).checked
     assert audit_results(parse_results(results_csv(run_results([run])), "results.csv", "file")).checked["cre"] == 3
-
-
-@pytest.fixture
-def folder(run, tmp_path):
-    return shutil.copytree(run.path, tmp_path / "copy")
-
-
-@pytest.fixture
-def summary(folder):
-    return json.loads((folder / "summary.json").read_text())
-
-
-def _messages(folder, summary):
-    (folder / "summary.json").write_text(json.dumps(summary))
-    return [finding.message for finding in audit(folder).findings]
-
-
-def test_a_changed_summary_is_found(folder, summary):
-    summary["cre"] -= 0.25
-    summary["corruptions"]["contrast"]["by_severity"]["epe"][1] += 1e-6
-    messages = _messages(folder, summary | {"extra": 1})
-    assert len(messages) == 3
-    assert any(": cre is " in text for text in messages)
-    assert any("corruptions.contrast.by_severity.epe.1" in text for text in messages)
-    assert any("extra is 1, but according to the rows it is missing" in text for text in messages)
-
-
-def test_summary_of_a_different_version_is_refused_with_the_remedy(folder, summary):
-    now = summary["version"]
-    with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; recreate it .* robustflow show"):
-        _messages(folder, summary | {"version": now - 1})
-
-
-def test_a_summary_without_its_parts_is_found(folder, summary):
-    """An entire section may be missing, or a number may be too large for a float."""
-    del summary["corruptions"]
-    messages = _messages(folder, summary | {"cre": 10**400})
-    assert any("corruptions is missing" in one for one in messages)
-    assert any("cre is 1000" in one for one in messages)
-
-
-def test_impossible_rows_are_found(folder):
-    contrast = pl.col("corruption") == "contrast"
-    changed = {"epe_sum": pl.col("epe_sum") * 100, "fl_count": pl.col("n_valid") + 1}
-    changes = [pl.when(contrast).then(to).otherwise(name).alias(name) for name, to in changed.items()]
-    edit_rows(folder, lambda rows: rows.with_columns(changes))
-    messages = " ".join(finding.message for finding in audit(folder).findings if finding.check == "rows")
-    assert "more outliers than pixels" in messages
-    assert "changed by more than the flow itself" in messages
-
-
-@pytest.mark.parametrize("text", ["", "[1]", "[" * 100_000])
-def test_invalid_summary_file_is_refused(folder, text):
-    (folder / "summary.json").write_text(text)
-    with pytest.raises(RunError, match="robustflow show"):
-        audit(folder)

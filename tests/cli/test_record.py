@@ -93,7 +93,6 @@ def test_records_are_accepted_where_runs_are_read(robustflow, runs, records):
 
     same("report", "--published", "-t", "epe,cost,means,anatomy", "-f", "csv")
     same("compare", "--metric", "cre")
-    robustflow.prints("audit", records[0])
 
 
 @pytest.mark.parametrize(

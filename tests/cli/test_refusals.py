@@ -300,7 +300,7 @@ def test_empty_path_is_refused(robustflow, tmp_path, command, empty):
         "run -m dis -o X",
         "run -m dis -b folder -d X",
         "leaderboard X.csv",
-        "audit X.json",
+        "audit X.csv",
         "corrupt a.png b.png -c fog -o X",
         "optics show -o X",
     ],

@@ -60,7 +60,9 @@ def test_entry_changed_without_its_hash_fails(packed, name):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
+        (("version",), 0),
         (("cre",), 0.0),
+        (("cre",), 10**400),
         (("crer",), None),
         (("corruptions", "fog", "by_severity", "epe", 1), 1.0),
         (("pooled", "rcre"), 0.5),

@@ -7,13 +7,13 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.audit.row_rules import broken_rules
 from robustflow.analysis.confidence import confidence_scores
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.metrics.rows import ROW_KEY
 from robustflow.models import ModelSpec
+from robustflow.records.row_rules import broken_rules
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.report.confidence_table import confidence_table
 from robustflow.report.figures.sparsification_curves import sparsification_curves

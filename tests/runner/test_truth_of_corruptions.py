@@ -9,14 +9,13 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.audit.checks import check_averages
-from robustflow.analysis.audit.row_rules import broken_rules
 from robustflow.analysis.run_results import run_results
 from robustflow.analysis.uncertainty import intervals
 from robustflow.analysis.uncertainty.variance import variance_split
 from robustflow.cli.tables import print_result
 from robustflow.errors import RunError
 from robustflow.metrics.regions import REGIONS
-from robustflow.records.audit import audit
+from robustflow.records.row_rules import broken_rules
 from robustflow.report.run_tables import corruptions_table
 from robustflow.runner.recheck import recheck
 from robustflow.runs.example_cells import example_cells
@@ -106,12 +105,12 @@ def test_run_of_only_corruptions_without_truth_has_a_mean_rcre(tmp_path):
     assert alone.epe_clean > 0
 
 
-def test_the_audit_accepts_the_rows_of_the_run(run):
-    assert not audit(run.path).findings
+def test_the_rows_of_the_run_break_no_rule(run):
+    assert all(broken.is_empty() for _, broken in broken_rules(run.rows))
 
 
 @pytest.mark.parametrize(("corruption", "truth"), [("elastic_transform", "unchanged"), ("contrast", "none")])
-def test_the_audit_finds_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
+def test_row_rules_find_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
     where = pl.col("corruption") == corruption
     rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
     broken = {reason: set(found["corruption"]) for reason, found in broken_rules(rows) if found.height}

@@ -128,7 +128,6 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
     assert UNEVEN in robustflow.prints("verify", "run.robustflow")
     robustflow.prints("export", "run", "--format", "card")
     assert UNEVEN in (tmp_path / "card" / "card.md").read_text()
-    robustflow.prints("audit", "run")
 
 
 def test_an_earlier_result_stays_as_it_was_when_a_later_call_adds_rows(tmp_path):

@@ -12,10 +12,7 @@ FOUND = 3
 def audit(
     source: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="FILE",
-            help="A results file (CSV), or a run's folder or record; the paper's tables by default.",
-        ),
+        typer.Argument(metavar="FILE", help="A results file (CSV); the paper's tables by default."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
@@ -28,13 +25,12 @@ def audit(
     Examples:
       robustflow audit
       robustflow audit results.csv --json
-      robustflow audit runs/mine
     """
-    from ..analysis.audit import AUDIT_CHECKS, audit_published
-    from ..records.audit import audit as audit_source
+    from ..analysis.audit import AUDIT_CHECKS, audit_published, audit_results
+    from ..analysis.results_file import read_results
     from ..text import plain
 
-    audit = audit_published() if source is None else audit_source(source)
+    audit = audit_published() if source is None else audit_results(read_results(source), str(source))
     if as_json:
         typer.echo(audit.model_dump_json(indent=2))
     else:

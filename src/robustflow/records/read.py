@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -45,7 +46,7 @@ class Reader:
         entries: the bytes of each entry; set by `container`.
         facts: the parsed `record.json`; set by `record`.
         plan: the parsed `manifest.json`; set by `manifest`.
-        frame: the rows; set by `rows`.
+        frame, summary: the rows and the parsed `summary.json`; set by `rows`.
 
     Raises:
         DataError, RunError: raised by each step if its check fails.
@@ -55,6 +56,7 @@ class Reader:
     facts: Record
     plan: Manifest
     frame: pl.DataFrame
+    summary: dict[str, Any]
 
     def __init__(self, data: bytes, name: str) -> None:
         self._data = data
@@ -168,7 +170,7 @@ class Reader:
             if kind is pl.Float64 and not frame[column].drop_nulls().is_between(lowest, _LARGEST_SUM).all():
                 raise DataError(f"rows.csv: a value of '{column}' is negative, not finite, or too large")
         self.frame = frame
-        read_json(self.entries["summary.json"], "summary.json")
+        self.summary = read_json(self.entries["summary.json"], "summary.json")
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
     def extract(self, folder: Path) -> None:

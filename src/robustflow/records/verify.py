@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Literal
 
-from ..analysis.audit.run_folder import audit_run
 from ..errors import RobustFlowError, RunError
 from ..layout import user_path
 from ..runs.run import Run
@@ -17,6 +16,7 @@ from ..validated import Frozen
 from .claims import cell_problems, training_problems
 from .container import read_file
 from .contents import Record
+from .measurements import row_problems, summary_problems
 from .read import STEPS, Reader
 from .subject import Subject, subject_of, unproven
 
@@ -174,14 +174,11 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
         if problems:
             return out, None  # sums over unplanned cells are meaningless
         try:
-            audited = audit_run(run)
+            found = {"measurements": row_problems(run), "summary": summary_problems(reader.summary, run)}
         except RobustFlowError as error:
             return out | {"summary": ("failed", str(error))}, None
         subject = subject_of(run, reader.plan)
-    for check, name in (("measurements", "rows"), ("summary", "summary")):
-        problems = [finding.message for finding in audited.findings if finding.check == name]
-        out[check] = _outcome(problems, f"{audited.checked.get(name, 0)} comparisons")
-    return out, subject
+    return out | {check: _outcome(each, f"{count} comparisons") for check, (each, count) in found.items()}, subject
 
 
 def _outcome(problems: list[str], message: str) -> _Outcome:

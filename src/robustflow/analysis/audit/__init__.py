@@ -11,9 +11,8 @@ from .checks import check_averages, check_bound, check_cre, check_crer, check_ma
 from .costs import check_costs
 from .findings import AUDIT_CHECKS, Audit, Finding, merged_audit
 from .patterns import check_shifted, check_swapped
-from .run_folder import audit_run
 
-__all__ = ["AUDIT_CHECKS", "Audit", "Finding", "audit_published", "audit_results", "audit_run"]
+__all__ = ["AUDIT_CHECKS", "Audit", "Finding", "audit_published", "audit_results"]
 
 
 def audit_published() -> Audit:

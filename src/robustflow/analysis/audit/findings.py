@@ -17,8 +17,6 @@ AUDIT_CHECKS = {
     "rank_from_epe": "ranks follow from CREr computed from the EPE",
     "swapped": "each row belongs to its model",
     "shifted": "each value is in the right column",
-    "summary": "the summary matches the rows",
-    "rows": "the rows contain no impossible measurements",
 }
 """Statement verified by each check."""
 
@@ -52,7 +50,7 @@ class Audit(Frozen):
     """All findings, and the number of values that each check compared.
 
     Attributes:
-        audited: name of the audited table, file or run.
+        audited: name of the audited table or file.
         checked: check -> number of values compared.
         findings: findings in the order of the checks.
     """

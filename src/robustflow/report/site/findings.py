@@ -45,8 +45,7 @@ def checked_observations(content: Content, benchmark: str) -> list[Checked]:
 
 
 def audits(content: Content, benchmark: str) -> list[Audit]:
-    """Audit the values of a benchmark in the paper's tables and in results files; use `robustflow audit RUN` for
-    runs."""
+    """Audit the values of a benchmark in the paper's tables and in results files."""
     results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
     sections = []
     for frames, lines in by_frames(results).items():

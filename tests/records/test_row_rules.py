@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit.row_rules import RULES, broken_rules
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import ROW_KEY, measure, rows_frame
+from robustflow.records.row_rules import RULES, broken_rules
 from robustflow.sample import Sample
 
 

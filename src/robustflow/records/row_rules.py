@@ -12,12 +12,12 @@ from operator import add, or_
 
 import polars as pl
 
-from ...attacks.ball import GREY_LEVELS
-from ...attacks.registry import norm_of
-from ...attacks.result import WARNINGS
-from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
-from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA, SIGNED
-from ...severity import SEVERITIES
+from ..attacks.ball import GREY_LEVELS
+from ..attacks.registry import norm_of
+from ..attacks.result import WARNINGS
+from ..metrics.regions import MAGNITUDE_BOUNDS, REGIONS
+from ..metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA, SIGNED
+from ..severity import SEVERITIES
 
 _CLOSE = 1e-9
 _OF_ATTACKS = tuple(name for name in ROW_SCHEMA if name.startswith("attack_"))
