@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 from pydantic.fields import FieldInfo
 
-from robustflow.analysis.conditions import orders, seeds_of
+from robustflow.analysis.conditions import seeds_of
 from robustflow.analysis.run_results import comparison_notes, run_results
 from robustflow.api import evaluate
 from robustflow.atomic import write_json
@@ -166,44 +166,6 @@ def test_comparison_states_the_rows_it_leaves_out(base):
     comparison = compare(first, second)
     assert set(comparison.frame["images"]) == {5}
     assert comparison.remark.endswith("The runs differ: A has 6 pairs; B has 5 pairs.")
-
-
-def test_rankings_use_common_rows_and_name_the_difference(base):
-    """B is worse than A under every corruption, so comparing A on fog with B on three corruptions would wrongly report
-    a changed order ("seed 1 (tau -1.00)")."""
-    only_fog = (CELLS[0], *CELLS[1:3])
-    runs = [
-        made_run(base, rows(0.0, cells=only_fog), "A"),
-        made_run(base, rows(0.2).with_columns(epe_sum=pl.when(FOG).then("epe_sum").otherwise(0.1)), "B"),
-        made_run(base, rows(0.0, cells=only_fog, seed=1), "A", seed=1),
-        made_run(base, rows(0.2, seed=1), "B", seed=1),
-    ]
-    order = orders(runs, "cre")
-    assert list(order.scores) == ["seed 0", "seed 1"]
-    for scores in order.scores.values():
-        assert scores["A"] < scores["B"]
-    assert order.scores["seed 0"]["B"] == pytest.approx(order.scores["seed 1"]["B"])
-    assert order.remark.startswith(
-        "Only the 18 rows (clean or corrupted pairs) that all runs have in common are compared: "
-    )
-    assert "A (seed 0) and A (seed 1) have fog" in order.remark
-
-
-def test_a_model_is_its_identity_and_not_its_name(base):
-    models = [{"name": "DIS", "preset": preset} for preset in ("fast", "ultrafast")]
-    runs = [
-        made_run(base, rows(shift, seed=seed), seed=seed, model=model)
-        for seed in (0, 1)
-        for shift, model in enumerate(models)
-    ]
-    order = orders(runs, "cre")
-    assert [list(scores) for scores in order.scores.values()] == [["DIS (preset fast)", "DIS (preset ultrafast)"]] * 2
-
-
-def test_runs_on_different_conditions_are_ranked_per_condition(base):
-    parts = {name: (CELLS[0], *(cell for cell in CELLS if cell[0] == name)) for name in ("fog", "snow")}
-    runs = [made_run(base, rows(shift, cells=cells), m) for cells in parts.values() for shift, m in enumerate("AB")]
-    assert list(orders(runs, "cre").scores) == ["fog", "snow"]
 
 
 def test_seeds_are_split_only_where_nothing_else_differs(base):

@@ -1,8 +1,7 @@
-"""Group runs for comparison: one model with several seeds, or several models under several conditions."""
+"""Group the runs of one model that differ only in the seed."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -10,21 +9,16 @@ from functools import reduce
 import polars as pl
 
 from ..digest import digest_of_value
-from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..runs.aggregate import summarize
 from ..runs.comparable import (
     SELECTION,
     differences,
-    differing_parts,
     measured_cells,
-    measured_in_words,
     sample_set,
     sample_set_of,
 )
 from ..runs.run import Run
-from ..text import joined, plain
-from .exclusion import exclusion_reasons
+from ..text import joined
 from .run_names import named_runs, run_names
 
 
@@ -62,15 +56,6 @@ class SeedGroup:
         return f"mean ± standard deviation over the seeds {joined(list(map(str, self.seeds)))}"
 
 
-@dataclass(frozen=True)
-class Orders:
-    """Scores by condition and model. All models in a condition are scored on the same rows, and all conditions on the
-    same cells if they have any in common. `remark` describes what was left out."""
-
-    scores: Mapping[str, Mapping[str, float]]
-    remark: str
-
-
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     """Group runs of one model whose frames differ only in the seed; None if the runs differ in anything else."""
     seeds = [run.manifest.identity.frames.seed for run in runs]
@@ -96,57 +81,6 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
     ]
 
 
-def orders(runs: Sequence[Run], metric: str) -> Orders | None:
-    """Compute the scores of several models under several conditions; None unless at least two models were run under at
-    least two conditions.
-
-    Runs that measured the same rows belong to one condition. Two presets or checkpoints of a model count as two models.
-
-    Args:
-        runs: runs of any models.
-        metric: "epe", "cre", "crer" or "rcre".
-
-    Raises:
-        RunError: if fewer than two of the models can be ranked.
-    """
-    rows, remark = _common_rows(runs)
-    parts = [dict(one) for one in measured_in_words(runs)]
-    if any((one["corruption"] != CLEAN).any() for one in rows):
-        parts = [{name: words for name, words in one.items() if name not in SELECTION} for one in parts]
-    else:
-        rows, remark = [run.rows for run in runs], ""
-    keys = [sample_set_of("", measured_cells(one)) for one in rows]
-    conditions = _named(parts, keys)
-    models = _model_names(runs)
-    scores: dict[str, dict[str, float]] = {condition: {} for condition in conditions.values()}
-    why: dict[str, str] = {}
-    for run, one, key in zip(runs, rows, keys, strict=True):
-        value = getattr(summarize(one), metric)
-        if value is not None:
-            of_condition = scores[conditions[key]]
-            name = models[_model(run)]
-            repeats = sum(known == name or known.startswith(f"{name} #") for known in of_condition)
-            name = f"{name} #{repeats + 1}" if repeats else name
-            of_condition[name] = value
-            if reasons := exclusion_reasons(run):
-                why[name] = reasons[0]
-    everywhere = set.intersection(*map(set, scores.values()))
-    if len(scores) < 2 or len(everywhere) < 2:
-        return None
-    unranked = "; ".join(f"{plain(name)}, because {why[name]}" for name in sorted(everywhere & why.keys()))
-    if len(everywhere - why.keys()) < 2:
-        raise RunError(
-            f"a ranking needs at least two models that can be ranked; not ranked: {unranked}; add runs of other models"
-        )
-    if unranked:
-        remark = " ".join(filter(None, (remark, f"Not ranked: {unranked}.")))
-        everywhere -= why.keys()
-        scores = {key: {name: one[name] for name in one if name not in why} for key, one in scores.items()}
-    if others := sorted({name for one in scores.values() for name in one} - everywhere):
-        remark = " ".join(filter(None, (remark, f"Left out (not run under every condition): {joined(others)}.")))
-    return Orders(scores, remark)
-
-
 def _settings(run: Run) -> tuple[str, str]:
     """Identify the model and everything except the seed that affects the frames."""
     recipe = run.manifest.identity.frames.record()
@@ -156,11 +90,6 @@ def _settings(run: Run) -> tuple[str, str]:
 
 def _model(run: Run) -> str:
     return digest_of_value(run.manifest.identity.model.record())
-
-
-def _model_names(runs: Sequence[Run]) -> dict[str, str]:
-    first = {_model(run): run for run in reversed(runs)}
-    return dict(zip(first, named_runs(list(first.values())), strict=True))
 
 
 def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
@@ -173,18 +102,3 @@ def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
     remark = f"Only the {shared.height} rows (clean or corrupted pairs) that all runs have in common are compared"
     words = differences(named_runs(runs), SELECTION)
     return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
-
-
-def _named(parts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> dict[str, str]:
-    """Name each condition after what its runs share and the runs of other conditions lack."""
-    shared: dict[str, dict[str, str]] = {}
-    for one, key in zip(parts, keys, strict=True):
-        known = shared.setdefault(key, dict(one))
-        shared[key] = {name: words for name, words in known.items() if one.get(name) == words}
-    differing = differing_parts(list(shared.values()))
-    names = {key: ", ".join(one[part] for part in differing if part in one) for key, one in shared.items()}
-    count = Counter(names.values())
-    return {
-        key: name if name and count[name] == 1 else ", ".join(filter(None, (name, f"frames {key[:6]}")))
-        for key, name in names.items()
-    }

@@ -34,8 +34,7 @@ def compare(
     metric: one sentence per pair on the terminal, one line per pair in other formats.
 
     For runs of one model with several seeds, the variance is split into the contributions of images, seeds and
-    severities. Runs of several models under several conditions (seed, split, variant, ...) show how the order of the
-    models changes.
+    severities.
 
     \b
     Examples:
@@ -45,17 +44,17 @@ def compare(
     """
     import polars as pl
 
-    from ..analysis.conditions import orders, seeds_of
+    from ..analysis.conditions import seeds_of
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.model_result import not_ranked
     from ..analysis.run_results import run_results
-    from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split
+    from ..analysis.uncertainty import compare_all, standings, variance_split
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..errors import RunError, UsageError, unknown_name
     from ..records.load import load_any_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
-    from ..report.standings_tables import stability_table, standings_table, variance_table
+    from ..report.standings_tables import standings_table, variance_table
     from ..runs.comparable import common_to
     from ..text import plain
     from .tables import as_text, check_format, write_text
@@ -72,10 +71,6 @@ def compare(
         refuse_unused(context, _OF_TESTS, "for one model with several seeds, which needs no test")
         frame = variance_split(by_seed.rows, chosen)
         tables.append(variance_table(frame, chosen, loaded[0].name, by_seed.remark))
-    elif (order := orders(loaded, chosen)) is not None:
-        refuse_unused(context, _OF_TESTS, "for several models under several conditions, which needs no test")
-        frame = rank_stability(order.scores)
-        tables.append(stability_table(frame, chosen, order.remark))
     elif len(loaded) == 2:
         comparison = compare_two(*loaded, level=level, resamples=resamples, seed=seed)
         frame = comparison.frame if metric is None else comparison.frame.filter(metric=metric)

@@ -18,7 +18,7 @@ from ..analysis.conclusion import conclusions, enough_to_compare
 from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.exclusion import exclusion_reasons
 from ..analysis.labels import METRIC_LABELS
-from ..analysis.model_result import ModelResult, ranked
+from ..analysis.model_result import ModelResult
 from ..analysis.run_results import estimate_of, run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
@@ -134,11 +134,8 @@ def _question(lines: Sequence[ModelResult], groups: int) -> str:
     """Return the question that `compare` can answer about the runs; "" if they cannot be compared."""
     if not groups:
         return "Is the difference real?"
-    if seeds_of([line.run for line in lines if line.run is not None]) is not None:
-        return "How much depends on the seed?"
-    if len(ranked(lines)) == len(lines):
-        return "Do the models keep their order with every seed?"
-    return ""
+    one_model = seeds_of([line.run for line in lines if line.run is not None]) is not None
+    return "How much depends on the seed?" if one_model else ""
 
 
 def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:

@@ -1,5 +1,4 @@
-"""Tables for several runs: a ranking with ties, the spread over seeds, the order under different conditions, and the
-number of pairs required for a comparison."""
+"""Tables for several runs: a ranking with ties, the spread over seeds, and the pairs required for a comparison."""
 
 from __future__ import annotations
 
@@ -51,27 +50,6 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
     return Table(
         "variance", title, columns, (Section(METRIC_LABELS[metric], lines),), _remarks(about, remark), "Source"
     )
-
-
-def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> Table:
-    """Tabulate the order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` describes
-    omitted data."""
-    sections = []
-    for condition in stability["condition"].unique(maintain_order=True):
-        rows = stability.filter(condition=condition)
-        lines = tuple(
-            Line.of(plain(row["model"]), (f"{row['value']:.2f}", str(row["rank"]), f"{row['moved']:+d}"))
-            for row in rows.iter_rows(named=True)
-        )
-        tau = rows["tau"][0]
-        about_tau = "no tau: all scores under a condition are equal" if tau is None else f"tau {tau:.2f}"
-        sections.append(Section(f"{plain(condition)} ({about_tau})", lines))
-    columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
-    about = (
-        "moved: ranks lost relative to the first condition; tau: Kendall's tau between this order and the order "
-        "under the first condition."
-    )
-    return Table("stability", "Order of the models", columns, tuple(sections), _remarks(about, remark))
 
 
 def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from .intervals import intervals
 from .paired import compare_all, compare_leaders, compare_rows
 from .sentences import difference_sentence
-from .standings import rank_stability, standings
+from .standings import standings
 from .variance import variance_split
 
 __all__ = [
@@ -17,7 +17,6 @@ __all__ = [
     "compare_rows",
     "difference_sentence",
     "intervals",
-    "rank_stability",
     "standings",
     "variance_split",
 ]

@@ -1,8 +1,8 @@
-"""Determine the possible ranks of several models, and how their order changes between conditions."""
+"""Determine the possible ranks of several models."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
@@ -18,17 +18,6 @@ STANDINGS_SCHEMA: dict[str, Any] = {
     "worst": pl.Int64,
 }
 """`rank` is determined by the values alone; `best` and `worst` are the best and the worst rank that the tests allow."""
-
-STABILITY_SCHEMA: dict[str, Any] = {
-    "condition": pl.String,
-    "model": pl.String,
-    "value": pl.Float64,
-    "rank": pl.Int64,
-    "moved": pl.Int64,
-    "tau": pl.Float64,
-}
-"""`moved` is the rank minus the rank under the first condition; `tau` is Kendall's tau between the order under this
-condition and the order under the first, null if all scores under one of them are equal."""
 
 
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
@@ -66,36 +55,3 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     ranks = competition_ranks({name: values[name] for name in names})
     records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
-
-
-def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
-    """Compute how the order of models changes between conditions such as seeds, splits or variants.
-
-    Args:
-        scores: condition -> model -> score (lower is better); models with a score under every condition are ranked.
-
-    Returns:
-        A table with the columns of `STABILITY_SCHEMA`, conditions in the given order, models by their rank under the
-        first condition.
-
-    Raises:
-        RunError: if there are fewer than two conditions, or fewer than two models with a score under all of them.
-
-    >>> rank_stability({"seed 0": {"a": 1.0, "b": 2.0}, "seed 1": {"a": 3.0, "b": 2.0}})["moved"].to_list()
-    [0, 0, 1, -1]
-    """
-    from scipy.stats import kendalltau  # imported here because the import takes a second
-
-    models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
-    if len(scores) < 2 or len(models) < 2:
-        raise RunError("rank stability needs at least two models that were both run under at least two conditions")
-    ranks = {condition: competition_ranks({m: one[m] for m in models}) for condition, one in scores.items()}
-    first = next(iter(ranks.values()))
-    records = []
-    for condition, of_model in ranks.items():
-        orders = [first[m] for m in models], [of_model[m] for m in models]
-        tau = float(kendalltau(*orders).statistic) if all(len(set(order)) > 1 for order in orders) else None
-        for model in sorted(models, key=first.__getitem__):
-            moved = of_model[model] - first[model]
-            records.append((condition, model, scores[condition][model], of_model[model], moved, tau))
-    return pl.DataFrame(records, schema=STABILITY_SCHEMA, orient="row")
