@@ -26,18 +26,14 @@ from .sealed import sealed_bytes, unsealed_bytes
 _yaml = sys.modules.get("yaml")
 sys.modules["yaml"] = None  # type: ignore[assignment]  # without yaml, numba cannot read settings
 try:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "A Numba config file is found")
-        import numba.core.caching
-        import numba.core.config
-        import numba.extending
+    warnings.filterwarnings("ignore", "A Numba config file is found")
+    import numba.core.caching
+    import numba.extending
 finally:
     if _yaml is None:
         del sys.modules["yaml"]
     else:
         sys.modules["yaml"] = _yaml
-numba.core.config._config_fname = os.devnull  # the user's script may already have imported numba
-numba.core.config.reload_config()
 
 intrinsic, types = numba.extending.intrinsic, numba.types
 

@@ -33,13 +33,3 @@ def refuse_links(folder: Path, *inside: str) -> None:
                         f"{entry.path} is {what}; the contents of this folder are read, replaced and deleted, so it "
                         "may contain only files and folders: replace it with the file or folder itself, or delete it"
                     )
-
-
-def not_a_link(path: str, flags: int) -> int:
-    """Open a file unless it is a link. An `opener` for `open`.
-
-    >>> with open(__file__, opener=not_a_link) as file:
-    ...     file.read(3)
-    '\"\"\"'
-    """
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)

@@ -53,11 +53,7 @@ def working_folder_kept() -> Iterator[None]:
     >>> Path.cwd() == before
     True
     """
-    try:
-        before = os.getcwd()
-    except FileNotFoundError:  # the folder was deleted, so there is nothing to return to
-        yield
-        return
+    before = os.getcwd()
     try:
         yield
     finally:

@@ -1,9 +1,5 @@
 """An exception raised by a model is reported with its location."""
 
-import signal
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -73,39 +69,3 @@ class _Says:
 def test_identity_that_json_cannot_hold_is_refused_in_one_sentence(identity):
     with pytest.raises(ModelError, match=r"^the model's identity\(\) cannot be written as JSON \(.*finite"):
         model_identity(_Says(identity))
-
-
-class _Interrupts:
-    def predict(self, frame1, frame2):
-        raise KeyboardInterrupt
-
-
-def test_a_model_that_raises_keyboardinterrupt_is_named_where_ctrl_c_is_ignored():
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            predict_checked(_Interrupts(), FRAMES, "a", "fog", 1)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        with pytest.raises(ModelError, match="the model raised KeyboardInterrupt on sample 'a', fog severity 1"):
-            predict_checked(_Interrupts(), FRAMES, "a", "fog", 1)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def test_the_copy_of_a_process_that_a_model_forks_does_not_go_on_with_the_run():
-    script = """
-import os
-import numpy as np
-from robustflow.models.base import predict_checked
-
-class Forks:
-    def predict(self, frame1, frame2):
-        if (child := os.fork()):
-            os.waitpid(child, 0)
-        return np.zeros((4, 6, 2), np.float32)
-
-predict_checked(Forks(), (np.zeros((4, 6, 3), np.uint8),) * 2, "a", "fog", 1)
-os.write(1, b"went on ")
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) == ("went on ", "")

@@ -238,13 +238,6 @@ def test_a_model_that_changes_the_working_folder_does_not_change_the_paths_of_a_
     assert Path.cwd() == tmp_path
 
 
-def test_models_load_in_a_deleted_working_folder(tmp_path, monkeypatch):
-    (tmp_path / "gone").mkdir()
-    monkeypatch.chdir(tmp_path / "gone")
-    (tmp_path / "gone").rmdir()
-    assert predict_checked(load_model("dis"), (FRAME, FRAME), "a", "clean", 0).shape == (64, 96, 2)
-
-
 def test_script_that_exits_when_imported_is_refused(tmp_path, monkeypatch):
     (tmp_path / "script_for_test.py").write_text("import sys\nsys.exit(2)\n")
     monkeypatch.syspath_prepend(tmp_path)

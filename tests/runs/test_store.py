@@ -297,15 +297,6 @@ def test_a_folder_that_is_itself_reached_through_a_link_is_used(tmp_path):
     assert (tmp_path / "large" / "rows").is_dir()
 
 
-def test_a_link_put_in_place_of_a_shard_after_it_was_listed_is_not_followed(folder):
-    _write(folder, "a", CLEAN, (0,))
-    (path,) = list_shards(folder.rows_folder)
-    elsewhere = path.rename(folder.path.parent / path.name)
-    path.symlink_to(elsewhere)
-    with pytest.raises(RunError, match="cannot read"):
-        read_shard(path)
-
-
 def test_other_files_beside_clean_flows_are_not_removed(folder):
     (folder.path / "clean" / "notes.txt").write_text("mine")
     (folder.path / "clean" / "flow.npy").write_text("mine, too")

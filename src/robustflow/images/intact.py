@@ -21,7 +21,7 @@ MOST_INFLATED = 1100
 """Deflate cannot compress data by more than 1032:1, so a file that claims a higher ratio is damaged."""
 
 LARGEST = 2**30
-"""Maximum size of an image file and of its inflated data in bytes; the largest supported image needs half as much."""
+"""Maximum size of an image file in bytes; the largest supported image needs half as much."""
 
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 """Interlacing passes: first column, first row, column step, row step."""
@@ -133,17 +133,13 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
 
 
 def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
-    """Reject a deflated TIFF with a wrong strip checksum, which libtiff does not verify, or with more data than pixels:
-    many strips may refer to the same bytes."""
-    left = LARGEST
+    """Reject a deflated TIFF with a wrong strip checksum, which libtiff does not verify."""
     for offset, count in zip(offsets or (), counts or (), strict=False):
         inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
         try:
             while not inflate.eof:
                 out = inflate.decompress(part, 2**20)
-                part, left = inflate.unconsumed_tail, left - len(out)
-                if left < 0:
-                    raise DataError(f"{path}: damaged, the strips of the TIFF exceed its pixels; get the original file")
+                part = inflate.unconsumed_tail
                 if not out and not part:
                     raise DataError(f"{path}: damaged, a strip of the TIFF is truncated; copy it again")
         except zlib.error as error:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
@@ -215,23 +213,16 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 def naming_errors(where: str) -> Iterator[None]:
     """Convert any exception raised by a model to a `ModelError` that states where it was raised, and return to the
     working folder if the model left it."""
-    process = os.getpid()
     try:
         with working_folder_kept():
             yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
-        # Worker processes ignore Ctrl-C, so a KeyboardInterrupt in a worker was raised by the model.
-        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-            raise
+    except (Exception, SystemExit) as error:
         raise ModelError(
             f"the model raised {type(error).__name__} on {where}: {' '.join(str(error).split()) or 'no message'}"
             f"{traceback_hint(error)}; use --debug for the full traceback"
         ) from error
-    finally:
-        if os.getpid() != process:
-            os._exit(1)  # otherwise, a process forked by the model would also continue the run
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:

@@ -9,7 +9,6 @@ from pydantic import Field, ValidationError
 
 from ..atomic import write_json
 from ..errors import RunError, first_misfit
-from ..links import not_a_link
 from ..sealed import sealed, unsealed
 from ..validated import Untrusted
 
@@ -73,7 +72,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     if not path.is_file():
         return None  # only regular files, because reading a pipe could block
     try:
-        with open(path, "rb", opener=not_a_link) as opened:
+        with open(path, "rb") as opened:
             data = opened.read(largest)
     except OSError:
         return None

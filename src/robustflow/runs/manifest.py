@@ -16,7 +16,6 @@ from pydantic import ConfigDict, Field, JsonValue, ValidationError, model_valida
 from ..attacks.registry import SHIPPED, split_name
 from ..corruptions.stack import levels_of
 from ..errors import RunError, first_misfit
-from ..links import not_a_link
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..sealed import sealed
 from ..text import plain
@@ -178,7 +177,7 @@ def read_manifest(path: Path) -> Manifest | None:
         RunError: the file cannot be read, has a different schema, or has invalid fields. Nothing is repaired.
     """
     try:
-        with open(path, encoding="utf-8", opener=not_a_link) as file:
+        with open(path, encoding="utf-8") as file:
             content = json.load(file)
     except (FileNotFoundError, NotADirectoryError):
         return None

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic import write_bytes
-from ..links import not_a_link
 from ..sealed import sealed_bytes, unsealed_bytes
 
 Array = npt.NDArray[np.float32]
@@ -35,8 +34,7 @@ def write_array(path: Path, array: Array, made_of: str) -> None:
 def read_array(path: Path, made_of: str) -> Array | None:
     """Read an array stored earlier; None unless it is intact and was computed from the same inputs."""
     try:
-        with open(path, "rb", opener=not_a_link) as file:
-            data = unsealed_bytes(file.read(), made_of)
+        data = unsealed_bytes(path.read_bytes(), made_of)
     except OSError:
         return None
     if data is None:

@@ -22,7 +22,6 @@ import polars as pl
 from ..atomic import write_bytes
 from ..digest import digest_of_bytes, digest_of_value
 from ..errors import RunError
-from ..links import not_a_link
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from .cells import Cell
 
@@ -154,8 +153,7 @@ def shards_digest(paths: Iterable[Path]) -> str:
 
 def _bytes(path: Path) -> bytes:
     try:
-        with open(path, "rb", opener=not_a_link) as file:
-            return file.read()
+        return path.read_bytes()
     except FileNotFoundError:
         raise
     except OSError as error:

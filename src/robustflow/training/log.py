@@ -11,7 +11,6 @@ from typing import Any
 
 from ..atomic import write_bytes
 from ..errors import DataError
-from ..links import not_a_link
 
 METRICS_FILE = "metrics.jsonl"
 _VALIDATION = '"validation_epe"'
@@ -35,7 +34,7 @@ class MetricsLog:
             lines = [line for line in text.splitlines() if _update(line) < (again if _VALIDATION in line else first)]
             write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
         try:
-            self._file = open(self._path, "a", encoding="utf-8", opener=not_a_link)  # noqa: SIM115  # closed by __exit__
+            self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115  # closed by __exit__
         except OSError as error:
             raise DataError(f"cannot write {self._path}: {error.strerror}; choose a different --output") from error
         self._board: Any = None
