@@ -26,7 +26,6 @@ from .identity import IDENTITY_VERSION, LONGEST_NAME, Identity, Text
 from .provenance import Provenance
 
 MANIFEST_SCHEMA = 4
-_DEEPEST = 60
 
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
@@ -188,8 +187,6 @@ def read_manifest(path: Path) -> Manifest | None:
         raise _unreadable_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
     if not isinstance(content, dict) or schema is None:
         raise _damaged(path, "it is not the manifest of a run")
-    if _too_deep(content):
-        raise _damaged(path, "its parts are nested too deeply")
     if content != sealed(content):
         raise _changed(path, "its content does not match its digest")
     try:
@@ -224,14 +221,3 @@ def _damaged(path: Path, why: str) -> RunError:
     return RunError(
         f"{path} is damaged ({why}); restore it from a backup, or leave it and choose another folder with --output"
     )
-
-
-def _too_deep(value: Any) -> bool:
-    """Return whether lists and objects are nested more deeply than in any manifest that a run writes."""
-    level = [value]
-    for _ in range(_DEEPEST):
-        values = [list(each.values()) if isinstance(each, dict) else each for each in level]
-        level = [part for each in values if isinstance(each, list) for part in each]
-        if not level:
-            return False
-    return True
