@@ -133,7 +133,7 @@ def drive(folder: Path, cells: int) -> list[float]:
 def step(name: str, folder: Path, cells: int) -> list[float]:
     """Run one step in this process; return its memory use over time, in MB."""
     from robustflow.api import Result
-    from robustflow.cli.show import show
+    from robustflow.cli.tables import print_result
 
     before = [resident()]
     if name == "drive":
@@ -141,7 +141,9 @@ def step(name: str, folder: Path, cells: int) -> list[float]:
     if name.startswith("resume"):
         before += drive(folder, cells)
     elif name == "show":
-        show(folder, "all")
+        Run(folder).write_means()
+        Result(folder).write_report()
+        print_result(Run(folder))
     elif name == "summary":
         Run(folder).write_means()
     else:

@@ -106,7 +106,7 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
     assert sample_set(noc) != sample_set(occ)
     assert words in comparison_note(noc)
     pages = {run: (run.path / "report.html").read_text() for run in (noc, occ)}
-    shown = {run: CliRunner().invoke(app, ["show", str(run.path)]).output for run in (noc, occ)}
+    shown = {run: CliRunner().invoke(app, ["report", str(run.path)]).output for run in (noc, occ)}
     tables = {run: render(tables_of([run], published=False, wanted=["epe"])[0], "latex") for run in (noc, occ)}
     packed = {run: pack(run, tmp_path / f"{run.path.name}.robustflow") for run in (noc, occ)}
     verified = {run: CliRunner().invoke(app, ["verify", str(path)]).output for run, path in packed.items()}

@@ -22,14 +22,14 @@ from ..video import clips
 from .conftest import WHOLE_DEMO, write_frames
 
 
-def test_show_prints_a_run(robustflow):
+def test_report_prints_a_run(robustflow):
     out = robustflow.prints("run", "--model", "dis", "-c", "contrast,jpeg_compression", "-s", "1,5", "-o", "run")
     assert "jpeg_compression" in out
     assert "CREr" in out
     summary = json.loads(Path("run/summary.json").read_text())
     assert summary["corruptions"]["contrast"]["severities"] == [1, 5]
-    assert robustflow.prints("show", "run") == out
-    assert "Digital" in robustflow.prints("show", "run", "--metric", "rcre")
+    assert robustflow.prints("report", "run") == out
+    assert "Digital" in robustflow.prints("report", "run", "--metric", "rcre")
 
 
 def test_models_may_be_given_without_an_option_and_severities_as_a_range(robustflow):
@@ -40,12 +40,12 @@ def test_models_may_be_given_without_an_option_and_severities_as_a_range(robustf
     assert {name: scores["severities"] for name, scores in runs.items()} == {"DIS": [1, 2], "Farneback": [1, 2]}
 
 
-def test_run_and_show_as_json_print_the_summary_and_nothing_else(robustflow):
+def test_run_and_report_as_json_print_the_summary_and_nothing_else(robustflow):
     out = robustflow.prints("run", "-m", "farneback", "-c", "contrast", "-s", "1", "-o", "run", "--json")
     (fact,) = json.loads(out)
     assert fact["benchmark"] == "demo"
     assert fact["summary"] == json.loads(Path("run/summary.json").read_text())
-    assert robustflow.prints("show", "run", "--json") == out
+    assert robustflow.prints("report", "run", "--json") == out
 
 
 def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
@@ -126,29 +126,29 @@ def run_of_named(tmp_path_factory):
     return rf.evaluate(_Named(), "demo", output=run, corruptions=["contrast"], severities=[1], examples=False).path
 
 
-def test_show_states_why_a_model_is_excluded(robustflow, run_of_named):
-    out = robustflow.prints("show", run_of_named)
+def test_report_states_why_a_model_is_excluded(robustflow, run_of_named):
+    out = robustflow.prints("report", run_of_named)
     (line,) = (line for line in out.splitlines() if line.startswith("Not a measure of robustness: "))
     assert "is at least half of the 11.44 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
 
-def test_show_prints_log_ratios_on_request(robustflow, tmp_path):
+def test_report_prints_log_ratios_on_request(robustflow, tmp_path):
     options = {"corruptions": ["fog"], "severities": [1, 5], "examples": False}
     run = rf.evaluate("dis", "demo", output=tmp_path / "dis", **options)
     ratios = [math.log(epe / run.epe_clean) for epe in run.summary.corruptions["fog"].by_severity["epe"]]
-    out = robustflow.prints("show", run.path, "--metric", "log_ratio")
+    out = robustflow.prints("report", run.path, "--metric", "log_ratio")
     for value in (*ratios, sum(ratios) / 2):
         assert f"{value:.2f}" in out
     assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
     assert "Not a measure of robustness" not in out
     assert run.uncoupled().overall.median_log_ratio == pytest.approx(sum(ratios) / 2)
-    robustflow.refuses("show", run.path, "--metric", "log_ration")
+    robustflow.refuses("report", run.path, "--metric", "log_ration")
 
 
 @pytest.mark.parametrize("metric", ["all", "rcre"])
 def test_names_with_markup_or_control_characters_are_shown_as_text(robustflow, run_of_named, metric):
-    code, out, err = robustflow("show", run_of_named, "--metric", metric)
+    code, out, err = robustflow("report", run_of_named, "--metric", metric)
     assert (code, err) == (0, "")
     assert "[/red][b]\ufffd\ufffd[3m" in out
     assert "r[/blue]" in out
@@ -312,7 +312,7 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, runs, 
 
     monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
     with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):
-        out = robustflow.prints("show", "run")
+        out = robustflow.prints("report", "run")
     assert "clean EPE" in out
     assert "report:" not in out
 

@@ -1,4 +1,4 @@
-"""`robustflow run` draws its example pictures, and `robustflow examples` draws those of a finished run."""
+"""`robustflow run` draws its example pictures, and `robustflow report` draws those of a finished run."""
 
 import shutil
 import sys
@@ -15,12 +15,12 @@ from robustflow.models import ModelSpec
 from .conftest import write_frames
 
 
-def test_run_draws_and_examples_draws_the_same(robustflow, real_pictures):
+def test_report_with_examples_draws_the_same_pictures_as_the_run(robustflow, real_pictures):
     with real_pictures():
         robustflow.prints("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "3", "-o", "run")
         before = {path.name: path.read_bytes() for path in Path("run/examples").iterdir()}
         shutil.rmtree("run/examples")
-        assert robustflow.prints("examples", "run").strip() == "run/examples"
+        assert robustflow.prints("report", "run", "--examples").strip() == "run/examples"
     assert {path.name: path.read_bytes() for path in Path("run/examples").iterdir()} == before
 
 
@@ -36,7 +36,7 @@ def test_examples_of_one_cell_are_drawn_after_a_run_without_examples(robustflow,
     shutil.copytree(measured, "run")
     cell = ("--sample", "motorcycle", "-c", "contrast", "-s", 3)
     with real_pictures():
-        assert robustflow.prints("examples", "run", *cell, "-o", "cell.png").strip() == "cell.png"
+        assert robustflow.prints("report", "run", *cell, "-o", "cell.png").strip() == "cell.png"
     with Image.open("cell.png") as picture:
         assert (picture.format, picture.width) == ("PNG", 1400)
     assert not Path("run/examples").exists()
@@ -49,14 +49,16 @@ def test_examples_of_one_cell_are_drawn_after_a_run_without_examples(robustflow,
         (("--sample", "motorcycle", "-c", "contrast", "-s", 5), 2, "not include severity 5 of contrast"),
         (("--sample", "motorcycle", "-c", "fog", "-s", 1), 2, "unknown corruption of this run 'fog'"),
         (("--sample", "car", "-c", "contrast", "-s", 1), 2, "unknown sample of this run 'car'"),
-        (("-o", "x.png"), 2, "--output is the PNG file for --sample"),
-        (("-m", "farneback"), 1, "it differs in: model"),
-        (("-O", "preset=fast"), 1, "it differs in: model"),
-        (("-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),
+        (("--examples", "-o", "x.png"), 2, "--output has no effect with --examples"),
+        (("--examples", "-t", "epe"), 2, "--table has no effect"),
+        (("-m", "farneback"), 2, "--model has no effect without --examples"),
+        (("--examples", "-m", "farneback"), 1, "it differs in: model"),
+        (("--examples", "-O", "preset=fast"), 1, "it differs in: model"),
+        (("--examples", "-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),
     ],
 )
 def test_example_that_cannot_be_drawn_is_refused_in_one_line(robustflow, measured, arguments, code, says):
-    assert says in robustflow.refuses("examples", measured, *arguments, code=code)
+    assert says in robustflow.refuses("report", measured, *arguments, code=code)
 
 
 def test_examples_from_moved_data_work_and_from_changed_data_are_refused(robustflow, tmp_path):
@@ -67,7 +69,7 @@ def test_examples_from_moved_data_work_and_from_changed_data_are_refused(robustf
     model = ("-m", "mine_for_examples:flow")
     robustflow.prints("run", *model, "-d", "frames", "-c", "contrast", "-s", 1, "-o", "run", "--no-examples")
     Path("frames").rename("moved")
-    draw = ("examples", "run", *model)
+    draw = ("report", "run", "--examples", *model)
     assert "no such folder or video" in robustflow.refuses(*draw, code=1)
     robustflow.prints(*draw, "--data", "moved")
     shutil.rmtree("run/examples")
@@ -95,7 +97,7 @@ def attacked(tmp_path, robustflow, monkeypatch):
     robustflow.prints("run", "-m", "dis", "-d", "frames", *attacks, "-o", "run", "--no-examples")
     sys.modules.pop("lighter_attack")
     monkeypatch.setattr("robustflow.attacks.own._own", {})
-    return ("examples", "run", "--sample", "000", "-s", 2, "-o", "cell.png", "--attack")
+    return ("report", "run", "--sample", "000", "-s", 2, "-o", "cell.png", "--attack")
 
 
 def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loaded(robustflow, attacked, real_pictures):

@@ -153,7 +153,7 @@ def test_replaced_or_missing_record_is_refused(records, tmp_path):
 
 
 def test_leaderboard_leaves_out_only_the_record_of_an_earlier_version(robustflow, run, records, monkeypatch):
-    """The board shows the others, `show` gives the same reason, and the record cannot be added to a collection."""
+    """The board shows the others, `report` gives the same reason, and the record cannot be added to a collection."""
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     old = Path("old.robustflow")
     entries = entries_of(records[0].read_bytes())
@@ -162,7 +162,7 @@ def test_leaderboard_leaves_out_only_the_record_of_an_earlier_version(robustflow
     manifest["identity_digest"] = record["run"] = digest_of_value(manifest["identity"])
     changed = {"manifest.json": json_bytes(manifest), "record.json": json_bytes(record)}
     old.write_bytes(sealed(entries | changed))
-    reason = robustflow.refuses("show", old, code=1)
+    reason = robustflow.refuses("report", old, code=1)
     code, out, left_out = robustflow("leaderboard", records[0], old, "--no-published", "-o", "page")
     assert (code, out) == (0, "page/index.html\n")
     assert left_out == f"left out: {reason.removeprefix('robustflow: ')}\n"

@@ -75,8 +75,8 @@ def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, rec
 
 def test_showing_a_record_writes_nothing(robustflow, records, runs):
     there = sorted(Path().iterdir())
-    of_run = robustflow.prints("show", runs[0])
-    assert robustflow("show", records[0]) == (0, of_run[: of_run.index("report:")], "")
+    of_run = robustflow.prints("report", runs[0])
+    assert robustflow("report", records[0]) == (0, of_run[: of_run.index("report:")], "")
     assert sorted(Path().iterdir()) == there
 
 

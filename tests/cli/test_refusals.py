@@ -143,7 +143,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m arflow -O checkpoint=a.pth --checkpoint b.pth", 2, "checkpoint is given twice"),
         (None, "run -m dis --engine cluster", 2, "engine"),
         (write_frames, "displacement folder -d data", 1, "name the model"),
-        (None, "show nowhere", 1, "manifest.json"),
+        (None, "report nowhere", 1, "manifest.json"),
         (None, "list weather", 2, "models"),
         (None, "profile dis", 2 if find_spec("torch") else 1, "PyTorch"),
         (None, "corrupt -c fog", 2, "give two frames and --corruptions, or --check alone"),
@@ -279,7 +279,7 @@ def test_option_given_twice_is_refused(robustflow, command):
         (("run", "-m", "dis", "--data", ""), "--data"),
         (("run", "-m", "dis", "-m", "", "--output", "made"), "--model"),
         (("corrupt", "", "b.png", "-c", "fog"), "frame1"),
-        (("show", ""), "run"),
+        (("report", ""), "runs"),
         (("gallery", "-c", ","), "--corruptions"),
         (("run", "-m", "dis", "--attacks", ", "), "--attacks"),
         (("calibrate", "-c", " "), "--corruptions"),
@@ -296,7 +296,7 @@ def test_empty_path_is_refused(robustflow, tmp_path, command, empty):
 @pytest.mark.parametrize(
     "command",
     [
-        "show X",
+        "report X",
         "run -m dis -o X",
         "run -m dis -b folder -d X",
         "leaderboard X.csv",
@@ -327,7 +327,7 @@ def test_a_name_that_is_not_utf_8_is_refused(robustflow):
 def test_a_terminal_with_a_small_character_set_shows_question_marks(robustflow, runs, monkeypatch):
     out = io.TextIOWrapper(io.BytesIO(), "ascii")
     monkeypatch.setattr(sys, "stdout", out)
-    assert robustflow("show", runs[0])[0] == 0
+    assert robustflow("report", runs[0])[0] == 0
     out.flush()
     assert b"contrast   ? " in out.buffer.getvalue()
 
@@ -339,7 +339,7 @@ class _Full(io.StringIO):
 
 def test_unwritable_output_is_refused_in_one_line(robustflow, runs, monkeypatch):
     monkeypatch.setattr(sys, "stdout", _Full())
-    assert "No space left on device; check" in robustflow.refuses("show", runs[0], code=1)
+    assert "No space left on device; check" in robustflow.refuses("report", runs[0], code=1)
 
 
 def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, tmp_path):

@@ -91,6 +91,16 @@ def test_a_folder_of_runs_is_reported_like_its_runs(robustflow, runs, tmp_path):
     assert "contains no run or record" in robustflow.refuses("report", "empty", code=1)
 
 
+def test_several_runs_are_printed_a_line_each_and_in_every_table_on_request(robustflow, runs):
+    out = robustflow.prints("report", *runs)
+    assert out.count("\n") <= 40
+    assert out == robustflow.prints("report", runs[0].parent)
+    tables = robustflow.prints("report", *runs, "--table", "all")
+    assert tables.count("\n") > 40
+    assert [run["name"] for run in json.loads(robustflow.prints("report", *runs, "--json"))] == ["DIS", "Farneback"]
+    assert "--metric has no effect" in robustflow.refuses("report", *runs, "--table", "epe", "--metric", "rcre")
+
+
 def test_audit_of_the_published_tables_prints_the_findings(robustflow):
     code, out, _ = robustflow("audit")
     assert code == 3

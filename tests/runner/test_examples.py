@@ -168,7 +168,7 @@ HOSTILE = {
     "folder": ({"name": "precomputed", "options": {"folder": "/etc"}}, "names the model 'precomputed'"),
     "checkpoint": (
         {"name": "raft", "options": {"checkpoint": "/tmp/w.pth"}},
-        "/tmp/w.pth .*--checkpoint",
+        "/tmp/w.pth .*-O checkpoint",
     ),
     "relative": ({"name": "raft", "options": {"checkpoint": "w.pth"}}, "names the file w.pth"),
     "option": ({"name": "dis", "options": {"preset": "os:system"}}, "-O preset=VALUE"),
@@ -183,7 +183,7 @@ def test_a_run_folder_cannot_name_code_or_files(what, drawn, tmp_path, robustflo
     source = shutil.copytree(drawn.path, tmp_path / "run") / "source.json"
     model, sentence = HOSTILE[what]
     source.write_text(json.dumps(json.loads(source.read_text()) | {"model": model}))
-    assert re.search(sentence, robustflow.refuses("examples", "run", code=1))
+    assert re.search(sentence, robustflow.refuses("report", "run", "--examples", code=1))
     assert not (tmp_path / "ran").exists()
     assert "marker_module" not in sys.modules
 

@@ -79,9 +79,11 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_
     robustflow.prints("run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own)
     forget()
     monkeypatch.setattr("robustflow.corruptions.own._own", {})
-    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in robustflow.refuses("examples", "run", code=1)
+    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in robustflow.refuses(
+        "report", "run", "--examples", code=1
+    )
     assert "rain_module" not in sys.modules
-    robustflow.prints("examples", "run", "--own-corruption", "rain_module:Rain")
+    robustflow.prints("report", "run", "--examples", "--own-corruption", "rain_module:Rain")
     assert (rain_package / "run" / "examples" / "worst.jpg").is_file()
 
 

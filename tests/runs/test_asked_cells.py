@@ -122,7 +122,7 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
         assert UNEVEN not in (tmp_path / "run" / "report.html").read_text()
         assert UNEVEN not in robustflow.prints(*OTHER)
     assert UNEVEN in (tmp_path / "run" / "report.html").read_text()
-    assert UNEVEN in robustflow.prints("show", "run")
+    assert UNEVEN in robustflow.prints("report", "run")
     assert UNEVEN in str(rf.load_run("run"))
     robustflow.prints("pack", "run", "-o", "run.robustflow")
     assert UNEVEN in robustflow.prints("verify", "run.robustflow")

@@ -27,7 +27,6 @@ from .check import check
 from .compare import compare
 from .corrupt import corrupt
 from .displacement import displacement
-from .examples import examples
 from .experiment import app as experiment
 from .export import export
 from .gallery import gallery
@@ -42,13 +41,12 @@ from .profile import profile
 from .report import report
 from .reproduce import reproduce
 from .run import run
-from .show import show
 from .train import train
 from .verify import verify
 
 _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
-    "Measure": {"run": run, "predict": predict, "show": show, "profile": profile},
-    "Look": {"report": report, "gallery": gallery, "examples": examples},
+    "Measure": {"run": run, "predict": predict, "profile": profile},
+    "Look": {"report": report, "gallery": gallery},
     "Compare and share": {
         "compare": compare,
         "power": power,

@@ -62,7 +62,7 @@ _ALL = (
     Artefact(
         "fig3",
         "How CRE and RCRE are computed, as a drawing",
-        instead="robustflow examples RUN draws frames, flows and errors for pairs of a run",
+        instead="robustflow report RUN --examples draws frames, flows and errors for pairs of a run",
     ),
     Artefact("fig4", "Clean EPE, CRE and CREr on KITTI-FC", "kitti-fc", "means", figure="clean_against_cre"),
     Artefact("fig5", "CREr by corruption class", "kitti-fc", "families", figure="crer_by_family"),

@@ -190,7 +190,7 @@ def set_up_frames(
 _REMEDIES = {
     "dataset": "use the data and data options of the run",
     "protocol": "use the data and data options of the run",
-    "depth": "pass the depth maps and the focal length of the run with --depth and --focal",
+    "depth": "pass the depth maps and the focal length of the run with -D depth=DIR and -D focal=PX",
     "psf": "set ROBUSTFLOW_PSF_DIR to the same value as for the run",
     "corruptions": "pass the run's version of your corruption with --own-corruption",
 }

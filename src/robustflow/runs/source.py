@@ -1,4 +1,4 @@
-"""Store the location of a run's model and data, which `robustflow examples` needs to repeat cells of a finished run.
+"""Store the location of a run's model and data, which `report --examples` needs to repeat cells of a finished run.
 
 The file is stored next to the manifest, not in it: paths on one machine are not part of a result and are not shared
 with it.
@@ -86,7 +86,7 @@ class RunSource:
             if isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
                     f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; files "
-                    f"named in a run's folder are never opened: give {_option(key)} yourself if you trust it"
+                    f"named in a run's folder are never opened: give -O {plain(key)}=VALUE yourself if you trust it"
                 )
         return ModelSpec(self.model.name, tuple((options | dict(given)).items()))
 
@@ -98,10 +98,6 @@ _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 
 def _registered(name: str) -> bool:
     return name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
-
-
-def _option(key: str) -> str:
-    return "--checkpoint FILE" if key == "checkpoint" else f"-O {plain(key)}=VALUE"
 
 
 def _scalars(options: dict[str, Any]) -> dict[str, Any]:

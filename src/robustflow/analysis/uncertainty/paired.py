@@ -85,7 +85,7 @@ def compare_rows(
     differences = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
     if not differences:
         raise RunError(
-            f"{names[0]} and {names[1]} have no measured mean in common; robustflow show lists those of each"
+            f"{names[0]} and {names[1]} have no measured mean in common; robustflow report lists those of each"
         )
     return _table((list(of_metric) for _, of_metric in groupby(differences, lambda each: each.key[0])), level)
 
