@@ -90,8 +90,8 @@ class Result(Run):
 
 
 def load_run(path: str | Path) -> Result:
-    """Read the run in a folder that `run` wrote, or in a record that `pack` wrote. A record is verified first; its run
-    is unpacked into a temporary folder, which is removed when the result is garbage-collected.
+    """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote. A record is verified first;
+    its run is unpacked into a temporary folder, which is removed when the result is garbage-collected.
 
     Raises:
         RunError: the path contains no run, a run that this version cannot read, or a record that does not verify.

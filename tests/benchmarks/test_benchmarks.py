@@ -109,7 +109,7 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
     shown = {run: CliRunner().invoke(app, ["report", str(run.path)]).output for run in (noc, occ)}
     tables = {run: render(tables_of([run], published=False, wanted=["epe"])[0], "latex") for run in (noc, occ)}
     packed = {run: pack(run, tmp_path / f"{run.path.name}.robustflow") for run in (noc, occ)}
-    verified = {run: CliRunner().invoke(app, ["verify", str(path)]).output for run, path in packed.items()}
+    verified = {run: CliRunner().invoke(app, ["record", "verify", str(path)]).output for run, path in packed.items()}
     for texts in (pages, shown, tables, verified, {noc: str(noc), occ: str(occ)}):
         assert words in texts[noc]
         assert words not in texts[occ]

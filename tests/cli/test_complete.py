@@ -9,7 +9,7 @@ from robustflow.cli.main import app
 @pytest.mark.parametrize(
     ("typed", "offered"),
     [
-        ("robustflow verif", {"verify"}),
+        ("robustflow record verif", {"verify"}),
         ("robustflow run --model farne", {"farneback"}),
         ("robustflow run --corruptions fog,fro", {"fog,frost"}),
         ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),

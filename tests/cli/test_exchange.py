@@ -69,11 +69,13 @@ def test_unknown_export_format_is_refused_with_the_known_ones(robustflow, run):
 
 def test_a_card_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
     assert robustflow.prints("export", run, "--format", "card").split() == ["card/card.md", "card/card.json"]
-    out = robustflow.prints("verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json")
+    out = robustflow.prints(
+        "record", "verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json"
+    )
     assert "exported      files exported from the run match the record: 2 files" in out
     card = Path("card/card.md")
     card.write_text(card.read_text().replace("| average | ", "| average | 1", 1))
-    code, out, _ = robustflow("verify", records[0], "--exported", card)
+    code, out, _ = robustflow("record", "verify", records[0], "--exported", card)
     assert code == 1
     assert "card/card.md, line " in out
 

@@ -1,4 +1,4 @@
-"""Test the commands `pack` and `verify`, and records used as runs."""
+"""Test the commands `record pack` and `record verify`, and records used as runs."""
 
 import json
 import shutil
@@ -27,32 +27,32 @@ def records(robustflow, packed):
 
 def test_packed_record_verifies(robustflow, runs, packed):
     options = ("--author", "Ada", "--link", "https://example.org")
-    records = [Path(robustflow.prints("pack", run, *options).strip()) for run in runs]
+    records = [Path(robustflow.prints("record", "pack", run, *options).strip()) for run in runs]
     assert {path.name: path.read_bytes() for path in records} == packed
-    out = robustflow.prints("verify", *records)
+    out = robustflow.prints("record", "verify", *records)
     assert out.count("\n  verified, SHA-256 ") == 2
     assert "author: Ada" in out
-    checked = robustflow.prints("verify", records[0], "--check-frames", 3, "--seed", 1)
+    checked = robustflow.prints("record", "verify", records[0], "--check-frames", 3, "--seed", 1)
     assert "3 of 3 rows, drawn with seed 1" in checked
 
 
 def test_verify_repeats_predictions_on_request(robustflow, records):
     """A record of DIS verifies with DIS but not with Farneback, on the same frames."""
-    out = robustflow.prints("verify", records[0], "--model", "dis")
+    out = robustflow.prints("record", "verify", records[0], "--model", "dis")
     assert "3 of 3 rows" in out
     assert "predicted again and agree" in out
     assert "DIS on demo" in out
     assert "that this model made the predictions" not in out
-    code, out, _ = robustflow("verify", records[1], "--model", "dis")
+    code, out, _ = robustflow("record", "verify", records[1], "--model", "dis")
     assert code == 1
     assert "failed       predictions" in out
     assert "this model's error differs by" in out
-    assert "--model" in robustflow.refuses("verify", records[0], "-O", "preset=fast")
+    assert "--model" in robustflow.refuses("record", "verify", records[0], "-O", "preset=fast")
 
 
 def test_record_of_a_different_run_is_not_overwritten(robustflow, runs, records):
     before = records[0].read_bytes()
-    assert "is not a record of this run" in robustflow.refuses("pack", runs[1], "-o", records[0], code=1)
+    assert "is not a record of this run" in robustflow.refuses("record", "pack", runs[1], "-o", records[0], code=1)
     assert records[0].read_bytes() == before
 
 
@@ -60,13 +60,13 @@ def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, rec
     data = bytearray(records[0].read_bytes())
     data[len(data) // 3] ^= 1
     Path("bad\x1b[31m.robustflow").write_bytes(data)
-    code, out, err = robustflow("verify", "bad\x1b[31m.robustflow", records[1], "nowhere")
+    code, out, err = robustflow("record", "verify", "bad\x1b[31m.robustflow", records[1], "nowhere")
     assert code == 1
     assert not err
     assert "\x1b" not in out
     assert out.count("not verified: ") == 2
     assert out.count("\n  verified") == 1
-    code, out, _ = robustflow("verify", "nowhere", "--json")
+    code, out, _ = robustflow("record", "verify", "nowhere", "--json")
     assert code == 1
     found = json.loads(out)[0]
     assert not found["ok"]
@@ -81,7 +81,7 @@ def test_showing_a_record_writes_nothing(robustflow, records, runs):
 
 
 def test_verify_frames_without_the_data_is_refused(robustflow, records):
-    code, out, _ = robustflow("verify", records[0], "--data", "nowhere")
+    code, out, _ = robustflow("record", "verify", records[0], "--data", "nowhere")
     assert code == 1
     assert "failed       frames" in out
 

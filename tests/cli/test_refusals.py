@@ -74,7 +74,7 @@ def test_a_missing_extra_is_refused_before_anything_is_announced(
 def test_verify_of_an_invalid_record_is_refused_in_one_line(robustflow, tmp_path):
     (tmp_path / "text").write_text("not a zip")
     for name, why in (("nowhere", "No such file"), ("text", "not a record"), (".", "not a file")):
-        code, out, _ = robustflow("verify", name)
+        code, out, _ = robustflow("record", "verify", name)
         assert code == 1
         assert out.startswith("not verified: ")
         assert why in out
@@ -239,7 +239,10 @@ def test_read_only_file_system_is_refused_in_one_line(robustflow, runs, tmp_path
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)], capture_output=True).returncode:
         pytest.skip("needs the right to mount a file system")
     try:
-        for command in (("pack", "-o", place / "x.robustflow"), ("leaderboard", "--no-published", "-o", place)):
+        for command in (
+            ("record", "pack", "-o", place / "x.robustflow"),
+            ("leaderboard", "--no-published", "-o", place),
+        ):
             assert "Read-only file system" in robustflow.refuses(*command, runs[0], code=1)
     finally:
         subprocess.run(["umount", str(place)], check=True)

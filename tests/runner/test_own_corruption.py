@@ -28,8 +28,8 @@ def test_edited_own_corruption_starts_a_new_run_on_the_command_line(rain_package
     forget()
     assert "the source of the corruption rain has changed since" in robustflow.refuses(*run, *own, code=1)
 
-    robustflow.prints("pack", "run", "-o", "mine.robustflow")
-    robustflow.prints("verify", "mine.robustflow")
+    robustflow.prints("record", "pack", "run", "-o", "mine.robustflow")
+    robustflow.prints("record", "verify", "mine.robustflow")
     assert rf.load_run("mine.robustflow").summary == result.summary
 
 

@@ -111,8 +111,8 @@ def test_a_command_prints_the_same_before_and_after_a_different_call_into_its_fo
     before = [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")]
     robustflow.prints(*OTHER)
     assert [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")] == before
-    robustflow.prints("pack", "run", "-o", "run.robustflow")
-    robustflow.prints("verify", "run.robustflow")
+    robustflow.prints("record", "pack", "run", "-o", "run.robustflow")
+    robustflow.prints("record", "verify", "run.robustflow")
 
 
 @pytest.mark.usefixtures("demo_is_small")
@@ -124,8 +124,8 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
     assert UNEVEN in (tmp_path / "run" / "report.html").read_text()
     assert UNEVEN in robustflow.prints("report", "run")
     assert UNEVEN in str(rf.load_run("run"))
-    robustflow.prints("pack", "run", "-o", "run.robustflow")
-    assert UNEVEN in robustflow.prints("verify", "run.robustflow")
+    robustflow.prints("record", "pack", "run", "-o", "run.robustflow")
+    assert UNEVEN in robustflow.prints("record", "verify", "run.robustflow")
     robustflow.prints("export", "run", "--format", "card")
     assert UNEVEN in (tmp_path / "card" / "card.md").read_text()
 

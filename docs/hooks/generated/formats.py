@@ -128,7 +128,7 @@ def _manifest() -> str:
     parts = [
         "# manifest.json",
         "The configuration of a run. A record contains the fields below; a run's folder also contains the command line "
-        "and the machine's name and system, which `robustflow pack` omits.",
+        "and the machine's name and system, which `robustflow record pack` omits.",
     ]
     for model in (contents.Manifest, *_used_by(contents.Manifest)):
         parts += _model(model)
@@ -139,7 +139,7 @@ def _record() -> str:
     parts = [
         "# Records",
         f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) describes the "
-        "other entries of the file, what `verify` checks, and what it cannot show. See also "
+        "other entries of the file, what `record verify` checks, and what it cannot show. See also "
         "[`manifest.json`](manifest.md), the [columns of `rows.csv`](rows.md) and [`summary.json`](summary.md).",
     ]
     for model in (contents.Record, contents.PackedEntry):

@@ -89,8 +89,8 @@ def export(
     With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
     fog/test, ...). Flows are written in the layout that its flow_robust_subsampling expects, and results.csv contains
     the change of the flow under corruption. The files of card, croissant, every-eval-ever and huggingface depend only
-    on the run: 'robustflow verify RECORD --exported FILE' compares them with the run's record. Existing complete frames
-    and flows are kept, so an interrupted export resumes where it stopped.
+    on the run: 'robustflow record verify RECORD --exported FILE' compares them with the run's record. Existing complete
+    frames and flows are kept, so an interrupted export resumes where it stopped.
 
     \b
     Example:

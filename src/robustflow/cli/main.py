@@ -33,16 +33,15 @@ from .gallery import gallery
 from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
-from .pack import pack
 from .power import power
 from .predict import predict
 from .prepare import prepare
 from .profile import profile
+from .record import app as record
 from .report import report
 from .reproduce import reproduce
 from .run import run
 from .train import train
-from .verify import verify
 
 _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Measure": {"run": run, "predict": predict, "profile": profile},
@@ -51,8 +50,7 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
         "compare": compare,
         "power": power,
         "leaderboard": leaderboard,
-        "pack": pack,
-        "verify": verify,
+        "record": record,
     },
     "Train": {"train": train, "experiment": experiment},
     "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},

@@ -67,8 +67,8 @@ def read_file(path: Path) -> bytes:
         DataError: the path is not a file, or the file exceeds the maximum size of a record.
     """
     if path.exists() and not path.is_file():  # reading a pipe could block forever
-        raise DataError(f"{path} is not a file; give a file written by 'robustflow pack'")
-    return read_bounded(path, _LARGEST, "give a file written by 'robustflow pack'")
+        raise DataError(f"{path} is not a file; give a file written by 'robustflow record pack'")
+    return read_bounded(path, _LARGEST, "give a file written by 'robustflow record pack'")
 
 
 def read_container(data: bytes, name: str) -> dict[str, bytes]:
@@ -95,7 +95,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         raise DataError(f"{name} is not a record or is damaged ({reason}); download it or pack it again") from error
     # Header fields that readers ignore could contain anything, so one run could have many SHA-256 hashes.
     if container_bytes(entries) != data:
-        raise DataError(f"{name}: its zip headers differ from those of 'robustflow pack'; pack the run again")
+        raise DataError(f"{name}: its zip headers differ from those of 'robustflow record pack'; pack the run again")
     return entries
 
 

@@ -72,7 +72,7 @@ def check_version(record: dict[str, Any]) -> None:
     """
     version = record.get("version")
     if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise DataError("record.json is not a record of a run; give a file written by 'robustflow pack'")
+        raise DataError("record.json is not a record of a run; give a file written by 'robustflow record pack'")
     if version != VERSION:
         remedy = "upgrade robustflow to read it" if version > VERSION else "use the version that packed it"
         raise DataError(

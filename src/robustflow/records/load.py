@@ -26,7 +26,7 @@ def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 
 
 def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
-    """Read the run in a folder that `run` wrote, or in a record that `pack` wrote.
+    """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote.
 
     A record is verified first; its run is unpacked into a temporary folder, which is removed when the run is
     garbage-collected.
@@ -80,9 +80,7 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     from .verify import verified
 
     if not is_record(path):
-        raise RunError(
-            f"{path} is neither a run folder nor a record; give a folder written by 'run' or a file written by 'pack'"
-        )
+        raise RunError(f"{path} is neither a run folder nor a record; give one written by 'run' or 'record pack'")
     reader = Reader(read_file(path), str(path))
     verified(reader)
     folder = Path(mkdtemp(prefix="robustflow-"))

@@ -92,7 +92,7 @@ def record_bytes(
     partial: bool = False,
     keep_paths: bool = False,
 ) -> bytes:
-    """Return the bytes of the file that `pack` writes."""
+    """Return the bytes of the file that `record pack` writes."""
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
     missing = sum(len(units.samples) for units in run.summary.missing)

@@ -126,7 +126,7 @@ def verified(reader: Reader) -> Subject:
     verification = verify_read(reader)
     if not verification.ok or verification.subject is None:
         raise RunError(
-            f"{reader.name} does not verify: {verification.first_failure()}; for details run: robustflow verify "
+            f"{reader.name} does not verify: {verification.first_failure()}; for details run: robustflow record verify "
             f"{reader.name}"
         )
     return verification.subject

@@ -150,7 +150,7 @@ class RunFolder:
         """Merge the shards of a finished sample into one, and delete its clean flow.
 
         Reading one file per unit is slow and needs a lot of memory. One file per sample is also too many for large
-        runs; `pack` merges those.
+        runs; `record pack` merges those.
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)

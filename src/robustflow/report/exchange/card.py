@@ -17,8 +17,8 @@ CARD_VERSION = 1
 """Schema version of card.json, incremented when a field is added or changes its meaning."""
 
 _CHECK = (
-    "robustflow pack RUN -o mine.robustflow",
-    "robustflow verify mine.robustflow --exported card.md --exported card.json",
+    "robustflow record pack RUN -o mine.robustflow",
+    "robustflow record verify mine.robustflow --exported card.md --exported card.json",
 )
 
 

@@ -1,4 +1,4 @@
-"""`robustflow verify`: check that records are consistent."""
+"""`robustflow record`: pack a run into one file that can be shared, and verify such files."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -27,10 +27,64 @@ if TYPE_CHECKING:
     from ..records.read import Reader
     from ..records.verify import Verification
 
+app = typer.Typer(
+    name="record",
+    help="Pack a run into one file, and verify such files.",
+    no_args_is_help=True,
+)
 
+
+@app.command()
+def pack(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Output file, NAME.robustflow; named after the folder by default."),
+    ] = None,
+    author: Annotated[str, typer.Option(help="Submitter of the record.")] = "",
+    link: Annotated[str, typer.Option(help="URL with more information: https://...")] = "",
+    description: Annotated[str, typer.Option(help="Description in one or two sentences, plain text.")] = "",
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Pack an unfinished run; the record is marked as such.")
+    ] = False,
+    keep_paths: Annotated[
+        bool, typer.Option("--keep-paths", help="Allow texts that contain paths on this machine.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing file that is not a record of this run.")
+    ] = False,
+) -> None:
+    """Pack a run into one file that another machine can verify and add to its leaderboard.
+
+    The record contains the manifest, rows and means of the run, but no images, command lines, paths or machine names.
+    Packing is deterministic.
+
+    \b
+    Examples:
+      robustflow record pack runs/kitti-fc_mine_1a2b3c4d
+      robustflow record pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
+    """
+    from ..records.pack import pack as pack_run
+    from ..runs.run import Run
+    from ..text import plain
+
+    path = pack_run(
+        Run(run),
+        output,
+        author=author,
+        link=link,
+        description=description,
+        partial=partial,
+        keep_paths=keep_paths,
+        overwrite=overwrite,
+    )
+    typer.echo(plain(str(path), None))
+
+
+@app.command()
 def verify(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records written by 'robustflow pack'.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records written by 'robustflow record pack'.")],
     data: Annotated[
         Path | None,
         typer.Option("--data", "-d", help="Your copy of the data; corrupted frames are recomputed and compared."),
@@ -71,10 +125,10 @@ def verify(
 
     \b
     Examples:
-      robustflow verify submissions/*.robustflow
-      robustflow verify mine.robustflow --data ~/kitti --check-frames 100
-      robustflow verify mine.robustflow --data ~/kitti --model dis
-      robustflow verify mine.robustflow --exported card.md --exported card.json
+      robustflow record verify submissions/*.robustflow
+      robustflow record verify mine.robustflow --data ~/kitti --check-frames 100
+      robustflow record verify mine.robustflow --data ~/kitti --model dis
+      robustflow record verify mine.robustflow --exported card.md --exported card.json
     """
     import json
 
