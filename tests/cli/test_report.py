@@ -143,9 +143,9 @@ def test_comparison_is_printed_in_formats_for_papers(robustflow, runs, format):
 
 
 def test_power_of_rows_without_variance_is_refused_in_one_line(robustflow, runs):
-    robustflow.refuses("power", *runs, code=1)  # a single pair
-    for wrong in ((*runs, "--effect", "0"), (runs[0],), (*runs, "--format", "csv", "--json")):
-        robustflow.refuses("power", *wrong)
+    robustflow.refuses("compare", *runs, "--effect", 0.1, code=1)  # a single pair
+    for wrong in (("--effect", 0), ("--power", 0.9), ("--effect", 0.1, "--seed", 1)):
+        robustflow.refuses("compare", *runs, *wrong)
 
 
 def test_comparison_of_many_runs_prints_one_line_per_pair(robustflow, runs):

@@ -1,4 +1,4 @@
-"""`robustflow compare`: test whether models differ significantly."""
+"""`robustflow compare`: test whether models differ significantly, or estimate how many pairs that takes."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +19,11 @@ def compare(
     metric: Annotated[
         str | None, typer.Option("--metric", help="Compare only this metric: epe, cre, crer or rcre.")
     ] = None,
+    effect: Annotated[
+        float | None,
+        typer.Option("--effect", help="Estimate how many pairs a test needs to detect this difference, in pixels."),
+    ] = None,
+    power: Annotated[float, typer.Option("--power", help="With --effect: probability of detecting it.")] = 0.8,
     level: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
     resamples: Annotated[int, typer.Option(help="Number of bootstrap resamples.")] = 4999,
     seed: Annotated[int, typer.Option(help="Random seed of the bootstrap.")] = 0,
@@ -36,25 +41,32 @@ def compare(
     For runs of one model with several seeds, the variance is split into the contributions of images, seeds and
     severities.
 
+    With --effect, no test is made: the number of pairs that one needs is estimated from the variances of the runs. If
+    pairs come from drives or sequences, the number of drives matters most, because more frames of the same drive add
+    little information. The estimates assume that pairs are spread over drives as in these runs.
+
     \b
     Examples:
       robustflow compare runs/a runs/b
       robustflow compare runs/a runs/b runs/c --metric rcre
       robustflow compare runs/a runs/b --format latex -o comparison.tex
+      robustflow compare runs/a runs/b --effect 0.05 --power 0.9
     """
     import polars as pl
 
     from ..analysis.conditions import seeds_of
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.model_result import not_ranked
+    from ..analysis.run_names import named_runs
     from ..analysis.run_results import run_results
     from ..analysis.uncertainty import compare_all, standings, variance_split
+    from ..analysis.uncertainty.power import plan_pairs
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..errors import RunError, UsageError, unknown_name
     from ..records.load import load_any_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
-    from ..report.standings_tables import standings_table, variance_table
+    from ..report.standings_tables import power_table, standings_table, variance_table
     from ..runs.comparable import common_to
     from ..text import plain
     from .tables import as_text, check_format, write_text
@@ -62,12 +74,20 @@ def compare(
     if metric is not None and metric not in INTERVAL_METRICS:
         raise unknown_name("metric", metric, INTERVAL_METRICS)
     check_format(format, as_json)
+    if effect is None:
+        refuse_unused(context, ("power",), "without --effect")
     if len(runs) < 2:
         raise UsageError("a comparison needs two or more runs")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.epe is None for run in loaded) else "epe")
     tables, sentences = [], []
-    if (by_seed := seeds_of(loaded)) is not None:
+    if effect is not None:
+        refuse_unused(context, ("metric", "resamples", "seed"), "with --effect")
+        frame = plan_pairs(
+            {name: run.rows for name, run in named_runs(loaded).items()}, effect, power=power, level=level
+        )
+        tables.append(power_table(frame, power, level))
+    elif (by_seed := seeds_of(loaded)) is not None:
         refuse_unused(context, _OF_TESTS, "for one model with several seeds, which needs no test")
         frame = variance_split(by_seed.rows, chosen)
         tables.append(variance_table(frame, chosen, loaded[0].name, by_seed.remark))

@@ -33,7 +33,6 @@ from .gallery import gallery
 from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
-from .power import power
 from .predict import predict
 from .prepare import prepare
 from .profile import profile
@@ -48,7 +47,6 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Look": {"report": report, "gallery": gallery},
     "Compare and share": {
         "compare": compare,
-        "power": power,
         "leaderboard": leaderboard,
         "record": record,
     },
