@@ -1,7 +1,7 @@
 """Rewrite all stored files that are computed from the code: `python -m tests.rewrite`.
 
 These are the hashes that `robustflow corrupt --check` compares, the golden runs, and the public names. Results of long
-searches are not among them: `robustflow calibrate` finds calibrated severities, `robustflow optics` lenses.
+searches are not among them: `robustflow optics` finds lenses (`design`) and calibrated severities (`calibrate`).
 """
 
 from __future__ import annotations

@@ -40,5 +40,5 @@ def test_a_calibration_with_a_flipped_bit_is_refused(tmp_path):
     assert read_table(path) == shipped()
     for flipped in flips(whole):
         path.write_bytes(flipped)
-        with pytest.raises(DataError, match=r"table\.json is not a calibration table.*robustflow calibrate$"):
+        with pytest.raises(DataError, match=r"table\.json is not a calibration table.*robustflow optics calibrate$"):
             read_table(path)

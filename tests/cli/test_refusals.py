@@ -285,7 +285,7 @@ def test_option_given_twice_is_refused(robustflow, command):
         (("report", ""), "runs"),
         (("gallery", "-c", ","), "--corruptions"),
         (("run", "-m", "dis", "--attacks", ", "), "--attacks"),
-        (("calibrate", "-c", " "), "--corruptions"),
+        (("optics", "calibrate", "-c", " "), "--corruptions"),
         (("report", "--published", "-t", ","), "--table"),
         (("experiment", "robust-training", "--severities", ","), "--severities"),
     ],

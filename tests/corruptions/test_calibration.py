@@ -230,7 +230,7 @@ def test_commands_calibrate_and_use_a_table(tmp_path, robustflow):
     for name in ("pictures/a.png", "b.png"):
         write_image(tmp_path / name, SMALL["chelsea"])
 
-    calibration = ("calibrate", "-d", "pictures", "--output", "mine.json", "-c")
+    calibration = ("optics", "calibrate", "-d", "pictures", "--output", "mine.json", "-c")
     assert "contrast" in robustflow.prints(*calibration, "contrast")
     first = read_table(Path("mine.json"))
     assert list(first.corruptions) == ["contrast"]

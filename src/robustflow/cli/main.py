@@ -22,7 +22,6 @@ from ..safe_path import SAFE_PATH
 from ..text import is_utf8, plain
 from .app import app as local_app
 from .audit import audit
-from .calibrate import calibrate
 from .check import check
 from .compare import compare
 from .corrupt import corrupt
@@ -52,7 +51,7 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     },
     "Train": {"train": train, "experiment": experiment},
     "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},
-    "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},
+    "Make": {"corrupt": corrupt, "export": export, "prepare": prepare, "optics": optics},
     "More": {"app": local_app, "list": list_things, "check": check},
 }
 """Commands by heading in `--help`. Under each heading, groups come after single commands, as in Typer's output."""

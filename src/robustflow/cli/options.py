@@ -176,7 +176,7 @@ SeverityScale = Annotated[
     str,
     typer.Option(
         "--severity-scale",
-        help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow calibrate).",
+        help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow optics calibrate).",
         rich_help_panel=WHAT,
     ),
 ]

@@ -1,4 +1,4 @@
-"""Load the calibrated severity scale, i.e. the table written by `robustflow calibrate`.
+"""Load the calibrated severity scale, i.e. the table written by `robustflow optics calibrate`.
 
 According to the paper, its severities are not comparable across corruptions. On the calibrated scale, they are
 comparable in terms of SSIM: at severity s, every corruption has the same mean SSIM to the clean image. If a corruption
@@ -95,13 +95,13 @@ def read_table(path: Path) -> CalibrationTable:
     if content is None:
         raise DataError(
             f"{path} is not a calibration table, or it is damaged (its content does not match its digest); "
-            "create one with robustflow calibrate"
+            "create one with robustflow optics calibrate"
         )
     try:
         return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
-            f"{path} is not a calibration table ({first_misfit(error)}); create one with robustflow calibrate"
+            f"{path} is not a calibration table ({first_misfit(error)}); create one with robustflow optics calibrate"
         ) from error
 
 
