@@ -10,6 +10,8 @@ from robustflow.cli.main import app
     ("typed", "offered"),
     [
         ("robustflow record verif", {"verify"}),
+        ("robustflow reproduce aud", {"audit"}),
+        ("robustflow reproduce --mod", {"--models"}),
         ("robustflow run --model farne", {"farneback"}),
         ("robustflow run --corruptions fog,fro", {"fog,frost"}),
         ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),

@@ -1,5 +1,5 @@
-"""Test `displacement`: the embedded pair's histogram equals that of its disparity, and a run stores the histogram of
-its frames."""
+"""Test `reproduce displacement`: the embedded pair's histogram equals that of its disparity, and a run stores the
+histogram of its frames."""
 
 import shutil
 from pathlib import Path
@@ -13,7 +13,7 @@ from robustflow.runs.displacement_file import read_displacement
 
 
 def test_displacement_of_the_embedded_pair_is_its_disparity(robustflow):
-    out = robustflow.prints("displacement", "demo", "-o", "out")
+    out = robustflow.prints("reproduce", "displacement", "demo", "-o", "out")
     assert out.split() == [f"out/displacement.{form}" for form in ("csv", "png", "svg", "pdf")]
     table = pl.read_csv("out/displacement.csv")
     sample = rf.load_dataset("motorcycle", None).load("motorcycle")
@@ -32,11 +32,21 @@ def _stills(folder, grey):
 
 def test_displacement_is_stored_in_a_run_of_the_same_frames_only(robustflow, runs, tmp_path):
     path = shutil.copytree(runs[1], "run")
-    out = robustflow.prints("displacement", "demo", "--model", "dis", "--into", path)
+    out = robustflow.prints("reproduce", "displacement", "demo", "--model", "dis", "--into", path)
     assert out == "run/displacement.json\n"
     assert read_displacement(rf.load_run(path)).source == "dis"
     assert not Path("displacement").exists()
-    other = ("displacement", "folder", "--data", _stills(tmp_path / "data", 40), "-m", "dis", "--into", path)
+    other = (
+        "reproduce",
+        "displacement",
+        "folder",
+        "--data",
+        _stills(tmp_path / "data", 40),
+        "-m",
+        "dis",
+        "--into",
+        path,
+    )
     assert "contains 1 pair from demo, but these options select 2 from folder" in robustflow.refuses(*other)
 
 
@@ -45,18 +55,22 @@ def test_page_of_a_run_shows_the_displacement_at_once(robustflow, tmp_path, real
     with real_pictures():
         run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
     assert "Flow magnitudes" not in (run.path / "report.html").read_text()
-    robustflow.prints("displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)
+    robustflow.prints("reproduce", "displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)
     assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
 
 
 def test_displacement_of_different_frames_with_the_same_names_is_refused(robustflow, tmp_path):
     data, other = _stills(tmp_path / "data", 40), _stills(tmp_path / "other", 60)
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    error = robustflow.refuses("displacement", "folder", "--data", other, "-m", "dis", "--into", run.path, code=1)
+    error = robustflow.refuses(
+        "reproduce", "displacement", "folder", "--data", other, "-m", "dis", "--into", run.path, code=1
+    )
     assert "sample '0': these are not the frames of the run" in error
     assert read_displacement(run) is None
 
 
 def test_displacement_cannot_be_stored_in_a_record(robustflow, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(b"PK")
-    assert "stored in a run folder" in robustflow.refuses("displacement", "demo", "--into", tmp_path / "a.robustflow")
+    assert "stored in a run folder" in robustflow.refuses(
+        "reproduce", "displacement", "demo", "--into", tmp_path / "a.robustflow"
+    )

@@ -287,7 +287,7 @@ def test_option_given_twice_is_refused(robustflow, command):
         (("run", "-m", "dis", "--attacks", ", "), "--attacks"),
         (("optics", "calibrate", "-c", " "), "--corruptions"),
         (("report", "--published", "-t", ","), "--table"),
-        (("experiment", "robust-training", "--severities", ","), "--severities"),
+        (("reproduce", "experiment", "--severities", ","), "--severities"),
     ],
 )
 def test_empty_path_is_refused(robustflow, tmp_path, command, empty):

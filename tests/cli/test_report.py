@@ -1,4 +1,4 @@
-"""Test the commands `report`, `audit` and `compare`."""
+"""Test the commands `report`, `reproduce audit` and `compare`."""
 
 import csv
 import io
@@ -102,10 +102,10 @@ def test_several_runs_are_printed_a_line_each_and_in_every_table_on_request(robu
 
 
 def test_audit_of_the_published_tables_prints_the_findings(robustflow):
-    code, out, _ = robustflow("audit")
+    code, out, _ = robustflow("reproduce", "audit")
     assert code == 3
     assert "the CRE rows of BrightFlow and UPFlow (ID) are swapped" in out
-    code, text, _ = robustflow("audit", "--json")
+    code, text, _ = robustflow("reproduce", "audit", "--json")
     assert code == 3
     found = json.loads(text)
     assert out.count("\n  ") == len(found["findings"])
@@ -116,12 +116,12 @@ def test_audit_of_own_results_finds_inconsistent_rows(robustflow):
     path = Path("mine.csv")
     head = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.00\n"
     path.write_text(head)
-    assert "nothing was checked" in robustflow.prints("audit", path)
+    assert "nothing was checked" in robustflow.prints("reproduce", "audit", path)
     head += "OOD,A,epe,fog,3.00\n"
     path.write_text(head + "OOD,A,cre,fog,1.01\n")
-    robustflow.prints("audit", path)
+    robustflow.prints("reproduce", "audit", path)
     path.write_text((head + "OOD,A,cre,fog,1.02\n").replace(",A,", ",A\x1b[31m,"))
-    code, out, _ = robustflow("audit", path)
+    code, out, _ = robustflow("reproduce", "audit", path)
     assert code == 3
     assert ", fog: CRE 1.02, but EPE 3.00 - clean EPE 2.00 = 1.00" in out
     assert "\n  OOD A" in out  # without a source, none is mentioned
@@ -188,8 +188,8 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
         ("report --published --table epes", 2, "did you mean 'epe'"),
         ("report --published --table means", 2, "give at least one"),
         ("report --published -t cost -o nowhere/cost.tex", 1, "cannot write"),
-        ("audit nowhere.csv", 1, "nowhere.csv"),
-        ("audit .", 1, "cannot be read"),
+        ("reproduce audit nowhere.csv", 1, "nowhere.csv"),
+        ("reproduce audit .", 1, "cannot be read"),
         ("compare nowhere elsewhere", 1, "manifest.json"),
         ("compare nowhere", 2, "two or more"),
         ("compare a b --metric speed", 2, "unknown metric"),

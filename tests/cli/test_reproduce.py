@@ -66,7 +66,7 @@ def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published
         assert both.here["crer", family] == pytest.approx(scores[corruption].crer)
     # the paper's averages exclude elastic_transform
     assert both.here["epe", "average"] == pytest.approx((scores["contrast"].epe + scores["fog"].epe) / 2)
-    # the printed CRE of BrightFlow is that of UPFlow (`robustflow audit`), and the printed EPE is its own
+    # the printed CRE of BrightFlow is that of UPFlow (`robustflow reproduce audit`), and the printed EPE is its own
     (brightflow,) = paper_variants("kitti-fc", ["brightflow"])
     stand_in = replace(runnable, variant=brightflow, weights="stand-in " + "with a long name " * 10)
     both = run_beside_paper(ARTEFACTS["tab3"], stand_in, run)

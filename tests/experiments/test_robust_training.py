@@ -18,7 +18,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     from robustflow.training.checkpoint import read_progress
 
     run = CliRunner().invoke
-    command = ["experiment", "robust-training", "-o", str(tmp_path / "out")]
+    command = ["reproduce", "experiment", "-o", str(tmp_path / "out")]
     first = run(app, command + _SMALL)
     assert first.exit_code == 0, first.output
     # after two updates, the network is no better than zero flow, so no conclusion may be drawn
@@ -56,7 +56,7 @@ def test_a_dataset_given_twice_is_refused(tmp_path):
 def test_options_that_no_experiment_can_use_are_refused(options, message):
     pytest.importorskip("torch", reason="needs the torch extra")
 
-    result = CliRunner().invoke(app, ["experiment", "robust-training", *options], env={"COLUMNS": "200"})
+    result = CliRunner().invoke(app, ["reproduce", "experiment", *options], env={"COLUMNS": "200"})
 
     assert result.exit_code != 0
     assert message in f"{result.output} {result.exception}"

@@ -60,8 +60,8 @@ def index() -> str:
     lines += [
         "",
         "An error is one line on the standard error output. The exit code is 0 for success, 1 for an error, 2 for an "
-        "invalid command, 3 for inconsistent numbers (`audit`), and 130 for a run that was stopped. `--debug` "
-        "prints the traceback.",
+        "invalid command, 3 for inconsistent numbers (`reproduce audit`), and 130 for a run that was stopped. "
+        "`--debug` prints the traceback.",
     ]
     return "\n".join(lines) + "\n"
 

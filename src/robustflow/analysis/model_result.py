@@ -166,7 +166,7 @@ class ModelResult:
     def cre(self) -> Mapping[str, float]:
         """The CRE by corruption, and "average": as measured, over the pixels that have a flow on both the clean and the
         corrupted frames. Where only a rounded CRE or none is given, it is EPE - clean EPE, because the published CRE
-        does not match the published EPE (see `robustflow audit`)."""
+        does not match the published EPE (see `robustflow reproduce audit`)."""
         epe = self.numbers("epe")
         clean = epe.pop(CLEAN, None)
         computed = {} if clean is None else {of: value - clean for of, value in epe.items()}

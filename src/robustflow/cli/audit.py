@@ -1,4 +1,4 @@
-"""`robustflow audit`: check results for internal consistency."""
+"""`robustflow reproduce audit`: check results for internal consistency."""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,8 +23,8 @@ def audit(
 
     \b
     Examples:
-      robustflow audit
-      robustflow audit results.csv --json
+      robustflow reproduce audit
+      robustflow reproduce audit results.csv --json
     """
     from ..analysis.audit import AUDIT_CHECKS, audit_published, audit_results
     from ..analysis.results_file import read_results

@@ -1,4 +1,4 @@
-"""`robustflow displacement`: distribution of flow magnitudes in a benchmark."""
+"""`robustflow reproduce displacement`: distribution of flow magnitudes in a benchmark."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -38,9 +38,9 @@ def displacement(
 
     \b
     Examples:
-      robustflow displacement kitti-fc --data ~/kitti
-      robustflow displacement gopro-fc --data ~/gopro-fc --model dis
-      robustflow displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
+      robustflow reproduce displacement kitti-fc --data ~/kitti
+      robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model dis
+      robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
     from ..analysis.displacements import label_of
     from ..atomic import make_folder, write_bytes

@@ -1,4 +1,4 @@
-"""`robustflow experiment`: experiments that train networks."""
+"""`robustflow reproduce experiment`: train networks with and without corruptions."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,11 +7,8 @@ import typer
 
 from .options import numbers
 
-app = typer.Typer(no_args_is_help=True, help="Experiments that train networks.")
 
-
-@app.command("robust-training")
-def robust_training(
+def experiment(
     output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
     data: Annotated[
         list[str] | None,
@@ -34,8 +31,8 @@ def robust_training(
 
     \b
     Examples:
-      robustflow experiment robust-training
-      robustflow experiment robust-training --data middlebury=~/middlebury --seeds 10
+      robustflow reproduce experiment
+      robustflow reproduce experiment --data middlebury=~/middlebury --seeds 10
     """
     from ..extras import require
 
@@ -45,7 +42,7 @@ def robust_training(
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment
     from .interrupt import Interrupted, stopped
 
-    experiment = TrainingExperiment(
+    asked = TrainingExperiment(
         output,
         evaluation_sets(data or [], shapes, size),
         seeds=seeds,
@@ -54,10 +51,10 @@ def robust_training(
         loaders=loaders,
     )
     stop = Interrupted()
-    runs = run_experiment(experiment, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
+    runs = run_experiment(asked, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
     if runs is None:
-        raise stopped(f"{experiment.output} is kept. Run the same command again")
+        raise stopped(f"{asked.output} is kept. Run the same command again")
     text, table = findings(runs)
-    write_bytes(experiment.output / "effects.csv", table.write_csv().encode())
-    write_bytes(experiment.output / "findings.md", text.encode())
+    write_bytes(asked.output / "effects.csv", table.write_csv().encode())
+    write_bytes(asked.output / "findings.md", text.encode())
     typer.echo(text)

@@ -21,12 +21,9 @@ from ..layout import user_path
 from ..safe_path import SAFE_PATH
 from ..text import is_utf8, plain
 from .app import app as local_app
-from .audit import audit
 from .check import check
 from .compare import compare
 from .corrupt import corrupt
-from .displacement import displacement
-from .experiment import app as experiment
 from .export import export
 from .gallery import gallery
 from .leaderboard import leaderboard
@@ -37,7 +34,7 @@ from .prepare import prepare
 from .profile import profile
 from .record import app as record
 from .report import report
-from .reproduce import reproduce
+from .reproduce import app as reproduce
 from .run import run
 from .train import train
 
@@ -49,8 +46,8 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
         "leaderboard": leaderboard,
         "record": record,
     },
-    "Train": {"train": train, "experiment": experiment},
-    "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},
+    "Train": {"train": train},
+    "The paper": {"reproduce": reproduce},
     "Make": {"corrupt": corrupt, "export": export, "prepare": prepare, "optics": optics},
     "More": {"app": local_app, "list": list_things, "check": check},
 }

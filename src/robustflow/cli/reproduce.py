@@ -1,11 +1,15 @@
-"""`robustflow reproduce`: reproduce a table or figure of the paper as far as data and weights are available."""
+"""`robustflow reproduce`: repeat the paper's measurements, check its tables, and run the training experiment."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from ..errors import UsageError
+from .audit import audit
+from .displacement import displacement
+from .experiment import experiment
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
 
@@ -18,7 +22,26 @@ if TYPE_CHECKING:
     Measured = tuple[Runnable, Result] | Missing
 
 
-def reproduce(
+class _TableByDefault(TyperGroup):
+    """`reproduce tab2` is short for `reproduce table tab2`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        completing = ctx.resilient_parsing and not args
+        if not completing and (not args or args[0] not in (*self.commands, *ctx.help_option_names)):
+            args = ["table", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_TableByDefault, help="Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments."
+)
+app.command()(audit)
+app.command()(displacement)
+app.command()(experiment)
+
+
+@app.command()
+def table(
     what: Annotated[
         str | None, typer.Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
     ] = None,

@@ -68,7 +68,9 @@ _ALL = (
     Artefact("fig5", "CREr by corruption class", "kitti-fc", "families", figure="crer_by_family"),
     Artefact("fig6", "SAM's segmentation of the frames", instead="no command, as it contains no flow measurements"),
     Artefact("fig7", "The PSFs of psf_blur", instead="robustflow optics show"),
-    Artefact("fig8", "Distribution of flow magnitudes", instead="robustflow displacement BENCHMARK --data DATA"),
+    Artefact(
+        "fig8", "Distribution of flow magnitudes", instead="robustflow reproduce displacement BENCHMARK --data DATA"
+    ),
     Artefact("fig9", "Scatter plots of clean EPE, EPE, CRE and RCRE", "kitti-fc", "means", figure="relations"),
 )
 

@@ -1,7 +1,7 @@
 """The paper's published results: tables 1 to 4, 7 and 8 as data, with every value as printed.
 
 Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here:
-`robustflow audit` lists the inconsistencies in the tables.
+`robustflow reproduce audit` lists the inconsistencies in the tables.
 """
 
 from __future__ import annotations
