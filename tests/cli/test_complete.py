@@ -11,7 +11,7 @@ from robustflow.cli.main import app
     [
         ("robustflow record verif", {"verify"}),
         ("robustflow reproduce aud", {"audit"}),
-        ("robustflow reproduce --mod", {"--models"}),
+        ("robustflow reproduce tab2 --mod", {"--models"}),
         ("robustflow run --model farne", {"farneback"}),
         ("robustflow run --corruptions fog,fro", {"fog,frost"}),
         ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),

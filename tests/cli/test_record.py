@@ -98,9 +98,9 @@ def test_records_are_accepted_where_runs_are_read(robustflow, runs, records):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        ("pack nowhere", 1, "manifest.json"),
-        ("pack run -o a.zip", 2, ".robustflow"),
-        ("pack run --link ftp://x", 1, "https://"),
+        ("record pack nowhere", 1, "manifest.json"),
+        ("record pack run -o a.zip", 2, ".robustflow"),
+        ("record pack run --link ftp://x", 1, "https://"),
         ("report text.robustflow", 1, "neither a run folder nor a record"),
     ],
 )

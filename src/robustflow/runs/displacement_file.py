@@ -60,7 +60,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
     Raises:
         RunError: the file is damaged, or belongs to a different run.
     """
-    displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
+    displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "reproduce displacement --into RUN")
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
