@@ -1,10 +1,11 @@
 """`robustflow compare`: test whether models differ significantly, or estimate how many pairs that takes."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import ComparedRuns, Format, OutputFile, refuse_unused
+from .options import Format, refuse_unused
 
 if TYPE_CHECKING:
     import polars as pl
@@ -15,7 +16,7 @@ _OF_TESTS = ("level", "resamples", "seed")
 
 def compare(
     context: typer.Context,
-    runs: ComparedRuns,
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders or records of runs on the same data.")],
     metric: Annotated[
         str | None, typer.Option("--metric", help="Compare only this metric: epe, cre, crer or rcre.")
     ] = None,
@@ -28,7 +29,7 @@ def compare(
     resamples: Annotated[int, typer.Option(help="Number of bootstrap resamples.")] = 4999,
     seed: Annotated[int, typer.Option(help="Random seed of the bootstrap.")] = 0,
     format: Format = "terminal",
-    output: OutputFile = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Test whether models differ, paired by image, with intervals and corrected p-values.

@@ -182,11 +182,9 @@ SeverityScale = Annotated[
 ]
 
 
-ComparedRuns = Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders or records of runs on the same data.")]
 Format = Annotated[
     str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
 ]
-OutputFile = Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")]
 
 
 def refuse_unused(context: typer.Context, unused: Iterable[str], when: str) -> None:
