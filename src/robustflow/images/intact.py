@@ -23,9 +23,6 @@ MOST_INFLATED = 1100
 LARGEST = 2**30
 """Maximum size of an image file in bytes; the largest supported image needs half as much."""
 
-_ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
-"""Interlacing passes: first column, first row, column step, row step."""
-
 
 class PngHeader(NamedTuple):
     """A PNG header: image size, bits per channel, and number of channels (a palette counts as one)."""
@@ -64,27 +61,17 @@ def check_png(path: Path, data: bytes) -> PngHeader:
     return header
 
 
-def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> None:
-    """Reject a PNG whose compressed data ends before the last row; decoders would fill the missing rows with zeros.
+def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any], interlaced: bool) -> None:
+    """Reject a PNG whose compressed data ends before the last row; Pillow would fill the missing rows with zeros, while
+    libpng, which OpenCV uses, does not decode it.
 
     Args:
-        pixels: the decoded image; the compressed data is inspected only if the image is interlaced or its last row is
-            zero.
+        pixels: the decoded image; decoded again only if the image is interlaced or its last row is zero.
     """
-    width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
-    if pixels[-1:].any() and not interlaced:
-        return
-    depth = bits * _PNG_CHANNELS.get(kind, 0)
-    passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
-    sizes = [(-(-(width - x) // across), -(-(height - y) // down)) for x, y, across, down in passes]
-    missing = sum(rows * (1 + -(-columns * depth // 8)) for columns, rows in sizes if columns > 0 and rows > 0)
-    inflate, start = zlib.decompressobj(), 8
-    while missing and start < len(data):
-        length = int.from_bytes(data[start : start + 4], "big")
-        if data[start + 4 : start + 8] == b"IDAT":
-            missing -= len(inflate.decompress(data[start + 8 : start + 8 + length], missing))
-        start += 12 + length
-    if missing:
+    import cv2
+
+    suspect = interlaced or not pixels[-1:].any()
+    if suspect and cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is None:
         raise DataError(f"{path}: damaged, the PNG ends before its last row; copy or download it again")
 
 

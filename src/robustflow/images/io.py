@@ -62,7 +62,7 @@ def read_image(path: str | Path) -> Frame:
                 _check_intact(path, data, image)
                 image.load()
                 if image.format == "PNG":
-                    check_png_rows(path, data, np.asarray(image))
+                    check_png_rows(path, data, np.asarray(image), "interlace" in image.info)
                 return _rgb(path, ImageOps.exif_transpose(image))
     except DataError:
         raise
