@@ -37,10 +37,7 @@ def report(
     context: typer.Context,
     runs: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="RUN",
-            help="Folders or records of runs, or folders that contain them.",
-        ),
+        typer.Argument(metavar="RUN", help="Folders or records of runs, or folders that contain them."),
     ] = None,
     metric: Annotated[
         str | None,
@@ -64,7 +61,7 @@ def report(
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
             "observations, attacks, security, corruptions-and-attacks, flat-and-depth; "
-            "row, a line of LaTeX per run; or all that can be made.",
+            "row, a line of LaTeX per run; or all, every table that can be made.",
         ),
     ] = None,
     format: Annotated[
