@@ -49,6 +49,11 @@ class Child:
     """
 
     def __init__(self, target: Callable[..., None], *arguments: Any, runs_script: bool = True) -> None:
+        if multiprocessing.current_process().daemon:
+            raise UsageError(
+                "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
+                "concurrent.futures.ProcessPoolExecutor instead"
+            )
         context = multiprocessing.get_context("spawn")
         self.pipe, child_end = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
