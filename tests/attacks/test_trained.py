@@ -19,7 +19,6 @@ from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.random.rng import Rng
 from robustflow.report.attack_table import attack_table
-from robustflow.runner.attack_again import with_attack
 from robustflow.runner.attack_training import learned_patterns
 from robustflow.runner.setup import set_up
 from robustflow.runs.plan import Unit
@@ -246,13 +245,6 @@ def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(trained, tmp_
 
     assert _column(trained, WORST, "epe_sum") == worst
     assert _column(_run(tmp_path / "run", WORST), WORST, "epe_sum") == worst, "requested alone"
-
-
-def test_example_of_a_trained_attack_inside_another_can_be_drawn_again(trained):
-    setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(trained.attacks)))
-    for name in (INSIDE, WORST):
-        learned = with_attack(setup, trained, name, 5).plan.options.learned
-        assert [pattern.shape for levels in learned.values() for pattern in levels.values()] == [(2, 3, 40, 48)]
 
 
 def test_patches_are_compared_with_a_random_patch_which_has_no_comparison(trained):

@@ -1,10 +1,8 @@
 """`robustflow run` draws its example pictures, and `robustflow report` draws those of a finished run."""
 
 import shutil
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -76,44 +74,3 @@ def test_examples_from_moved_data_work_and_from_changed_data_are_refused(robustf
     write_image(Path("moved/000.png"), 255 - read_image(Path("moved/001.png")))
     assert "differ from those of the run" in robustflow.refuses(*draw, "--data", "moved", code=1)
     assert not Path("run/examples").exists()
-
-
-MINE = """
-import numpy as np
-class Lighter:
-    needs_gradients = False
-    def run(self, problem, rng):
-        return problem.ball.project(problem.ball.clean + problem.ball.radius)
-"""
-
-
-@pytest.fixture
-def attacked(tmp_path, robustflow, monkeypatch):
-    """A run with built-in, user-defined and file-based attacks, none of which is available afterwards."""
-    (tmp_path / "lighter_attack.py").write_text(MINE)
-    write_frames(tmp_path / "frames")
-    np.save(tmp_path / "added.npy", np.full((1, 3, 64, 96), 0.01, np.float32))
-    attacks = ("--attacks", "lighter_attack:Lighter,universal:file=added.npy", "-s", 2)
-    robustflow.prints("run", "-m", "dis", "-d", "frames", *attacks, "-o", "run", "--no-examples")
-    sys.modules.pop("lighter_attack")
-    monkeypatch.setattr("robustflow.attacks.own._own", {})
-    return ("report", "run", "--sample", "000", "-s", 2, "-o", "cell.png", "--attack")
-
-
-def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loaded(robustflow, attacked, real_pictures):
-    with real_pictures():
-        robustflow.prints(*attacked, "random_sign")
-    with Image.open("cell.png") as picture:
-        assert picture.width == 1400
-
-    assert "pass it with --own-attack MODULE:ATTRIBUTE" in robustflow.refuses(*attacked, "lighter", code=1)
-    error = robustflow.refuses(*attacked, "universal:file=added.npy", code=1)
-    assert "pass --own-attack 'universal:file=added.npy' yourself" in error
-    assert "lighter_attack" not in sys.modules
-
-    robustflow.prints(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")
-    named = ("universal:file=added.npy", "--own-attack", "universal:file=added.npy")
-    robustflow.prints(*attacked, *named)
-    np.save("added.npy", -np.load("added.npy"))
-    assert "the attack universal:file=added.npy has changed" in robustflow.refuses(*attacked, *named, code=1)
-    robustflow.refuses(*attacked, "pgd")

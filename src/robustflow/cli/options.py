@@ -89,15 +89,6 @@ OwnCorruptions = Annotated[
         help="Your own corruption that the run used. It must be given: names stored in a run are never imported.",
     ),
 ]
-OwnAttacks = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--own-attack",
-        metavar="MODULE:ATTRIBUTE",
-        help="Your own attack that the run used, or an attack made with your own file or model. It must be given "
-        "because names stored in a run are never loaded.",
-    ),
-]
 Corruptions = Annotated[
     str | None,
     typer.Option(
@@ -214,18 +205,6 @@ def use_own_corruptions(targets: list[str] | None) -> None:
 
     for target in targets or []:
         corruption_name(target)
-
-
-def use_own_attacks(targets: list[str] | None) -> frozenset[str]:
-    """Import user-defined attacks, so that they can be repeated, and return their names in runs.
-
-    Raises:
-        UsageError: an attribute cannot be imported, or is not an attack.
-    """
-    from ..attacks import load_attack
-    from ..attacks.own import with_target_registered
-
-    return frozenset(load_attack(with_target_registered(target)).label for target in targets or [])
 
 
 def use_psf_dir(folder: Path | None) -> None:

@@ -13,13 +13,11 @@ from .options import (
     Data,
     DataOptions,
     ModelOptions,
-    OwnAttacks,
     OwnCorruptions,
     data_options,
     keyword_options,
     names,
     refuse_unused,
-    use_own_attacks,
     use_own_corruptions,
 )
 
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
 PAGE = "page"
 _PRINTING = ("metric", "as_json")
 _TABLES = ("published", "only_own", "table", "format", "figures", "seed")
-_DRAWING = ("corruption", "severity", "data", "data_option", "model", "option", "own_corruption", "own_attack")
+_DRAWING = ("corruption", "severity", "data", "data_option", "model", "option", "own_corruption")
 
 
 def report(
@@ -78,14 +76,7 @@ def report(
     sample: Annotated[str | None, typer.Option("--sample", help="Draw only this sample, as a PNG file.")] = None,
     corruption: Annotated[
         str | None,
-        typer.Option(
-            "--corruption",
-            "--corruptions",
-            "-c",
-            "--attack",
-            "--attacks",
-            help="With --sample: name of the corruption or attack.",
-        ),
+        typer.Option("--corruption", "--corruptions", "-c", help="With --sample: name of the corruption."),
     ] = None,
     severity: Annotated[int | None, typer.Option("--severity", "--severities", "-s", help="With --sample.")] = None,
     data: Data = None,
@@ -95,7 +86,6 @@ def report(
     ] = None,
     option: ModelOptions = None,
     own_corruption: OwnCorruptions = None,
-    own_attack: OwnAttacks = None,
 ) -> None:
     """Print runs and update their summaries and pages; or make tables and figures, optionally with the paper's results.
 
@@ -136,7 +126,6 @@ def report(
             refuse_unused(context, ("sample", "corruption", "severity", "output"), "with --examples")
         run = Run(runs[0])
         use_own_corruptions(own_corruption)
-        attacks = use_own_attacks(own_attack)
         before = RunSource.read(run.path)
         options = keyword_options(option)
         spec = before.model_to_reuse(dict(options)) if model is None else ModelSpec(model, options)
@@ -146,7 +135,7 @@ def report(
         elif corruption is None or severity is None:
             raise UsageError("a single picture needs --sample KEY, --corruption NAME and --severity N")
         else:
-            _draw_sample(run, source, (sample, corruption, severity), attacks, output)
+            _draw_sample(run, source, (sample, corruption, severity), output)
         return
     refuse_unused(context, _DRAWING, "without --examples or --sample")
     if format != PAGE and not is_target(format) and format not in FORMATS.names():
@@ -220,16 +209,14 @@ def _draw_examples(run: "Run", source: "RunSource") -> None:
     typer.echo(str(run.path / FOLDER))
 
 
-def _draw_sample(
-    run: "Run", source: "RunSource", cell: tuple[str, str, int], attacks: frozenset[str], output: Path | None
-) -> None:
+def _draw_sample(run: "Run", source: "RunSource", cell: tuple[str, str, int], output: Path | None) -> None:
     from ..atomic import write_bytes
     from ..runner.examples import draw_example
     from ..runner.setup import restore_setup
 
     sample, corruption, severity = cell
     target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
-    write_bytes(target, draw_example(run, restore_setup(run, source), *cell, attacks))
+    write_bytes(target, draw_example(run, restore_setup(run, source), *cell))
     typer.echo(str(target))
 
 

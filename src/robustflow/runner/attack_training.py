@@ -77,7 +77,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         for label, (attack, on) in trained.get(name, {}).items():
-            pattern = learned_pattern(folder, plan, label, severity, attack)
+            pattern = _stored_pattern(folder, plan, label, severity, attack)
             if pattern is None:
                 pattern = _trained(attack, plan, on, severity, batch_size)
                 path = folder.pattern_path(label, severity)
@@ -87,7 +87,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     return learned
 
 
-def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, attack: Attack) -> Pattern | None:
+def _stored_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, attack: Attack) -> Pattern | None:
     """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
     folder."""
     assert isinstance(attack, Trained)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Container
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +17,6 @@ from ..runs.cells import Cell
 from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH, are_current, drop_examples, example_list
 from ..runs.run import Run
-from .attack_again import with_attack
 from .setup import Setup
 from .slider_pictures import slider_picture, stored_picture
 from .worker import View, Worker, temporary_worker
@@ -68,31 +66,23 @@ def write_examples(run: Run, setup: Setup) -> bool:
     return True
 
 
-def draw_example(
-    run: Run, setup: Setup, key: str, corruption: str, severity: int, named_attacks: Container[str] = ()
-) -> bytes:
+def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
     """Draw any cell of a run as a PNG, with the scores from the run.
 
     Args:
         run: a run.
         setup: setup of the run.
-        key, corruption, severity: cell to draw; the corruption may be an attack.
-        named_attacks: attacks named by the user, see `with_attack`.
+        key, corruption, severity: cell to draw.
 
     Raises:
         UsageError: the run does not have this cell.
-        RunError: the frames or flows differ from those of the run, or the attack cannot be repeated.
+        RunError: the frames or flows differ from those of the run.
     """
-    cell, rows = (key, corruption, severity), run.rows
-    known = [*rows["corruption"].unique().sort(), *run.attacks]
+    known = run.rows["corruption"].unique().sort()
     if corruption not in known:
         raise unknown_name("corruption of this run", corruption, known)
-    if corruption in run.attacks:
-        rows = run.attack_rows
-        _row(rows, cell)
-        setup = with_attack(setup, run, corruption, severity, named_attacks)
     with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
-        return _picture(rows, worker, cell, "", "png")
+        return _picture(run.rows, worker, (key, corruption, severity), "", "png")
 
 
 def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..attacks.result import Attacked
 from ..datasets.base import Dataset
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
@@ -101,15 +100,12 @@ class Worker:
         """Return the rows of the units of one attack; cells of different samples can share a batch."""
         targets = [(*self._load(unit.key), cell) for unit in units for cell in unit.cells]
         starts = range(0, len(targets), self._batch_size)
-        views = chain.from_iterable(self._attacked(targets[start : start + self._batch_size]) for start in starts)
-        rows = (view.row for view in views)
+        rows = chain.from_iterable(self._attacked(targets[start : start + self._batch_size]) for start in starts)
         return [list(islice(rows, len(unit.cells))) for unit in units]
 
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return its frames, flows and row."""
         loaded, clean = self._load(key)
-        if corruption in self._attacks.names:
-            return self._attacked([(loaded, clean, (key, corruption, severity))])[0]
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.request(loaded.sample, cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
@@ -139,15 +135,12 @@ class Worker:
             self._last = (loaded, clean)
         return self._last
 
-    def _attacked(self, targets: Sequence[tuple[Loaded, Answer, Cell]]) -> list[View]:
+    def _attacked(self, targets: Sequence[tuple[Loaded, Answer, Cell]]) -> list[dict[str, Any]]:
         attacked = self._attacks.attack([(loaded.sample, flow_of(clean), cell) for loaded, clean, cell in targets])
-        return [self._view(*each) for each in zip(attacked, targets, strict=True)]
-
-    def _view(self, attacked: Attacked, target: tuple[Loaded, Answer, Cell]) -> View:
-        loaded, clean, cell = target
-        row = self._row(loaded, clean, attacked.flow, attacked.frames, cell)
-        columns = attack_columns(attacked, loaded.sample)
-        return View(loaded.sample, attacked.frames, attacked.flow, flow_of(clean), row | columns)
+        return [
+            self._row(loaded, clean, one.flow, one.frames, cell) | attack_columns(one, loaded.sample)
+            for one, (loaded, clean, cell) in zip(attacked, targets, strict=True)
+        ]
 
     def _row(
         self, loaded: Loaded, clean: Answer, flow: Answer, frames: tuple[Frame, ...], cell: Cell
