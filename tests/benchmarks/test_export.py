@@ -14,7 +14,6 @@ from robustflow.benchmarks.setting import setting_of
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.provenance import Training
-from robustflow.report.exchange.facts import RunFacts
 from robustflow.report.site.content import run_content
 from robustflow.report.site.models import model_pages
 from tests.datasets.layouts import picture
@@ -78,8 +77,8 @@ def test_an_export_is_not_mistaken_for_the_frames_that_the_authors_released(kitt
     assert comparison_note(eighty).startswith("80 pairs, not the paper's 80; ")
     assert comparison_note(eighty).endswith("; calibrated severities, not the paper's")
     protocol = run.manifest.identity.frames.protocol
-    data = RunFacts(run).data
-    assert (data["seed"], data["variant"], data["severity_scale"][:10]) == (5, "default", "calibrated")
+    made = run.manifest.identity.frames.made_with
+    assert (made["seed"], made["variant"], made["severity_scale"][:10]) == (5, "default", "calibrated")
     facts = dict(model_pages(run_content(run), {})[0].facts)
     assert (facts["Seed"], facts["Severity scale"][:10]) == ("5", "calibrated")
     trained = Training(("kitti2015:train",), "declared")

@@ -64,20 +64,18 @@ def test_parquet_file_names_its_run(robustflow, run):
 
 def test_unknown_export_format_is_refused_with_the_known_ones(robustflow, run):
     error = robustflow.refuses("export", run, "--format", "xlsx")
-    assert "csv, parquet, card, croissant, every-eval-ever, huggingface, robustspring" in error
+    assert "csv, parquet, croissant, huggingface, robustspring" in error
 
 
-def test_a_card_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
-    assert robustflow.prints("export", run, "--format", "card").split() == ["card/card.md", "card/card.json"]
-    out = robustflow.prints(
-        "record", "verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json"
-    )
+def test_an_exported_file_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
+    metadata, rows = (Path("croissant") / name for name in ("croissant.json", "rows.csv"))
+    assert robustflow.prints("export", run, "--format", "croissant").split() == [str(metadata), str(rows)]
+    out = robustflow.prints("record", "verify", records[0], "--exported", metadata, "--exported", rows)
     assert "exported      files exported from the run match the record: 2 files" in out
-    card = Path("card/card.md")
-    card.write_text(card.read_text().replace("| average | ", "| average | 1", 1))
-    code, out, _ = robustflow("record", "verify", records[0], "--exported", card)
+    metadata.write_text(metadata.read_text().replace("1.0.0", "1.0.1", 1))
+    code, out, _ = robustflow("record", "verify", records[0], "--exported", metadata)
     assert code == 1
-    assert "card/card.md, line " in out
+    assert f"{metadata}, line " in out
 
 
 def test_records_are_added_one_after_the_other(records, tmp_path):

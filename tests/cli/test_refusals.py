@@ -190,8 +190,8 @@ def _written() -> list[Path]:
     ("arguments", "says"),
     [
         ("export RUN --format csv -c fog", "--corruptions has no effect with --format csv"),
-        ("export RUN --format card --limit 3", "--limit has no effect with --format card"),
-        ("export RUN --format card --hub-dataset a/b", "--hub-dataset has no effect with --format card"),
+        ("export RUN --format croissant --limit 3", "--limit has no effect with --format croissant"),
+        ("export RUN --format croissant --hub-dataset a/b", "--hub-dataset has no effect with --format croissant"),
         ("export RUN --format robustspring -d . --seed 3", "--seed has no effect with --format robustspring"),
         ("gallery -m dis --attacks square --depth .", "--depth has no effect with --attacks alone"),
         (

@@ -126,8 +126,8 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
     assert UNEVEN in str(rf.load_run("run"))
     robustflow.prints("record", "pack", "run", "-o", "run.robustflow")
     assert UNEVEN in robustflow.prints("record", "verify", "run.robustflow")
-    robustflow.prints("export", "run", "--format", "card")
-    assert UNEVEN in (tmp_path / "card" / "card.md").read_text()
+    robustflow.prints("export", "run", "--format", "croissant")
+    assert UNEVEN in (tmp_path / "croissant" / "croissant.json").read_text()
 
 
 def test_an_earlier_result_stays_as_it_was_when_a_later_call_adds_rows(tmp_path):

@@ -60,8 +60,8 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="Format for a run: csv or parquet (rows); card, croissant, every-eval-ever or huggingface (results); "
-            "robustspring (the model's flows, as a submission to its server).",
+            help="Format for a run: csv, parquet or croissant (rows); huggingface (results); robustspring (the model's "
+            "flows, as a submission to its server).",
         ),
     ] = None,
     corruptions: Corruptions = None,
@@ -88,15 +88,15 @@ def export(
 
     With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
     fog/test, ...). Flows are written in the layout that its flow_robust_subsampling expects, and results.csv contains
-    the change of the flow under corruption. The files of card, croissant, every-eval-ever and huggingface depend only
-    on the run: 'robustflow record verify RECORD --exported FILE' compares them with the run's record. Existing complete
-    frames and flows are kept, so an interrupted export resumes where it stopped.
+    the change of the flow under corruption. The files of croissant and huggingface depend only on the run:
+    'robustflow record verify RECORD --exported FILE' compares them with the run's record. Existing complete frames and
+    flows are kept, so an interrupted export resumes where it stopped.
 
     \b
     Example:
       robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
       robustflow export runs/mine --format parquet --output mine.parquet
-      robustflow export runs/mine --format card --output mine
+      robustflow export runs/mine --format croissant --output mine
       robustflow export runs/mine --format robustspring --data ~/RobustSpring --device cuda
     """
     if format == "robustspring":

@@ -128,7 +128,7 @@ def verify(
       robustflow record verify submissions/*.robustflow
       robustflow record verify mine.robustflow --data ~/kitti --check-frames 100
       robustflow record verify mine.robustflow --data ~/kitti --model dis
-      robustflow record verify mine.robustflow --exported card.md --exported card.json
+      robustflow record verify mine.robustflow --exported croissant/croissant.json
     """
     import json
 

@@ -1,4 +1,4 @@
-"""Export a run's results as a robustness card, Croissant, Every Eval Ever, or Hugging Face evaluation results.
+"""Export a run as Croissant metadata or as Hugging Face evaluation results.
 
 Exports are deterministic, so `check_exported` can compare a file with the run's record byte for byte.
 """
@@ -6,25 +6,17 @@ Exports are deterministic, so `check_exported` can compare a file with the run's
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import PurePosixPath
 
 from ...errors import UsageError, unknown_name
 from ...runs.run import Run
-from .card import card_files
 from .croissant import croissant_files
-from .every_eval_ever import every_eval_ever_files
 from .facts import RunFacts
 from .huggingface import huggingface_files
 
 Files = dict[PurePosixPath, bytes]
 
-_FORMATS: dict[str, Callable[[RunFacts], Files]] = {
-    "card": card_files,
-    "croissant": croissant_files,
-    "every-eval-ever": every_eval_ever_files,
-}
-EXCHANGE_FORMATS = (*_FORMATS, "huggingface")
+EXCHANGE_FORMATS = ("croissant", "huggingface")
 
 HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
 
@@ -43,8 +35,8 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
     if format not in EXCHANGE_FORMATS:
         raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
     facts = RunFacts(run)
-    if format != "huggingface":
-        return _FORMATS[format](facts)
+    if format == "croissant":
+        return croissant_files(facts)
     if hub_dataset is None or not re.fullmatch(HUB_NAME, hub_dataset):
         raise UsageError(
             "--format huggingface needs the benchmark's dataset on the Hub: give --hub-dataset ORGANISATION/NAME"

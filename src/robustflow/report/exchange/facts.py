@@ -1,20 +1,17 @@
-"""Facts about a run, shared by all formats: model, data, means with intervals, and warnings."""
+"""Facts about a run, shared by both formats: means with intervals, and warnings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from typing import Any
 
 from ...analysis.exclusion import exclusion_reasons
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS
-from ...analysis.results import AVERAGE
+from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.run_results import comparison_note, run_results, run_setting
 from ...benchmarks import benchmark_facts
 from ...metrics.summary import has_gaps
-from ...records.text import holds_path
-from ...runs.comparable import sample_set
 from ...runs.run import Run
 from ...text import plain
 
@@ -25,7 +22,7 @@ class RunMean:
 
     Attributes:
         metric: "epe", "cre" or "rcre" (in pixels), or "crer" (a ratio).
-        condition: "clean", "average", or the name of a corruption.
+        condition: "clean" or "average".
         value: mean value.
         interval: bounds of its 95 % interval; None if there are too few pairs.
     """
@@ -47,15 +44,13 @@ class RunFacts:
 
     @cached_property
     def means(self) -> list[RunMean]:
-        """Means: clean and average first, followed by the means of each corruption."""
-        (line,) = run_results([self.run])
-        known = [RunMean(*key, value.number, line.intervals.get(key)) for key, value in line.values.items()]
-        return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))
-
-    @property
-    def averages(self) -> list[RunMean]:
         """The clean and average means."""
-        return [mean for mean in self.means if mean.condition in ("clean", AVERAGE)]
+        (line,) = run_results([self.run])
+        return [
+            RunMean(*key, value.number, line.intervals.get(key))
+            for key, value in line.values.items()
+            if key[1] in (CLEAN, AVERAGE)
+        ]
 
     @cached_property
     def warnings(self) -> list[str]:
@@ -77,32 +72,9 @@ class RunFacts:
                 f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are computed over "
                 "these pixels."
             )
-        if self.averages and not any(mean.interval for mean in self.averages):
+        if self.means and not any(mean.interval for mean in self.means):
             out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}), or one decides the means.")
         return [plain(each, None) for each in out]
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Return the model's identity without fields that contain a path on this machine."""
-        settings = self.run.manifest.identity.model.settings
-        return {plain(name): plain(str(value)) for name, value in settings.items() if not holds_path(str(value))}
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """Describe the data and conditions of the run."""
-        frames, summary = self.run.manifest.identity.frames, self.run.summary
-        return {
-            "benchmark": plain(self.run.benchmark),
-            "title": self.title,
-            "pairs": summary.samples,
-            "corruptions": [plain(name) for name in summary.averaged_over],
-            "severities": summary.severities(),
-            "severity_scale": plain(str(frames.made_with["severity_scale"])),
-            "seed": frames.made_with["seed"],
-            "variant": plain(str(frames.made_with["variant"])),
-            "complete": summary.complete,
-            "sample_set": sample_set(self.run),
-        }
 
     @property
     def finished(self) -> datetime | None:

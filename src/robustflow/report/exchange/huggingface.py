@@ -16,7 +16,7 @@ def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, byte
         dataset: name of the dataset on the Hub, as ORGANISATION/NAME; its `eval.yaml` must define the tasks
             `epe_clean`, `epe`, `cre`, `crer` and `rcre`.
     """
-    text = "".join(_entry(facts, mean, dataset) for mean in facts.averages)
+    text = "".join(_entry(facts, mean, dataset) for mean in facts.means)
     return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
 
 
