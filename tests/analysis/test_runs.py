@@ -6,7 +6,6 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.model_result import by_frames, ranked
-from robustflow.analysis.observations.evidence import Evidence
 from robustflow.analysis.run_names import run_names
 from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
@@ -133,7 +132,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     def scaled(name, clean, ratio):
         factor = pl.when(pl.col("corruption") == "clean").then(clean).otherwise(clean * ratio)
         changed = rows.with_columns(epe_sum=pl.col("epe_sum") * factor, clean_epe_sum=pl.col("clean_epe_sum") * clean)
-        return made_run(runs[1], changed, name)  # a setting that the observations discuss
+        return made_run(runs[1], changed, name)
 
     models = {"A": (1.0, 1.0), "B": (1.2, 0.9), "C": (1.5, 1.3), "D": (2.0, 1.1), "E": (3.0, 1.2)}
     sound = [scaled(name, *factors) for name, factors in models.items()]
@@ -144,7 +143,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
         lines = {line.label: [cell.text for cell in line.cells] for each in table.sections for line in each.lines}
         return table.remarks, {label: cells for label, cells in lines.items() if label != "Useless"}
 
-    for name in ("effective", "uncoupled", "observations"):
+    for name in ("effective", "uncoupled"):
         (remarks, lines), (alone, lines_alone) = numbers(name, [*sound, useless]), numbers(name, sound)
         assert lines == lines_alone
         assert remarks[:-1] == alone
@@ -187,7 +186,7 @@ def test_anatomies_of_runs_on_different_conditions_are_marked(runs):
     assert len(alike.remarks) == 1
 
 
-def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(runs):
+def test_cre_of_a_run_with_gaps_is_the_same_in_tables_and_figures(runs):
     """Under contrast, the prediction lacks three quarters of the pixels, which have most of the error: the EPE is below
     the clean EPE although the error grew at every pixel that was predicted.
     """
@@ -200,14 +199,11 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(r
 
     measured = [with_gaps(number) for number in range(1, 6)]
     figures = figures_of(measured, published=False)
-    evidence = Evidence(run_results(measured), None)
     for run in measured:
         summary = run.summary
         assert summary.epe < summary.epe_clean
         assert "corruption raises the end-point error over the pixels" in headline(run_content(run))[0]
         assert summary.cre > 0
-        assert evidence.cre((run_setting(run), run.name)) == summary.cre
-        assert evidence.family_crer((run_setting(run), run.name), "digital") == pytest.approx(summary.crer)
         for name, values in (
             ("clean_against_cre", {"CRE": f"{summary.cre:.2f} px", "CREr": f"{summary.crer:.2f}"}),
             ("relations", {"CRE": f"{summary.cre:.2f} px"}),

@@ -87,7 +87,7 @@ def test_filters_and_search_are_kept_in_the_address(opened):
 
 
 def test_choosing_a_benchmark_filters_the_whole_page(opened):
-    """The table, sentences, figures, pictures, observations and audit exist, as do the links to them."""
+    """The table, sentences, figures, pictures and audit exist, as do the links to them."""
     page = opened("leaderboard")
     for name, figures in (("demo", 1), ("KITTI-FC", 4), ("GoPro-FC", 0)):
         page.get_by_role("radio", name=name).check(force=True)

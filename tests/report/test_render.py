@@ -155,7 +155,7 @@ def test_latex_has_no_ligature_of_dashes_or_commas():
 def test_latex_of_every_table_compiles(tmp_path):
     parts = [render(build_table(name, published_results()), "latex") for name in TABLES]
     parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
-    parts.append(render(observations_table(published_results()), "latex"))
+    parts.append(render(observations_table(), "latex"))
     head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
     (tmp_path / "t.tex").write_text("\n".join([head, *(f"{part}\\clearpage" for part in parts), r"\end{document}"]))
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
@@ -176,7 +176,7 @@ def test_latex_shades_as_the_paper_does_and_can_be_referred_to():
 
 
 def test_latex_of_sentences_longer_than_a_page_continues_in_another_table():
-    table = observations_table(published_results())
+    table = observations_table()
     text = render(table, "latex")
     assert text.count(r"\begin{table*}") == text.count(r"\caption") == 3
     assert "observations (1 of 3)" in text

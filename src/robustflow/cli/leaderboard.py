@@ -12,9 +12,7 @@ def leaderboard(
         typer.Argument(metavar="SOURCE", help="Folders or records of runs, and results files (CSV, JSON)."),
     ] = None,
     published: Annotated[bool, typer.Option("--published/--no-published", help="Include the paper's results.")] = True,
-    only_own: Annotated[
-        bool, typer.Option("--only-own", help="Limit figures, observations and audit to the sources.")
-    ] = False,
+    only_own: Annotated[bool, typer.Option("--only-own", help="Limit figures and audit to the sources.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Output folder; 'leaderboard' by default.")
     ] = None,

@@ -49,7 +49,7 @@ def report(
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
     only_own: Annotated[
         bool,
-        typer.Option("--only-own", help="Limit figures, trends and observations to your runs."),
+        typer.Option("--only-own", help="Limit figures and trends to your runs."),
     ] = False,
     table: Annotated[
         str | None,
@@ -58,7 +58,7 @@ def report(
             "-t",
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
-            "observations, attacks, security, corruptions-and-attacks, flat-and-depth; "
+            "observations (the paper's), attacks, security, corruptions-and-attacks, flat-and-depth; "
             "row, a line of LaTeX per run; or all, every table that can be made.",
         ),
     ] = None,

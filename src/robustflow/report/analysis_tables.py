@@ -11,6 +11,7 @@ from ..analysis.effective import effective_robustness
 from ..analysis.labels import SETTING_LABELS, long_label
 from ..analysis.model_result import ModelResult
 from ..analysis.observations import observations
+from ..analysis.published.tables import published_results
 from ..analysis.run_names import named_runs
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
@@ -100,11 +101,11 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), remarks, "Part")
 
 
-def observations_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate the paper's ten observations with their verdicts for comparable results."""
+def observations_table() -> Table:
+    """Tabulate the paper's ten observations with the verdicts on its published results."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
-    for observation in observations(results):
+    for observation in observations(published_results()):
         lines = [
             Line.of("main" if part.main else "also", (part.verdict, part.claim, part.message))
             for part in observation.parts

@@ -11,7 +11,6 @@ from ..analysis.conditions import seed_groups
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
 from ..analysis.model_result import ModelResult, by_frames, not_ranked, ranked
-from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_results
 from ..analysis.run_results import run_results
 from ..errors import UsageError, unknown_name
@@ -55,7 +54,7 @@ def tables_of(
         published: whether to include the paper's results.
         wanted: table names from `ALL_TABLES`, or `ROW`; by default all tables for which these runs have data.
         seed: random seed of the bootstrap for the intervals.
-        only_own: whether to omit the paper's models from effective robustness and observations.
+        only_own: whether to omit the paper's models from effective robustness.
 
     Raises:
         UsageError: a table name is unknown, or a requested table would be empty.
@@ -73,7 +72,9 @@ def tables_of(
         if name == "effective":
             return _tables_by_sample_set(about, effective_table)
         if name == "observations":
-            return _tables_by_sample_set(about, observations_table if wanted else _computable_observations)
+            if runs or not published:
+                raise UsageError(f"the table '{name}' is about the paper's results: use --published, without runs")
+            return [observations_table()]
         if not runs:
             raise UsageError(f"the table '{name}' requires runs: give at least one run")
         if name in ATTACK_TABLES:
@@ -122,13 +123,6 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)
     return figures
-
-
-def _computable_observations(results: Sequence[ModelResult]) -> Table:
-    table = observations_table(results)
-    if all(line.cells[0].text == UNKNOWN for line in table.lines):
-        raise UsageError("none of the paper's observations can be computed from these results")
-    return table
 
 
 def _tables_by_sample_set(

@@ -43,7 +43,7 @@ class Content:
         pages: id of the model's page for each line.
         group_titles: heading for each sample set.
         alone: whether the page is only about its runs; the paper's results are then shown for comparison only, without
-            figures, observations or audit.
+            figures or audit.
         of_paper: whether the averages of runs are restricted to the paper's corruptions, for comparison with the
             published averages.
     """

@@ -1,47 +1,12 @@
-"""Checks of the paper's observations on each set of comparable results, and findings of the audit of the tables."""
+"""Findings of the audit of the tables."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_results
-from ...analysis.model_result import by_frames, ranked
-from ...analysis.observations import Observation, observations
-from ...analysis.observations.verdict import THIN, UNKNOWN
+from ...analysis.model_result import by_frames
 from ...analysis.published.tables import PAPER
 from ...text import plain
 from .content import Content
-
-VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", THIN: "open", UNKNOWN: "open"}
-
-
-@dataclass(frozen=True)
-class Checked:
-    """The verdicts on the ten observations for one set of results."""
-
-    title: str
-    observations: tuple[Observation, ...]
-
-    @property
-    def computed(self) -> list[Observation]:
-        """Observations with a verdict."""
-        return [one for one in self.observations if one.verdict != UNKNOWN]
-
-    @property
-    def unknown(self) -> list[Observation]:
-        """Observations that these results cannot test."""
-        return [one for one in self.observations if one.verdict == UNKNOWN]
-
-
-def checked_observations(content: Content, benchmark: str) -> list[Checked]:
-    """Check the observations on each sample set of a benchmark that the page is about, if at least one can be
-    computed."""
-    checked = []
-    for frames, part in by_frames(ranked(line for line in content.focus if line.benchmark == benchmark)).items():
-        verdicts = observations(part)
-        if any(one.verdict != UNKNOWN for one in verdicts):
-            checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(verdicts)))
-    return checked
 
 
 def audits(content: Content, benchmark: str) -> list[Audit]:

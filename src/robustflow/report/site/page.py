@@ -27,7 +27,7 @@ from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
 from .figures import FigureGroup, PageFigure, attack_figure, page_figures
-from .findings import VERDICT_CLASSES, Checked, audits, by_check, checked_observations
+from .findings import audits, by_check
 from .headline import headline
 from .models import model_pages
 
@@ -97,13 +97,12 @@ class BenchmarkSection:
         board: leaderboard of the benchmark.
         headline: first sentences.
         figures: groups of figures, one group per sample set.
-        observations, audits: checks of the benchmark's results.
+        audits: audits of the benchmark's published and claimed values.
     """
 
     board: Board
     headline: Sequence[str]
     figures: Sequence[FigureGroup]
-    observations: Sequence[Checked]
     audits: Sequence[Audit]
 
 
@@ -113,7 +112,6 @@ def _sections_of(content: Content, figures: Sequence[FigureGroup]) -> list[Bench
             board=board,
             headline=headline(content, board.benchmark),
             figures=[group for group in figures if group.benchmark == board.benchmark],
-            observations=checked_observations(content, board.benchmark),
             audits=audits(content, board.benchmark),
         )
         for board in content.boards
@@ -141,6 +139,5 @@ def _environment() -> Environment:
         paper=PAPER,
         plain=plain,
         render_table=lambda table: Markup(render_table(table)),
-        verdict_classes=VERDICT_CLASSES,
     )
     return environment
