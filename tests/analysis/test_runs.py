@@ -280,7 +280,7 @@ def test_published_rows_keep_their_marks_beside_runs(runs):
 
 
 def test_every_table_is_rendered_in_every_format(runs):
-    tables = tables_of(runs, published=True)
+    tables = tables_of(runs, published=True) + tables_of([], published=True, wanted=["observations"])
     assert {table.name for table in tables} == set(ALL_TABLES) - {*ATTACK_TABLES, FLAT_AND_DEPTH}
     for format in FORMATS:
         texts = [render(table, format) for table in tables]

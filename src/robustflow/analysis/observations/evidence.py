@@ -1,4 +1,4 @@
-"""Prepare results for checking the observations.
+"""Prepare the paper's results for checking the observations.
 
 As in the paper's discussion (Sec. 5.2), the knowledge-driven methods and FlowDiffuser are left out, except in
 statements about all models.
@@ -7,7 +7,6 @@ statements about all models.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean
 
@@ -24,42 +23,37 @@ from ..results import AVERAGE, CLEAN
 ModelInSetting = tuple[str, str]
 """(setting, model)."""
 
-_VARIANT = re.compile(r"( \([^()]*\))?( #\d+)?$")
-"""The part of a name that distinguishes runs of one model: "RAFT (seed 1)", "RAFT #2"."""
-_SIZE = re.compile(r"[-_ ](?:xs|s|b|m|l|h|t|xl|tiny|small|base|medium|large|huge)$", re.IGNORECASE)
 _ROUNDING = 0.015
 """Largest combined error, in pixels, of three numbers rounded to hundredths."""
 
 
 class Evidence:
-    """Results measured on the same frames, by model.
+    """The paper's results, by model.
 
     Attributes:
-        entries: (setting, model) of each model with a clean and an average EPE, in order.
+        entries: (setting, model) of each model with an EPE, in order.
         cost_ranks: ranks by cost and CREr, see `printed_cost_ranks`.
         rcre: (setting, model) -> corruption -> RCRE on benchmarks without ground truth (GoPro-FC).
     """
 
-    def __init__(self, results: Sequence[ModelResult], methods: Mapping[str, Method] | None) -> None:
+    def __init__(self, results: Sequence[ModelResult]) -> None:
         self.cost_ranks = printed_cost_ranks(results)
-        self._methods = methods
         self._without = not_discussed(results)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}
         self.rcre: dict[ModelInSetting, dict[str, float]] = {}
-        self._cre: dict[ModelInSetting, dict[str, float]] = {}
+        self._cre: dict[ModelInSetting, Mapping[str, float]] = {}
         self._printed_cre: dict[ModelInSetting, float] = {}
         for line in results:
             model = line.setting, line.name
             if not benchmark_facts(line.benchmark).has_flow:
-                if rcre := line.numbers("rcre"):
-                    self.rcre.setdefault(model, {}).update(rcre)
+                self.rcre[model] = line.numbers("rcre")
                 continue
-            self._epe.setdefault(model, {}).update(line.numbers("epe"))
-            self._cre.setdefault(model, {}).update(line.cre)
+            self._epe[model] = line.numbers("epe")
+            self._cre[model] = line.cre
             cre = line.values.get(("cre", AVERAGE))
             if cre is not None and cre.decimals is not None:
                 self._printed_cre[model] = cre.number
-        self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
+        self.entries = list(self._epe)
 
     def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[ModelInSetting]:
         """Select the models of a setting, optionally by kind ("supervised", "unsupervised") and by encoder
@@ -69,9 +63,9 @@ class Evidence:
             method = self.method(entry[1])
             if entry[0] != setting or entry[1] in self._without:
                 continue
-            if kind is not None and (method is None or method.type != kind):
+            if kind is not None and method.type != kind:
                 continue
-            if encoder is not None and (method is None or encoder not in method.encoder.split("+")):
+            if encoder is not None and encoder not in method.encoder.split("+"):
                 continue
             chosen.append(entry)
         return chosen
@@ -80,18 +74,15 @@ class Evidence:
         """List the settings with models, except "knowledge"."""
         return [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
 
-    def method(self, model: str) -> Method | None:
-        """Return the method of a model, if known."""
-        return self._methods.get(model) if self._methods is not None else method_of(model)
+    def method(self, model: str) -> Method:
+        """Return the method of a model."""
+        method = method_of(model)
+        assert method is not None
+        return method
 
     def family(self, entry: ModelInSetting) -> str:
-        """Return the family of a model. All variants of a method, whatever their size or options, form one family."""
-        method = self.method(entry[1])
-        if method is not None:
-            return method.method
-        name = _VARIANT.sub("", entry[1])
-        method = self.method(name)
-        return method.method if method is not None else _SIZE.sub("", name) or name
+        """Return the family of a model: all sizes of a method form one family."""
+        return self.method(entry[1]).method
 
     def by_family(self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]) -> list[float]:
         """Return the mean value over each family's models, one per family in order of first appearance."""
@@ -103,10 +94,6 @@ class Evidence:
     def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """Return the mean EPE, in pixels."""
         return self._epe[entry][corruption]
-
-    def has(self, entry: ModelInSetting, *corruptions: str) -> bool:
-        """Whether a model was measured under all of these corruptions."""
-        return entry in self._epe and set(corruptions) <= self._epe[entry].keys()
 
     def clean(self, entry: ModelInSetting) -> float:
         """Return the EPE on the clean frames, in pixels."""
@@ -132,13 +119,13 @@ class Evidence:
         """Return CRE / clean EPE."""
         return self.cre(entry, corruption) / self.clean(entry)
 
-    def family_crer(self, entry: ModelInSetting, family: str) -> float | None:
-        """Return the mean CREr over the measured corruptions of a family; None if none was measured."""
-        return family_crer(self._cre[entry], self.clean(entry)).get(family)
+    def family_crer(self, entry: ModelInSetting, family: str) -> float:
+        """Return the mean CREr over the corruptions of a family."""
+        return family_crer(self._cre[entry], self.clean(entry))[family]
 
-    def corruptions(self, entry: ModelInSetting) -> list[str]:
-        """List the paper's corruptions under which a model was measured."""
-        return [name for name in PAPER_ORDER if name in self._epe[entry]]
+    def corruptions(self) -> list[str]:
+        """List the corruptions of the EPE, in the paper's order."""
+        return [name for name in PAPER_ORDER if name in self._epe[self.entries[0]]]
 
 
 def named(entries: list[ModelInSetting]) -> str:

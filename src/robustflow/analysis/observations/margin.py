@@ -30,13 +30,13 @@ class Margin:
 
     Attributes:
         estimate: value of the number.
-        low, high: ends of the 95 % interval; None if there are too few values.
+        low, high: ends of the 95 % interval.
         over: population of the interval, for example "9 families".
     """
 
     estimate: float
-    low: float | None
-    high: float | None
+    low: float
+    high: float
     over: str
 
     @property
@@ -46,8 +46,6 @@ class Margin:
         >>> Margin(0.4, -0.1, 0.9, "12 families").verdict
         'too little evidence'
         """
-        if self.low is None or self.high is None:
-            return THIN
         return "holds" if self.low > 0 else "does not hold" if self.high < 0 else THIN
 
     def __str__(self) -> str:
@@ -67,8 +65,7 @@ class Margin:
         return self._text(" px")
 
     def _text(self, unit: str) -> str:
-        ends = "no interval" if self.low is None else f"[{self.low:+.2f}, {self.high:+.2f}]"
-        return f"{self.estimate:+.2f}{unit} {ends} over {self.over}"
+        return f"{self.estimate:+.2f}{unit} [{self.low:+.2f}, {self.high:+.2f}] over {self.over}"
 
 
 def all_hold(margins: Sequence[Margin]) -> Verdict:
@@ -92,10 +89,12 @@ def of_difference(larger: Sequence[float], smaller: Sequence[float]) -> Margin:
     return _student(float(np.mean(larger) - np.mean(smaller)), [larger, smaller], words)
 
 
-def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin | None:
-    """Compute a `rank_correlation` over families; None if there is none."""
+def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin:
+    """Compute a `rank_correlation` over families."""
     rho, interval = rank_correlation(first, second)
-    return None if rho is None or interval is None else Margin(rho, *interval, _units(len(first), "family"))
+    assert rho is not None
+    assert interval is not None
+    return Margin(rho, *interval, _units(len(first), "family"))
 
 
 def of_majority(some: int, count: int, over: str) -> Margin:
@@ -156,8 +155,6 @@ def _units(count: int, over: str) -> str:
 
 def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> Margin:
     """Compute an estimate from the means of groups of values, with Satterthwaite's degrees of freedom."""
-    if any(len(values) < 2 for values in groups):
-        return Margin(estimate, None, None, over)
     parts = [float(np.var(values, ddof=1)) / len(values) for values in groups]
     variance = sum(parts)
     if variance == 0:

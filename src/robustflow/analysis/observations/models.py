@@ -5,59 +5,44 @@ from __future__ import annotations
 from collections.abc import Callable
 from statistics import median
 
-from ..ranking import LEAST_MODELS
-from ..uncoupled import coupling
 from .evidence import Evidence, ModelInSetting, named
 from .margin import Margin, all_hold, among, of_correlation, of_difference, of_mean, places
-from .verdict import THIN, UNKNOWN, Observation, Statement, part, unknown
+from .verdict import THIN, UNKNOWN, Observation, Statement, part
 
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
     """Check observation 1: corrupted EPE and CRE grow with the clean EPE within each setting (Spearman over model
     families)."""
     parts = []
-    families = {
-        setting: evidence.by_family(evidence.discussed(setting), evidence.clean) for setting in evidence.settings()
-    }
-    settings = [setting for setting, clean in families.items() if len(clean) >= LEAST_MODELS]
     for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
-        for setting in settings:
+        for setting in evidence.settings():
             entries = evidence.discussed(setting)
             claim = f"{name} grows with clean EPE ({setting})"
-            margin = of_correlation(families[setting], evidence.by_family(entries, value))
-            if margin is None:
-                message = f"{setting}: all models have the same clean EPE or {name}, so no correlation exists"
-                parts.append(part(claim, UNKNOWN, message, True))
-                continue
+            margin = of_correlation(evidence.by_family(entries, evidence.clean), evidence.by_family(entries, value))
             message = f"{setting}: Spearman {margin} ({len(entries)} models)"
             parts.append(part(claim, margin.verdict, message, True, _ends(margin, "rho")))
-    if not parts:
-        message = f"needs at least {LEAST_MODELS} families of models"
-        parts.append(part("corrupted EPE and CRE grow with clean EPE", UNKNOWN, message, True))
-    parts += _uncoupled(evidence, settings)
+    parts += _uncoupled(evidence)
     return Observation(
         number=1, title="Absolute robustness of the model depends heavily on estimation performance", parts=parts
     )
 
 
-def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
+def _uncoupled(evidence: Evidence) -> list[Statement]:
     """Check the same correlation for the ratio of the errors, which is constant if corruption multiplies all errors by
     the same factor."""
     parts = []
-    for setting in settings:
-        entries = [e for e in evidence.discussed(setting) if evidence.clean(e) > 0 < evidence.epe(e)]
+    for setting in evidence.settings():
+        entries = evidence.discussed(setting)
         clean, cre, ratio = (
             evidence.by_family(entries, value) for value in (evidence.clean, evidence.cre, evidence.log_ratio)
         )
-        correlation, margin = coupling(clean, cre, ratio), of_correlation(clean, ratio)
-        if correlation is not None and correlation.cre is not None and margin is not None:
-            message = (
-                f"{setting}: Spearman correlation with clean EPE {correlation.cre:+.2f} for CRE; for "
-                f"ln(EPE / clean EPE) {margin} ({len(entries)} models)"
-            )
-            claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
-            numbers = {"cre": correlation.cre, "ratio": margin.estimate}
-            parts.append(part(claim, margin.verdict, message, numbers=numbers))
+        of_cre, margin = of_correlation(clean, cre).estimate, of_correlation(clean, ratio)
+        message = (
+            f"{setting}: Spearman correlation with clean EPE {of_cre:+.2f} for CRE; for ln(EPE / clean EPE) {margin} "
+            f"({len(entries)} models)"
+        )
+        claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
+        parts.append(part(claim, margin.verdict, message, numbers={"cre": of_cre, "ratio": margin.estimate}))
     message = (
         "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
         "causes a negative correlation, and errors that all grow by one factor cause a positive one. CRE is "
@@ -77,21 +62,18 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
             for entry in sorted(supervised, key=value, reverse=True):
                 best[evidence.family(entry)] = entry
             claim = f"SAMFlow and CSFlow are among the three best in {name} ({setting})"
-            if not {"SAMFlow", "CSFlow"} <= best.keys():
-                parts.append(part(claim, UNKNOWN, "SAMFlow or CSFlow is not among the models", True))
-                continue
             order = sorted(best, key=lambda family: value(best[family]))
             text = evidence.cre_text if name == "CRE" else lambda e: f"{evidence.epe(e):.2f}"
             message = ", ".join(f"{family} {text(best[family])}" for family in order[:4])
             ranks, over = _places(evidence, best, value)
-            verdict = among(3, [ranks["SAMFlow"], ranks["CSFlow"]]) if ranks else THIN
+            verdict = among(3, [ranks["SAMFlow"], ranks["CSFlow"]])
             message += "; possible ranks: " + ", ".join(
                 f"{family} {first} to {last}"
                 for family, (first, last) in ranks.items()
                 if family in ("SAMFlow", "CSFlow")
             )
             parts.append(part(claim, verdict, f"{message} {over}", True, {f: value(best[f]) for f in order}))
-        parts += _larger_is_better(evidence, setting)
+        parts.append(_larger_is_better(evidence, setting))
     return Observation(
         number=2,
         title="SAMFlow and CSFlow show remarkable estimation performance and absolute robustness among supervised "
@@ -103,32 +85,24 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
 def _places(
     evidence: Evidence, models: dict[str, ModelInSetting], value: Callable[[ModelInSetting, str], float]
 ) -> tuple[dict[str, tuple[int, int]], str]:
-    """Return the possible ranks of models, by name, and a description of the tests; no ranks with fewer than two models
-    or corruptions."""
-    first, *others = models.values()
-    names = [name for name in evidence.corruptions(first) if all(evidence.has(entry, name) for entry in others)]
+    """Return the possible ranks of models, by name, and a description of the tests."""
+    names = evidence.corruptions()
     over = f"(paired tests over {len(names)} corruptions, corrected for all pairs of {len(models)})"
-    if len(names) < 2 or not others:
-        return {}, over
     return places({key: [value(entry, name) for name in names] for key, entry in models.items()}), over
 
 
-def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
+def _larger_is_better(evidence: Evidence, setting: str) -> Statement:
     sizes: list[ModelInSetting] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
     claim = f"a larger foundation model gives lower EPE and CRE: T > B > H ({setting})"
-    if not set(sizes) <= set(evidence.entries):
-        return [part(claim, UNKNOWN, "not all three sizes of SAMFlow are among the models")]
     epe, cre = [f"{evidence.epe(entry):.2f}" for entry in sizes], [evidence.cre_text(entry) for entry in sizes]
-    names = [name for name in evidence.corruptions(sizes[0]) if all(evidence.has(entry, name) for entry in sizes)]
     steps = [
-        of_mean([value(smaller, name) - value(larger, name) for name in names], "corruption")
+        of_mean([value(smaller, name) - value(larger, name) for name in evidence.corruptions()], "corruption")
         for value in (evidence.epe, evidence.cre)
         for smaller, larger in (sizes[:2], sizes[1:])
-        if names
     ]
     differences = "; ".join(step.in_px for step in steps[:2])
     message = f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; EPE differences T - B and B - H: {differences}"
-    return [part(claim, all_hold(steps) if steps else THIN, message)]
+    return part(claim, all_hold(steps), message)
 
 
 def unsupervised_are_stable(evidence: Evidence) -> Observation:
@@ -136,8 +110,6 @@ def unsupervised_are_stable(evidence: Evidence) -> Observation:
     supervised, unsupervised = (evidence.discussed("ID", kind) for kind in ("supervised", "unsupervised"))
     title = "Unsupervised methods are more stable to corruptions"
     claim = "unsupervised models have a lower CREr than supervised ones"
-    if not supervised or not unsupervised:
-        return unknown(3, title, claim, "needs both kinds of models in ID")
     crer, epe = (_gap(evidence, supervised, unsupervised, value) for value in (evidence.crer, evidence.epe))
     worst, best = max(map(evidence.crer, unsupervised)), min(map(evidence.crer, supervised))
     middle = median(map(evidence.epe, supervised))
@@ -174,12 +146,8 @@ def _gap(
 def _lowest_of(evidence: Evidence, entries: list[ModelInSetting], name: str) -> Statement:
     claim = f"{name} has the lowest CRE and CREr of the unsupervised models"
     message = ", ".join(f"{e[1]} {evidence.cre(e):.2f} px, {evidence.crer(e):.2f}" for e in entries)
-    if ("ID", name) not in entries:
-        return part(claim, UNKNOWN, message)
     models = {entry[1]: entry for entry in entries}
     ranked = [_places(evidence, models, value) for value in (evidence.cre, evidence.crer)]
-    if not all(ranks for ranks, _ in ranked):
-        return part(claim, THIN, message)
     verdict = among(1, [ranks[name] for ranks, _ in ranked])
     return part(claim, verdict, f"{message} {ranked[0][1]}")
 
@@ -189,33 +157,28 @@ def cost_considered(evidence: Evidence) -> Observation:
     ones."""
     title = "After considering computing cost, unsupervised methods show the highest priority"
     ranks = evidence.cost_ranks
-    kinds = {name: method.type for name in ranks["flops"] if (method := evidence.method(name)) is not None}
+    kinds = {name: evidence.method(name).type for name in ranks["flops"]}
     groups = {
         kind: {name: rank for name, rank in ranks["average_id"].items() if kinds.get(name) == kind}
         for kind in ("supervised", "unsupervised")
     }
     claim = "unsupervised models rank ahead of supervised ones (ID)"
-    if not all(groups.values()):
-        return unknown(6, title, claim, "needs FLOPs and CREr for both kinds of models")
     supervised, unsupervised = ([("ID", name) for name in groups[kind]] for kind in ("supervised", "unsupervised"))
     gap = _gap(evidence, supervised, unsupervised, lambda entry: float(ranks["average_id"][entry[1]]))
     best = min(groups["supervised"].values())
     message = ", ".join(f"{name} {rank}" for name, rank in groups["unsupervised"].items()) + f"; best supervised {best}"
-    first = groups["unsupervised"].get("ARFlow")
     csflow = {
         setting: {name: rank for name, rank in ranks[f"average_{setting}"].items() if kinds.get(name) == "supervised"}
         for setting in ("ood", "id")
     }
-    known = any("CSFlow" in ranked for ranked in csflow.values())
     single = "only one rank for each model, so there is no interval"
     parts = [
         part(claim, gap.verdict, f"{message}; supervised - unsupervised {gap}", True),
-        part("ARFlow ranks first", UNKNOWN if first is None else THIN, f"rank {first}; {single}"),
+        part("ARFlow ranks first", THIN, f"rank {groups['unsupervised']['ARFlow']}; {single}"),
         part(
             "CSFlow ranks highest of the supervised models in both settings",
-            THIN if known else UNKNOWN,
-            ", ".join(f"{setting.upper()} {ranked.get('CSFlow', '-')}" for setting, ranked in csflow.items())
-            + f"; {single}",
+            THIN,
+            ", ".join(f"{setting.upper()} {ranked['CSFlow']}" for setting, ranked in csflow.items()) + f"; {single}",
         ),
     ]
     return Observation(number=6, title=title, parts=parts)
@@ -223,5 +186,4 @@ def cost_considered(evidence: Evidence) -> Observation:
 
 def _ends(margin: Margin, name: str) -> dict[str, float]:
     """Return the numbers of a margin by name."""
-    known = {name: margin.estimate, "low": margin.low, "high": margin.high}
-    return {key: value for key, value in known.items() if value is not None}
+    return {name: margin.estimate, "low": margin.low, "high": margin.high}

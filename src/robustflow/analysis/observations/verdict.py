@@ -48,25 +48,7 @@ class Observation(FrozenFinite):
         verdicts = [part.verdict for part in self.parts if part.main]
         if "does not hold" in verdicts:
             return "does not hold"
-        if THIN in verdicts:
-            return THIN
-        return UNKNOWN if UNKNOWN in verdicts else "holds"
-
-
-def without_verdict(observation: Observation, reason: str) -> Observation:
-    """Remove the verdict from an observation whose numbers come from too few models or image pairs."""
-    parts = [
-        one
-        if one.verdict == UNKNOWN
-        else one.model_copy(update={"verdict": THIN, "message": f"{one.message} ({reason})"})
-        for one in observation.parts
-    ]
-    return observation.model_copy(update={"parts": parts})
-
-
-def unknown(number: int, title: str, claim: str, reason: str) -> Observation:
-    """Create an observation that these results cannot test."""
-    return Observation(number=number, title=title, parts=[part(claim, UNKNOWN, reason, main=True)])
+        return THIN if THIN in verdicts else "holds"
 
 
 def part(
