@@ -77,7 +77,7 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
                     one.cls = _Command
                 app.add_typer(command, name=name, rich_help_panel=panel)
             elif isinstance(command, typer.Typer):
-                app.command(name, rich_help_panel=panel)(_listed(command.info.help))
+                app.add_typer(typer.Typer(help=command.info.help), name=name, rich_help_panel=panel)
             else:
                 app.command(name, cls=_Command, rich_help_panel=panel)(command if wanted else _listed(command.__doc__))
     return app
