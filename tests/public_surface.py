@@ -77,7 +77,3 @@ def _commands(command: Any, path: str) -> Iterator[str]:
             yield f"{path} {option if option.startswith('-') else f'<{option}>'}"
     for name, child in getattr(command, "commands", {}).items():
         yield from _commands(child, f"{path} {name}")
-
-
-if __name__ == "__main__":
-    print("\n".join(surface()))
