@@ -240,3 +240,11 @@ def test_few_evaluations_have_no_last_quarter():
     assert problem.late_gain is None
     problem.note(problem.ball.clean, np.inf)
     assert problem.late_gain is None
+
+
+@pytest.mark.parametrize("name", ["pgd", "cospgd", "bim"])
+def test_several_starts_are_refused_in_the_variant_with_a_single_one(name):
+    assert load_attack(name).with_variant("flowbench").variant == "flowbench"
+    assert load_attack(name, variant="flowbench", starts=1).starts == 1
+    with pytest.raises(UsageError, match="starts=5"):
+        load_attack(name, starts=5).with_variant("flowbench")

@@ -69,6 +69,10 @@ class Pgd(Attack):
         super().__post_init__()
         if not isinstance(self.step, int | float) or not 0 <= self.step <= 2:
             raise UsageError(f"step of attack {self.name} must be a fraction of the budget, 0 to 2, not {self.step!r}")
+        if self.variant == "flowbench" and self.starts not in (1, type(self).starts):
+            raise UsageError(
+                f"attack {self.name} has a single start in the variant flowbench; omit starts={self.starts}"
+            )
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
