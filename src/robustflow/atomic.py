@@ -19,24 +19,7 @@ TEMPORARY = ".partial-"
 
 
 def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
-    """Write `data` to a hidden file in the same folder, then rename it to `path`.
-
-    Args:
-        path: path of the file; an existing file is replaced.
-        data: the complete content of the file.
-        durable: True to guarantee that the file survives a power failure: its bytes are flushed to disk before the
-            rename, and the rename before the function returns. This takes milliseconds; pass False for data that can be
-            recomputed.
-
-    Raises:
-        DataError: the folder does not exist or cannot be written, or the disk is full; `path` is untouched.
-
-    >>> from tempfile import mkdtemp
-    >>> folder = Path(mkdtemp())
-    >>> write_bytes(folder / "a.bin", b"whole")
-    >>> [file.name for file in folder.iterdir()]
-    ['a.bin']
-    """
+    """Write `data` to a hidden file in the same folder, then rename it to `path`."""
     write_with(path, lambda file: file.write(data), durable=durable)
 
 
@@ -90,14 +73,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def json_bytes(value: Any) -> bytes:
-    """Return a value as canonical JSON: the same bytes for the same value, without NaN or infinity.
-
-    Raises:
-        ValueError: a number is not finite, or a string is not valid Unicode.
-
-    >>> json_bytes({"b": 1, "a": None})
-    b'{\\n  "a": null,\\n  "b": 1\\n}\\n'
-    """
+    """Return a value as canonical JSON: the same bytes for the same value, without NaN or infinity."""
     return (json.dumps(value, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 

@@ -10,14 +10,6 @@ from .errors import DataError
 def read_bounded(path: Path, largest: int, remedy: str) -> bytes:
     """Read a whole file that may be untrusted. No more than its maximum size is read, whatever size it claims to have.
 
-    Args:
-        path: path of the file.
-        largest: maximum size, bytes.
-        remedy: end of the error message, which tells the user what to do.
-
-    Raises:
-        DataError: the file cannot be read or is too large.
-
     >>> len(read_bounded(Path(__file__), 2**16, "reinstall robustflow")) > 100
     True
     """

@@ -15,14 +15,7 @@ CACHE_VARIABLE = "ROBUSTFLOW_CACHE"
 
 
 def cache_folder(part: str) -> Path:
-    """Return the folder of one part of the cache, inside `ROBUSTFLOW_CACHE` or the platform's cache folder.
-
-    >>> cache_folder("frost").name
-    'frost'
-
-    Raises:
-        DataError: the user has no home folder, or `ROBUSTFLOW_CACHE` is not a valid path.
-    """
+    """Return the folder of one part of the cache, inside `ROBUSTFLOW_CACHE` or the platform's cache folder."""
     if named := os.environ.get(CACHE_VARIABLE):
         return user_path(named) / part
     try:

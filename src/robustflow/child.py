@@ -39,14 +39,7 @@ _UNGUARDED = (
 
 
 class Child:
-    """One child process.
-
-    Args:
-        target: module-level function to run in the child, called with the child's end of the pipe and `arguments`.
-        arguments: picklable arguments, which may include connections and `SharedSlots`.
-        runs_script: whether the child runs the user's script from the top, which it needs to receive objects that the
-            script defines.
-    """
+    """One child process."""
 
     def __init__(self, target: Callable[..., None], *arguments: Any, runs_script: bool = True) -> None:
         if multiprocessing.current_process().daemon:
@@ -74,16 +67,7 @@ class Child:
             self.pipe.send(message)
 
     def receive(self, doing: str, advice: str) -> tuple[str, Any]:
-        """Receive the next message.
-
-        Args:
-            doing: description of the child's work, for the error message if the child has ended.
-            advice: advice for the same error message.
-
-        Raises:
-            RunError: the child exited without an error message.
-            RobustFlowError, RuntimeError: the error raised in the child.
-        """
+        """Receive the next message."""
         try:
             kind, value = self.pipe.recv()
         except (EOFError, ConnectionError):
@@ -112,11 +96,7 @@ def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:
 
 
 def refuse_unguarded_script() -> None:
-    """Raise if a worker process runs the user's script from the top again while starting.
-
-    Raises:
-        UsageError: the script runs again because it has no `if __name__ == "__main__":`.
-    """
+    """Raise if a worker process runs the user's script from the top again while starting."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise UsageError(_UNGUARDED)
 

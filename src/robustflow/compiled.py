@@ -41,23 +41,7 @@ Function = Callable[..., Any]
 
 
 def njit(**options: Any) -> Callable[[Function], Any]:
-    """Apply `numba.njit`, which compiles a function on its first call.
-
-    Compiling at import, as `numba.njit` does with a signature, would take 50 MiB in every process. The entry point that
-    numba adds for callers in C is omitted, because nothing calls it.
-
-    Args:
-        options: keyword options of `numba.njit`.
-
-    Raises:
-        UsageError: compiled code would be read from a folder that other users can write to.
-
-    >>> @njit()
-    ... def twice(x):
-    ...     return 2 * x
-    >>> twice(3)
-    6
-    """
+    """Apply `numba.njit`, which compiles a function on its first call."""
 
     def decorate(function: Function) -> Any:
         compiled = numba.njit(no_cfunc_wrapper=True, **options)(function)
@@ -73,31 +57,13 @@ def njit(**options: Any) -> Callable[[Function], Any]:
 
 
 def inner(function: Function) -> Function:
-    """Let compiled functions call a function, which is compiled as a part of each of them.
-
-    `njit` would also compile an entry point for Python, as large as a short loop, and write one more cache file. Called
-    from Python, the function is not compiled.
-
-    >>> @inner
-    ... def square(x):
-    ...     return x * x
-    >>> @njit()
-    ... def fourth_power(x):
-    ...     return square(square(x))
-    >>> fourth_power(3)
-    81
-    """
+    """Let compiled functions call a function, which is compiled as a part of each of them."""
     registered: Function = numba.extending.register_jitable(function)
     return registered
 
 
 def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
     """Apply `njit` to a function whose argument types are fixed; it is compiled on its first call.
-
-    Args:
-        signature: the argument and return types, with read-only arrays declared read-only. Other compiled functions
-            cannot call the function.
-        options: keyword options of `numba.njit`.
 
     >>> @njit_late("float64(float64)")
     ... def half(x):
@@ -124,12 +90,7 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
 
 
 class _CacheFiles(numba.core.caching.IndexDataCacheFile):
-    """Cache files of compiled code, each sealed with a digest and named after its signature and target processor.
-
-    numba numbers these files and keeps the numbers in an index. When two processes compile different signatures of a
-    function at once, both choose the same number. Code for contiguous arrays may then run on strided arrays and
-    silently read the wrong values.
-    """
+    """Cache files of compiled code, each sealed with a digest and named after its signature and target processor."""
 
     def save(self, key: Any, data: Any) -> None:
         name = self._name(key)
@@ -153,10 +114,7 @@ class _CacheFiles(numba.core.caching.IndexDataCacheFile):
 
 @cache
 def _check_folder(folder: Path) -> None:
-    """Raise if other users could put compiled code into a folder.
-
-    `__pycache__` folders are not checked: Python itself loads compiled code from them.
-    """
+    """Raise if other users could put compiled code into a folder."""
     if folder.name == "__pycache__":
         return
     folder, reached = folder.resolve(), True

@@ -24,21 +24,7 @@ _TITLES = {"torch": "PyTorch", "ray": "Ray"}
 
 
 def require(library: str, needing: str) -> None:
-    """Raise an error that names the required extra if a library is not installed.
-
-    Args:
-        library: name of the module, a key of `EXTRAS`.
-        needing: the feature that needs the library, as the subject of the message.
-
-    >>> for library in EXTRAS:
-    ...     try:
-    ...         require(library, "this")
-    ...     except AssetError as error:
-    ...         assert install_command(library) in str(error)
-
-    Raises:
-        AssetError: the library is not installed.
-    """
+    """Raise an error that names the required extra if a library is not installed."""
     if find_spec(library) is None:
         raise AssetError(
             f"{needing} needs {_TITLES.get(library, library)}, which is not installed: {install_command(library)} "

@@ -18,8 +18,6 @@ _OF_THE_WORKING_FOLDER = "matplotlibrc"
 def ignore_local_settings() -> None:
     """Import matplotlib without reading the working folder's `matplotlibrc`. matplotlib reads this file on first
     import, and fails if it is not a text file.
-
-    Call this before starting threads: the working folder changes briefly.
     """
     if not os.path.lexists(_OF_THE_WORKING_FOLDER):
         return
@@ -54,14 +52,6 @@ def add_picture(
 ) -> None:
     """Add a picture with a title above it to a figure, without axes, because drawing ticks takes longer than drawing
     the picture.
-
-    Args:
-        figure: the figure, with its final size.
-        left, top: upper left corner of the picture, in inches from the upper left corner of the figure.
-        width, height: size of the picture on the figure, in inches; the picture is stretched to this size.
-        picture: the picture, RGB uint8 (H, W, 3).
-        title: text above the picture, left-aligned.
-        size: font size of the title, in points.
     """
     from matplotlib.image import BboxImage
     from matplotlib.transforms import Bbox, TransformedBbox

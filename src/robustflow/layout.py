@@ -19,12 +19,7 @@ _LOOK_AT = 500
 def locate(
     title: str, root: str | Path, markers: Sequence[str], prefixes: Sequence[str] = ("",), expected: str = ""
 ) -> Path:
-    """Return the folder that contains one of `markers` (relative folders): `root` itself or one of its `prefixes`.
-
-    Raises:
-        DataError: the folder does not exist, is empty, or has a different layout; the message suggests the folder that
-            was probably meant.
-    """
+    """Return the folder that contains one of `markers` (relative folders): `root` itself or one of its `prefixes`."""
     root = user_path(root)
     layout = expected or " and ".join(f"{marker}/" for marker in markers)
     if not root.exists():
@@ -49,12 +44,7 @@ def locate(
 
 
 def user_path(path: str | Path) -> Path:
-    """Return a path from the user with `~` expanded to the home folder.
-
-    Raises:
-        UsageError: the path is empty.
-        DataError: the user after `~` does not exist, or the path is invalid on this file system.
-    """
+    """Return a path from the user with `~` expanded to the home folder."""
     if path == "":
         raise UsageError("a path is empty, which would be the working folder; give the path of a file or folder")
     try:
@@ -71,9 +61,6 @@ def user_path(path: str | Path) -> Path:
 def numbered(folder: Path, pattern: str) -> dict[int, Path]:
     """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group; an empty
     mapping if the folder does not exist.
-
-    Raises:
-        DataError: two names have the same number.
     """
     frames: dict[int, Path] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -97,15 +84,7 @@ def by_sequence(folder: Path, pattern: str) -> dict[str, dict[int, Path]]:
 
 
 def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
-    """Return pairs of neighbouring frame numbers.
-
-    Args:
-        stride: distance between neighbours, in frames; None for the smallest distance that occurs, for datasets that
-            keep every k-th frame.
-
-    Raises:
-        DataError: a frame is missing from the sequence.
-    """
+    """Return pairs of neighbouring frame numbers."""
     numbers = sorted(frames)
     gaps = [after - before for before, after in pairwise(numbers)]
     stride = stride or min(gaps, default=1)

@@ -14,9 +14,6 @@ def refuse_links(folder: Path, *inside: str) -> None:
     """Raise if a folder, or one of the folders `inside` it, contains a link, a pipe or a device. The folder itself may
     be a link.
 
-    Raises:
-        RunError: the folder contains a link, a pipe or a device.
-
     >>> from tempfile import mkdtemp
     >>> folder = Path(mkdtemp())
     >>> (folder / "clean").symlink_to("/usr")

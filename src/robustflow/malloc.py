@@ -15,12 +15,7 @@ _SETTINGS = {
 
 
 def keep_freed_memory() -> None:
-    """Let glibc keep up to half a gigabyte of the memory that this process frees.
-
-    By default, glibc returns every freed frame and flow to the system and gets the memory back page by page. At
-    KITTI's size, this takes 2 ms per prediction, while the prediction itself may take only 10 ms on a GPU. MALLOC_
-    variables set by the user take precedence; with a different C library this function does nothing.
-    """
+    """Let glibc keep up to half a gigabyte of the memory that this process frees."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     for variable, (setting, value) in _SETTINGS.items():
         if mallopt is not None and variable not in os.environ:

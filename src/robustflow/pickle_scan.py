@@ -77,13 +77,7 @@ class _Pickled:
 
 
 def scan_torch_file(file: BinaryIO) -> None:
-    """Check a file written by `torch.save`; afterwards, the file is positioned at its start.
-
-    Raises:
-        RefusedError: it contains more than weights, numbers, strings, and lists, tuples and dicts of these, or claims
-            to contain more bytes than it has.
-        Exception: it is damaged; the parsers of zip files and pickles raise any exception.
-    """
+    """Check a file written by `torch.save`; afterwards, the file is positioned at its start."""
     size = file.seek(0, 2)
     file.seek(0)
     zipped = file.read(2) == b"PK"
@@ -113,13 +107,6 @@ def _pickle_of_archive(file: BinaryIO, size: int) -> BinaryIO:
 
 def scan_pickle(file: BinaryIO, size: int) -> None:
     """Read one pickle of a file without creating its objects, up to its end.
-
-    Args:
-        file: file positioned at the pickle.
-        size: maximum number of values of a tensor.
-
-    Raises:
-        RefusedError, Exception: see `scan_torch_file`.
 
     >>> import pickle
     >>> scan_pickle(io.BytesIO(pickle.dumps({"lr": [0.1, 2]}, protocol=2)), 0)

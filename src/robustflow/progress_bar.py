@@ -36,11 +36,7 @@ class _Task(NamedTuple):
 
 
 class ProgressBar:
-    """Shows the progress of one or more tasks on stderr. A context manager.
-
-    Args:
-        shown: whether to show progress.
-    """
+    """Shows the progress of one or more tasks on stderr. A context manager."""
 
     def __init__(self, shown: bool = True) -> None:
         self._shown = shown

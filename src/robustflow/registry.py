@@ -56,11 +56,7 @@ class Registry(Generic[T]):
         return list(self._targets)
 
     def get(self, name: str) -> T:
-        """Return the object registered under a name, imported on first use.
-
-        Raises:
-            UsageError: the name is unknown, or the entry point of an installed package cannot be imported.
-        """
+        """Return the object registered under a name, imported on first use."""
         if name not in self._loaded:
             if name not in self._targets:
                 self._discover()

@@ -14,12 +14,7 @@ resource tracker, searches the working folder before the standard library."""
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Start processes within the block without the working folder on their import path.
-
-    >>> with safe_path():
-    ...     os.environ[SAFE_PATH]
-    '1'
-    """
+    """Start processes within the block without the working folder on their import path."""
     with environment_variables({SAFE_PATH: "1"}):
         resource_tracker.ensure_running()  # otherwise it would start later, without this setting
         yield

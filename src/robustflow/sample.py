@@ -133,11 +133,7 @@ def described_array(value: Any) -> str:
 
 
 def check_frame(frame: Any, first: Frame, what: str) -> None:
-    """Check that a frame is RGB uint8 (H, W, 3) and has the size of the first frame; `what` names it in errors.
-
-    Raises:
-        DataError: it is not, or the sizes differ.
-    """
+    """Check that a frame is RGB uint8 (H, W, 3) and has the size of the first frame; `what` names it in errors."""
     is_bytes = isinstance(frame, np.ndarray) and frame.dtype == np.uint8
     if not is_bytes or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
         raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {described_array(frame)}")

@@ -6,20 +6,7 @@ from .errors import UsageError
 
 
 def parse_size(text: str, multiple: int = 1, smallest: int = 1, largest: int = 99_999) -> tuple[int, int]:
-    """Parse a text such as "256x832" into height and width, in pixels.
-
-    Args:
-        text: a size as HEIGHTxWIDTH.
-        multiple: number that must divide both height and width.
-        smallest, largest: allowed range of height and width, in pixels.
-
-    Raises:
-        UsageError: the text does not contain two integers, or a number is out of range or not a multiple of
-            `multiple`.
-
-    >>> parse_size("256x832", multiple=64)
-    (256, 832)
-    """
+    """Parse a text such as "256x832" into height and width, in pixels."""
     height, cross, width = str(text).lower().partition("x")
     if not (cross and all(side.isdecimal() and len(side) <= 5 for side in (height, width))):
         raise UsageError(f"{str(text)[:40]!r} is not a size: write HEIGHTxWIDTH, for example 256x832")

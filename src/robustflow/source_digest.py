@@ -23,13 +23,7 @@ _SELF = __name__.partition(".")[0]
 
 
 def source_digest(made: Any) -> str:
-    """Return a hash of a class's or object's source and attributes, as 16 hexadecimal digits.
-
-    If an object overrides `source` (see `Corruption`), the value of `source` is hashed instead of the attributes.
-
-    Raises:
-        UsageError: an attribute's value has no text representation that identifies it.
-    """
+    """Return a hash of a class's or object's source and attributes, as 16 hexadecimal digits."""
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
     for text in sorted(_sources(kind)):

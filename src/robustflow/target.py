@@ -24,12 +24,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 class FolderOfModules:
-    """Finder of modules in the folder named by `MODULES`, the last finder on `sys.meta_path`.
-
-    A module in that folder never replaces an installed one. In a folder at the end of `sys.path`, by contrast, a module
-    hides an installed package without `__init__.py`. The finder ignores names of the standard library, because some of
-    its modules exist on one platform only.
-    """
+    """Finder of modules in the folder named by `MODULES`, the last finder on `sys.meta_path`."""
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
@@ -72,13 +67,6 @@ def is_target(text: str) -> bool:
 
 def import_target(target: str, kind: str) -> Any:
     """Import an attribute of a module that is installed or in the working folder.
-
-    Args:
-        kind: expected kind of object ("model", "corruption", ...), for messages.
-
-    Raises:
-        UsageError: the module cannot be imported, or the attribute does not exist.
-        AssetError: the module needs an extra of this package that is not installed.
 
     >>> import_target("json:loads", "dataset")("[1]")
     [1]
@@ -150,16 +138,7 @@ def own_name(made: Any) -> str:
 
 
 def checked_name(made: Any, kind: str, is_taken: Callable[[str], bool]) -> str:
-    """Return the name under which a user's class or object is registered.
-
-    Args:
-        made: the class or object.
-        kind: kind of object ("corruption", "attack"), for messages.
-        is_taken: function that returns whether this package uses a name.
-
-    Raises:
-        UsageError: the name is invalid or taken.
-    """
+    """Return the name under which a user's class or object is registered."""
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"invalid {kind} name '{name}': use only letters, digits and '_'")
@@ -177,11 +156,7 @@ def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Paramete
 
 
 def accepts(function: Callable[..., Any], option: str) -> bool:
-    """Return whether a callable accepts an option.
-
-    >>> accepts(lambda file: None, "size"), accepts(lambda file, **options: None, "size")
-    (False, True)
-    """
+    """Return whether a callable accepts an option."""
     parameters = parameters_of(function)
     return option in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
 
@@ -197,17 +172,7 @@ def needed_options(factory: Callable[..., Any]) -> list[str]:
 
 
 def check_options(factory: Callable[..., Any], what: str, options: Collection[str], flag: str) -> None:
-    """Check the options for a class or function before it is called.
-
-    Args:
-        factory: the class or function.
-        what: what it builds, for messages: "model 'raft'".
-        options: names of the options that are given.
-        flag: option of the command line that passes them.
-
-    Raises:
-        UsageError: an option is unknown, or a required option is missing.
-    """
+    """Check the options for a class or function before it is called."""
     for option in options:
         if not accepts(factory, option):
             raise unknown_name(f"option of {what}", option, parameters_of(factory) or ["(it has no options)"])
@@ -217,18 +182,7 @@ def check_options(factory: Callable[..., Any], what: str, options: Collection[st
 
 
 def called(doing: str, function: Callable[[], Any], advice: str = "", read_only: str = "") -> Any:
-    """Call a user's function and return its result; convert its exceptions to a `UsageError`.
-
-    Args:
-        doing: what failed, for the message: "corruption 'rain' failed in draw".
-        function: function without arguments that calls the user's code.
-        advice: what to do.
-        read_only: what has to be copied if the code changed a read-only array.
-
-    >>> called("attack 'mine' failed", lambda: {}["a"])
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: attack 'mine' failed: KeyError: 'a'
-    """
+    """Call a user's function and return its result; convert its exceptions to a `UsageError`."""
     try:
         return function()
     except RobustFlowError:
@@ -240,10 +194,6 @@ def called(doing: str, function: Callable[[], Any], advice: str = "", read_only:
 
 
 def described(made: Any) -> str:
-    """Describe a user's object for messages: `module:Class`, or "the function name".
-
-    >>> described(len)
-    'the function len'
-    """
+    """Describe a user's object for messages: `module:Class`, or "the function name"."""
     kind = made if inspect.isclass(made) else type(made)
     return f"the function {made.__name__}" if inspect.isroutine(made) else f"{kind.__module__}:{kind.__qualname__}"

@@ -14,13 +14,8 @@ LONGEST_TEXT = 80
 
 
 def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
-    """Return one line without control, bidirectional or other invisible characters, at most `longest` characters long.
-
-    Escape sequences of terminals, line breaks, bidirectional controls and lone surrogates become U+FFFD, so that their
-    presence stays visible.
-
-    >>> plain("RAFT\\x1b[31m"), plain("a\\u202eb"), plain("two\\nlines")
-    ('RAFT�[31m', 'a�b', 'two lines')
+    """Return one line without control, bidirectional or other invisible characters, at most `longest` characters
+    long.
     """
     spaced = " ".join(str(text).split())
     clean = "".join("\ufffd" if unicodedata.category(c)[0] == "C" else c for c in spaced)
@@ -28,29 +23,21 @@ def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
 
 
 def is_utf8(name: str) -> bool:
-    """Return whether the name of a file, as Python decoded it, is valid UTF-8; other bytes are lone surrogates.
+    r"""Return whether the name of a file, as Python decoded it, is valid UTF-8; other bytes are lone surrogates.
 
-    >>> is_utf8("café"), is_utf8("caf\\udce9")
+    >>> is_utf8("café"), is_utf8("caf\udce9")
     (True, False)
     """
     return not any("\ud800" <= letter <= "\udfff" for letter in name)
 
 
 def counted(number: int, singular: str, plural: str | None = None) -> str:
-    """Return a number with its noun.
-
-    >>> counted(1, "clip"), counted(3, "clip"), counted(2, "severity", "severities")
-    ('1 clip', '3 clips', '2 severities')
-    """
+    """Return a number with its noun."""
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
 
 
 def joined(parts: Sequence[str]) -> str:
-    """Join parts of a sentence into a list.
-
-    >>> joined(["fog"]), joined(["fog", "snow"]), joined(["fog", "snow", "frost"])
-    ('fog', 'fog and snow', 'fog, snow and frost')
-    """
+    """Join parts of a sentence into a list."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
@@ -65,11 +52,11 @@ def first_of(parts: Sequence[str], most: int, separator: str = ", ") -> str:
 
 
 def name_text(name: str) -> str:
-    """Escape a name for a matplotlib label, where a dollar sign starts a formula and a leading underscore hides a
+    r"""Escape a name for a matplotlib label, where a dollar sign starts a formula and a leading underscore hides a
     legend entry.
 
     >>> name_text("a$b$"), name_text("_x")
-    ('a\\\\$b\\\\$', '\\u200a_x')
+    ('a\\$b\\$', '\u200a_x')
     """
     text = plain(name, 40).replace("$", r"\$")
     return f"\u200a{text}" if text.startswith("_") else text

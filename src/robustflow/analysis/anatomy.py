@@ -28,18 +28,7 @@ REGION_LABELS = {
 
 @dataclass(frozen=True)
 class ErrorPart:
-    """The error of a run in one image region or under one corruption family; values that were not measured are None.
-
-    Attributes:
-        label: name of the region or the family.
-        share: percentage of the valid pixels; None for a family.
-        contribution: contribution of a family to the overall CRE, px; negative if it reduces the error. If only the
-            paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
-            family has a negative contribution, the others add up to more than 100 %.
-        scores: means as in the run's summary.
-        broken: net percentage of the pixels that became Fl outliers; None unless clean and corrupted frames were
-            measured over the same images and pixels.
-    """
+    """The error of a run in one image region or under one corruption family; values that were not measured are None."""
 
     label: str
     share: float | None

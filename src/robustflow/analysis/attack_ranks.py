@@ -21,20 +21,7 @@ from .run_names import named_runs
 
 @dataclass(frozen=True)
 class Prediction:
-    """Rank correlation between robustness to one attack and robustness to corruptions, over several models.
-
-    Attributes:
-        attack: name of the attack.
-        severities: severities at which all models were attacked.
-        metric: "cre", or "rcre" without ground truth; used for both the corruptions and the attack.
-        models: names of the compared models.
-        left_out: model name -> reason for leaving the model out.
-        lower_bounds: models for which the attack has a warning in `LOWER_BOUND`.
-        rho: Spearman's rank correlation; None with fewer than `ranking.LEAST_MODELS` models or if one variable is
-            constant.
-        interval: 95 % confidence interval of `rho`.
-        remark: description of omitted rows and of differences between the runs; "" if there are none.
-    """
+    """Rank correlation between robustness to one attack and robustness to corruptions, over several models."""
 
     attack: str
     severities: tuple[int, ...]
@@ -48,14 +35,7 @@ class Prediction:
 
 
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
-    """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance.
-
-    A model is left out for an attack if its result has a warning that is not in `LOWER_BOUND`, and for all attacks
-    if it should not be ranked. Errors are computed over the cells that all runs have in common.
-
-    Raises:
-        RunError: the runs have no frames in common.
-    """
+    """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance."""
     every = named_runs(runs)
     named = {name: run for name, run in every.items() if run.attacks and run.manifest.corruptions}
     if len(named) < 2:

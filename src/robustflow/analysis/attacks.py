@@ -28,27 +28,7 @@ _BEATEN = {
 
 
 class AttackScore(Scores):
-    """Scores of one attack at one severity: means over images, as for corruptions, and what only attacks have.
-
-    Attributes:
-        attack, severity: name and severity of the attack.
-        norm, budget: norm of the attack ("linf" or "rms") and its bound in grey levels (0 to 255).
-        samples: number of attacked samples.
-        median: median error over the pixels of a sample, averaged over samples, px; None without ground truth.
-        capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
-        way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
-            target.
-        late_gain: mean gain of the last quarter of the evaluations, in units of the attack's loss; None for attacks
-            without iterations.
-        start_spread: mean difference between the best and the worst start, in units of the attack's loss; None with a
-            single start.
-        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
-            px.
-        linf, rms: mean norms of the perturbations, grey levels.
-        evaluations: mean number of flow predictions made by the attack.
-        seconds: mean run time of the attack over all severities; None if the run does not record it.
-        warnings: warning key -> number of samples with this warning.
-    """
+    """Scores of one attack at one severity: means over images, as for corruptions, and what only attacks have."""
 
     attack: str
     severity: int
@@ -121,14 +101,6 @@ def _seconds(run: Run, name: str) -> float | None:
 def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:
     """Find the budget in grey levels at which an attack doubles the clean error, interpolated linearly between
     severities.
-
-    Args:
-        scores: scores from `attack_scores`.
-        attack: name of the attack.
-        clean: mean error on the clean frames, px.
-
-    Returns:
-        The budget in grey levels; None without ground truth or if the error does not double at any severity.
     """
     if not clean:
         return None

@@ -11,14 +11,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Compared(Generic[Key]):
-    """A line of printed numbers; lower is better.
-
-    Attributes:
-        group: name of the group; only lines of the same group are compared.
-        texts: column -> printed number.
-        excluded: whether the line's model is not ranked (`robustflow.analysis.exclusion`); such a line is never marked
-            as best and does not affect the marks of other lines.
-    """
+    """A line of printed numbers; lower is better."""
 
     group: Hashable
     texts: Mapping[Key, str]

@@ -33,13 +33,7 @@ class BySeed:
 
 @dataclass(frozen=True)
 class SeedGroup:
-    """A group of runs that differ only in the seed.
-
-    Attributes:
-        name: unique name of the model, including what distinguishes it from other models with the same name.
-        seeds: seeds in the order of the runs.
-        runs: (sample set, name) of each run, with the name from `run_names`.
-    """
+    """A group of runs that differ only in the seed."""
 
     name: str
     seeds: tuple[int, ...]

@@ -18,20 +18,7 @@ from .results import AVERAGE
 
 @dataclass(frozen=True)
 class ConfidenceScore:
-    """Scores of a model's confidence under one condition, averaged over images, then severities, then corruptions.
-
-    Attributes:
-        family: name of the corruption family; "clean" for the clean frames, `results.AVERAGE` for all corruptions.
-        severity: severity of the corruptions; None for the mean over severities.
-        ause: area between the sparsification curve and the oracle's, px; None without ground truth.
-        ause_normalised: `ause` with the errors of each image divided by their mean; None if no image has an error.
-        error_80, error_50: mean error of the most confident 80 and 50 % of the pixels, px; None without ground truth.
-        spearman: rank correlation of confidence and error, ideally -1; None where confidence or error is constant.
-        rejected: percentage of pixels rejected by the forward-backward check; None for confidence predicted by the
-            model.
-        by_confidence, by_error: the sparsification curve and the oracle's curve: mean error of the remaining pixels
-            after 0, 10, ... 90 % of the pixels are removed, px; empty without ground truth.
-    """
+    """Scores of a model's confidence under one condition, averaged over images, then severities, then corruptions."""
 
     family: str
     severity: int | None

@@ -16,12 +16,7 @@ def printed_costs(results: Iterable[ModelResult]) -> dict[str, PrintedCost]:
 
 
 def printed_cost_ranks(results: Iterable[ModelResult]) -> dict[str, dict[str, int]]:
-    """Rank the models with a printed cost by "flops", "crer_ood", "crer_id", "average_ood" and "average_id".
-
-    >>> from robustflow.analysis.published.tables import published_results
-    >>> printed_cost_ranks(published_results())["average_id"]["CSFlow"]
-    4
-    """
+    """Rank the models with a printed cost by "flops", "crer_ood", "crer_id", "average_ood" and "average_id"."""
     costs = printed_costs(results)
     ranks = {"flops": competition_ranks({name: cost.flops_g for name, cost in costs.items()})}
     for setting in ("ood", "id"):

@@ -22,15 +22,7 @@ from .results import AVERAGE, CLEAN
 
 @dataclass(frozen=True)
 class EffectiveRobustness:
-    """A model compared with the trend of the other models.
-
-    Attributes:
-        line: results of the model.
-        clean, corrupted: measured EPE, px.
-        expected: corrupted EPE predicted by the trend of the other models, px.
-        factor: measured divided by expected corrupted EPE; below 1 if the model is more robust than expected.
-        slope, r_squared: slope and R^2 of the log-log trend fitted to all models.
-    """
+    """A model compared with the trend of the other models."""
 
     line: ModelResult
     clean: float
@@ -44,27 +36,7 @@ class EffectiveRobustness:
 def effective_robustness(
     results: Sequence[ModelResult], *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
 ) -> dict[str, list[EffectiveRobustness]]:
-    """Compare each model's corrupted EPE with the prediction from its clean EPE.
-
-    Args:
-        results: results of one benchmark, measured on the same frames.
-        corruption: name of a corruption, or "average".
-        by_setting: whether to fit one trend per setting instead of one overall. Training on the benchmark's domain
-            shifts the trend, so a single line over all settings would mistake the shift for robustness.
-        without: names of models to omit from every trend and from the result.
-
-    Returns:
-        Setting ("" for one overall trend) -> models, the most robust first. Settings with fewer than 5 models are left
-        out.
-
-    Raises:
-        UsageError: if no setting has 5 models with a clean and a corrupted EPE.
-
-    >>> from robustflow.analysis.published.tables import published_results
-    >>> of_kitti = [line for line in published_results() if line.benchmark == "kitti-fc"]
-    >>> effective_robustness(of_kitti)["ID"][0].line.name
-    'ARFlow'
-    """
+    """Compare each model's corrupted EPE with the prediction from its clean EPE."""
     groups: dict[str, list[tuple[ModelResult, float, float]]] = {}
     for line in results:
         clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", corruption) or 0.0

@@ -30,11 +30,7 @@ the fraction is 0.08 to 0.82 for DIS, and at least 0.91 for a tenth of its flow.
 
 
 def exclusion_reasons(run: Run) -> list[str]:
-    """List the reasons not to rank a run's model by robustness, each as a clause; empty for a sound model.
-
-    A model's flow may change little under corruption because the model ignores its frames: it has random weights, or
-    predicts zero or constant flow.
-    """
+    """List the reasons not to rank a run's model by robustness, each as a clause; empty for a sound model."""
     reasons = [reason] if (reason := NEVER_RANKED.get(run.setting)) else []
     if is_still(run.benchmark):
         return reasons  # zero flow is correct, so a model may ignore its frames
@@ -42,11 +38,7 @@ def exclusion_reasons(run: Run) -> list[str]:
 
 
 def exclusions(runs: Sequence[Run]) -> list[str]:
-    """State why each run should not be ranked; "" for a run that should be ranked.
-
-    Without ground truth, a short flow has a small RCRE, so a run is also excluded if its clean flow is less than half
-    as long as the (lower) median of the other runs on the same frames.
-    """
+    """State why each run should not be ranked; "" for a run that should be ranked."""
     reasons = [list(exclusion_reasons(run)) for run in runs]
     lengths: dict[str, dict[int, float]] = {}
     for index, run in enumerate(runs):
@@ -65,12 +57,7 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
-    """List the reasons that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving scenes.
-
-    >>> from robustflow.metrics.rows import rows_frame
-    >>> reasons_from_rows(rows_frame([]))
-    []
-    """
+    """List the reasons that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving scenes."""
     reasons = []
     if (missed := missed_motion(rows)) is not None:
         epe, still = missed

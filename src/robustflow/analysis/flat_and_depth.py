@@ -28,14 +28,7 @@ TWINS = (
 
 @dataclass(frozen=True)
 class TwinErrors:
-    """One model under a flat corruption and its depth-dependent counterpart.
-
-    Attributes:
-        model: name of the model.
-        flat, deep: mean increase in error, or mean change in flow, under each of the two corruptions, px.
-        difference: `deep` minus `flat`, px, with its interval over pairs or groups of pairs.
-        excluded: reason why the model is left out of the correlation; "" if it is included.
-    """
+    """One model under a flat corruption and its depth-dependent counterpart."""
 
     model: str
     flat: float
@@ -46,19 +39,7 @@ class TwinErrors:
 
 @dataclass(frozen=True)
 class TwinComparison:
-    """A flat corruption and its depth-dependent counterpart, compared over several models.
-
-    Attributes:
-        flat, deep: names of the two corruptions.
-        severities: severities at which every model was measured under both corruptions.
-        metric: "cre", or "rcre" without ground truth.
-        models: measurements of each model.
-        count: number of models in the correlation.
-        rho: Spearman's rank correlation over models; None with fewer than `ranking.LEAST_MODELS` models or if one
-            variable is constant.
-        interval: 95 % confidence interval of `rho`.
-        remark: description of omitted rows and of differences between the runs; "" if there are none.
-    """
+    """A flat corruption and its depth-dependent counterpart, compared over several models."""
 
     flat: str
     deep: str
@@ -72,15 +53,7 @@ class TwinComparison:
 
 
 def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
-    """Compare each pair of `TWINS` over the cells that all runs containing this pair have in common.
-
-    Args:
-        runs: runs to compare; runs without a pair of `TWINS` are left out.
-        seed: random seed of the bootstrap that computes the intervals.
-
-    Raises:
-        RunError: if runs with a pair of `TWINS` have no frames in common.
-    """
+    """Compare each pair of `TWINS` over the cells that all runs containing this pair have in common."""
     named = named_runs(runs)
     excluded = dict(zip(named, exclusions(runs), strict=True))
     found = []

@@ -151,9 +151,5 @@ def family_label(corruption: str) -> str | None:
 
 
 def inside(label: str) -> str:
-    """Lowercase the first letter of a label for use within a sentence, unless the label starts with an abbreviation.
-
-    >>> inside("Gaussian noise"), inside("PSF blur"), inside("H.264 CRF"), inside("RobustSpring fog")
-    ('gaussian noise', 'PSF blur', 'H.264 CRF', 'RobustSpring fog')
-    """
+    """Lowercase the first letter of a label for use within a sentence, unless the label starts with an abbreviation."""
     return label[:1].lower() + label[1:] if label.partition(" ")[0][1:].islower() else label

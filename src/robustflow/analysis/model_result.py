@@ -39,33 +39,17 @@ class Value:
 
     @property
     def text(self) -> str:
-        """The number formatted with as many decimals as printed, or with two if it was not rounded.
-
-        >>> Value(4.2, 2).text, Value(1.23456).text
-        ('4.20', '1.23')
-        """
+        """The number formatted with as many decimals as printed, or with two if it was not rounded."""
         return f"{self.number:.{2 if self.decimals is None else self.decimals}f}"
 
     @property
     def half(self) -> float:
-        """Half a unit of the last printed digit, which is the largest possible rounding error.
-
-        >>> Value(4.2, 2).half
-        0.005
-        """
+        """Half a unit of the last printed digit, which is the largest possible rounding error."""
         return _UNROUNDED * max(1.0, abs(self.number)) if self.decimals is None else 0.5 * 10.0**-self.decimals
 
 
 class PrintedCost(Frozen):
-    """Size, computing cost and relative robustness of a model in the paper (Tab. 3), with the printed ranks.
-
-    Attributes:
-        row: zero-based index of the row in the table.
-        parameters_m: number of parameters, millions.
-        flops_g: floating-point operations per prediction, 10^9.
-        crer_ood, crer_id: CRE / clean EPE in each setting; None if not evaluated.
-        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: printed ranks, where 1 is best.
-    """
+    """Size, computing cost and relative robustness of a model in the paper (Tab. 3), with the printed ranks."""
 
     row: int
     model: str
@@ -83,23 +67,7 @@ class PrintedCost(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class ModelResult:
-    """One line of a results table. Values derived from a run's rows are computed on first use and cached.
-
-    Attributes:
-        benchmark, setting, name: name of the benchmark, setting (how the training data relate to the benchmark), and
-            name of the model.
-        frames: name of the sample set; lines with the same sample set can be compared.
-        note: remark that a reader needs to know before comparing; "" for none.
-        values: (metric, condition) -> value.
-        run: the measured run; None for the paper and results files.
-        beside_published: whether averages are restricted to the paper's corruptions, for comparison with published
-            ones.
-        detailed: whether to compute an interval for each corruption instead of for the averages only.
-        published: whether the values are the paper's.
-        printed_cost: the paper's cost of the model, on published lines with ground truth.
-        stated_coverage: the `coverage` given in a results file.
-        exclusion: function that computes `excluded`, which depends on the other runs read together with this run.
-    """
+    """One line of a results table. Values derived from a run's rows are computed on first use and cached."""
 
     benchmark: str
     frames: str
@@ -203,9 +171,6 @@ class ModelResult:
 def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
     """Merge lines with the same benchmark, sample set, setting and name, in order of first appearance. The note of the
     first line and the smallest stated coverage are kept. `where` names the source in error messages.
-
-    Raises:
-        DataError: if two lines contain the same value.
     """
     parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in lines:

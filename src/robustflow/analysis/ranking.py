@@ -25,11 +25,7 @@ _NORMAL = 1.959964
 
 
 def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
-    """Rank values, starting with 1 for the smallest; equal values share a rank and the following ranks are skipped.
-
-    >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
-    {'a': 2, 'b': 1, 'c': 2, 'd': 4}
-    """
+    """Rank values, starting with 1 for the smallest; equal values share a rank and the following ranks are skipped."""
     ordered = sorted(values.values())
     if any(value != value for value in ordered):
         raise ValueError("NaN values cannot be ranked")
@@ -37,11 +33,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
 
 
 def middle_ranks(values: Sequence[float]) -> list[float]:
-    """Rank values, starting with 1 for the smallest; equal values share the mean of the ranks that they occupy.
-
-    >>> middle_ranks([2.0, 1.0, 2.0, 3.0])
-    [2.5, 1.0, 2.5, 4.0]
-    """
+    """Rank values, starting with 1 for the smallest; equal values share the mean of the ranks that they occupy."""
     ordered = sorted(values)
     if any(value != value for value in ordered):
         return [float("nan")] * len(ordered)
@@ -49,21 +41,13 @@ def middle_ranks(values: Sequence[float]) -> list[float]:
 
 
 def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
-    """Rank names by their mean rank, considering only names that appear in all rankings.
-
-    >>> average_ranks({"a": 1, "b": 2, "c": 3}, {"a": 3, "b": 2, "c": 4})
-    {'a': 1, 'b': 1, 'c': 3}
-    """
+    """Rank names by their mean rank, considering only names that appear in all rankings."""
     names = [name for name in rankings[0] if all(name in ranking for ranking in rankings)]
     return competition_ranks({name: sum(ranking[name] for ranking in rankings) for name in names})
 
 
 def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
-    """Compute Spearman's rank correlation with mean ranks for ties; None if one variable is constant.
-
-    >>> spearman([1, 2, 3], [10, 30, 20])
-    0.5
-    """
+    """Compute Spearman's rank correlation with mean ranks for ties; None if one variable is constant."""
     a, b = (np.array(middle_ranks(list(values))) for values in (first, second))
     a, b = a - a.mean(), b - b.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
@@ -74,9 +58,6 @@ def spearman_interval(rho: float, count: int) -> tuple[float, float]:
     """Compute the 95 % interval of a rank correlation of at least four pairs, by Fisher's z with the variance of Bonett
     and Wright (2000). Correlations of 1 and -1 are first moved towards 0 by half of the change that swapping two
     neighbouring ranks causes.
-
-    >>> tuple(round(end, 2) for end in spearman_interval(1.0, 5))
-    (0.16, 1.0)
     """
     most = 1 - 6 / (count**3 - count)
     inside = min(max(rho, -most), most)

@@ -39,28 +39,7 @@ _MOST_PRINTED = 6
 
 
 def read_results(path: str | Path) -> list[ModelResult]:
-    """Read the lines of a results file: CSV, UTF-8, with a header.
-
-    Columns `setting`, `model`, `metric`, `corruption` and `value` are required; `benchmark` ("kitti-fc" by default),
-    `marked` ("yes" or "no"), `source`, `sample_set` (lines of one sample set can be compared), `note` (a remark that
-    a reader needs before comparing) and `coverage` (share of the pixels that the errors cover, 0 to 1; 1 by default)
-    are optional. Other columns are ignored.
-
-    Returns:
-        One line for each model in a setting. `decimals` of a value is counted from its text; None for more than six
-        decimals, which indicate an unrounded number.
-
-    Raises:
-        DataError: if the file does not exist or is not CSV in this format, a corruption is unknown, or a value is not a
-            number or is given twice.
-
-    >>> from tempfile import mkdtemp
-    >>> path = Path(mkdtemp()) / "mine.csv"
-    >>> _ = path.write_text("setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n")
-    >>> (line,) = read_results(path)
-    >>> line.benchmark, line.values["epe", "clean"].decimals
-    ('kitti-fc', 2)
-    """
+    """Read the lines of a results file: CSV, UTF-8, with a header."""
     path = user_path(path)
     data = read_bounded(path, _LARGEST_FILE, "give a CSV file of results")
     try:
@@ -159,10 +138,6 @@ _MARKED = {None: "", True: "yes", False: "no"}
 def results_csv(results: Iterable[ModelResult]) -> str:
     """Write results as text that `read_results` can read, each value with its known number of decimals. The column
     `origin` (`ModelResult.source`) is ignored by `read_results`, which reads every value as claimed.
-
-    >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
-    >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])
-    kitti-fc,OOD,Mine,epe,clean,,mine,,,4.20,,claimed
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -45,10 +45,6 @@ class MovedFlow(Protocol):
 def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
     """Compute the RCRE per corruption and its mean. Results for the same corruptions of the same frames form one sample
     set.
-
-    Args:
-        run: run of the model that predicted the flows.
-        flows: clean flows and flows under at least one corruption.
     """
     flows = list(flows)
     moved: dict[str, list[float]] = {}
@@ -69,9 +65,6 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
 def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, tuple[int, list[float]]]:
     """Return, for each corruption, the number of pairs and the means of `ROBUSTNESS` over them; "average" is the mean
     over corruptions.
-
-    Args:
-        moved: RobustSpring's name of a corruption -> numbers of `ROBUSTNESS` for each pair.
     """
     table = {ROBUSTSPRING.local_name(own): (len(values), _columns(values)) for own, values in moved.items()}
     pairs, means = zip(*table.values(), strict=True)

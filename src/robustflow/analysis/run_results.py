@@ -31,15 +31,7 @@ _MOST_NAMED = 3
 def run_results(
     runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None, detailed: bool = True
 ) -> list[ModelResult]:
-    """Collect the EPE, CRE, CREr and RCRE of runs, per corruption, clean and average.
-
-    For comparison with published results (`beside_published`), a run with all of the paper's corruptions plus
-    others is averaged over the paper's corruptions only (`Summary.paper`). Each corruption has an interval if
-    `detailed`.
-
-    Runs with the same sample set can be compared. `note` describes what was measured, by default the run's
-    `comparison_notes`. Runs with the same name get names that show their differences.
-    """
+    """Collect the EPE, CRE, CREr and RCRE of runs, per corruption, clean and average."""
     names = run_names(runs)
     reasons = cache(lambda: exclusions(runs))
     results = []

@@ -14,16 +14,7 @@ from .uncertainty import intervals
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The error of a model at one budget of one attack.
-
-    Attributes:
-        attack, norm: name of the attack and its norm, "linf" or "rms".
-        budget: bound of the norm in grey levels (0 to 255); 0 for the clean frames.
-        metric: "epe", or "rcre" without ground truth.
-        error: mean over pairs, px.
-        low, high: ends of the 95 % interval, px; None if there are too few pairs.
-        warned: whether any pair has a warning at this budget.
-    """
+    """The error of a model at one budget of one attack."""
 
     attack: str
     norm: str
@@ -38,10 +29,6 @@ class CurvePoint:
 def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     """Compute each attack's curve over all budgets, starting with the clean frames; the attacks are in the order of the
     run.
-
-    Args:
-        run: run with attacks.
-        seed: random seed of the bootstrap that computes the intervals.
     """
     scores = attack_scores(run)
     if not scores:

@@ -26,14 +26,7 @@ LEAST_IMAGES = 5
 
 @dataclass(frozen=True)
 class UncoupledScores:
-    """Scores of one condition, or the mean over conditions; None if they cannot be computed.
-
-    Attributes:
-        log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 if errors double.
-        median_log_ratio: median over images of ln(EPE / clean EPE).
-        median_cre: median over images of EPE - clean EPE, pixels.
-        fl_increase: mean over images of Fl-all - clean Fl-all, percentage points.
-    """
+    """Scores of one condition, or the mean over conditions; None if they cannot be computed."""
 
     log_ratio: float | None = None
     median_log_ratio: float | None = None
@@ -46,14 +39,7 @@ UNCOUPLED = tuple(field.name for field in fields(UncoupledScores))
 
 @dataclass(frozen=True)
 class Correlation:
-    """Spearman correlation of the corrupted and the clean EPE over images.
-
-    Attributes:
-        images: number of images.
-        rho: correlation; None if either error is the same for all images.
-        given_motion: partial correlation given the mean length of the ground-truth flow, because large motion makes
-            both errors large.
-    """
+    """Spearman correlation of the corrupted and the clean EPE over images."""
 
     images: int
     rho: float | None
@@ -62,16 +48,7 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Uncoupled:
-    """The result of `uncoupled`.
-
-    Attributes:
-        overall: scores averaged over corruptions.
-        corruptions: corruption -> scores averaged over severities, in the paper's order.
-        by_condition: (corruption, severity) -> scores.
-        correlation: corruption, or "average" for all of them -> correlation; empty with fewer than `LEAST_IMAGES`
-            images.
-        left_out: number of (image, condition) pairs without a ratio because one of the two errors is exactly 0.
-    """
+    """The result of `uncoupled`."""
 
     overall: UncoupledScores
     corruptions: dict[str, UncoupledScores]
@@ -80,14 +57,7 @@ class Uncoupled:
     left_out: int
 
     def table(self, metric: str = "log_ratio") -> pl.DataFrame:
-        """Tabulate one metric of `UNCOUPLED` by corruption and severity.
-
-        Returns:
-            A table with the column `corruption`, one column per severity, and `mean`; null where nothing was measured.
-
-        Raises:
-            UsageError: if the metric is unknown.
-        """
+        """Tabulate one metric of `UNCOUPLED` by corruption and severity."""
         if metric not in UNCOUPLED:
             raise unknown_name("metric", metric, UNCOUPLED)
         severities = sorted({severity for _, severity in self.by_condition})
@@ -105,20 +75,7 @@ class Uncoupled:
 
 
 def uncoupled(rows: pl.DataFrame) -> Uncoupled:
-    """Compute the scores from the rows of a run.
-
-    Both errors of an image are computed over the same pixels. As in the paper, means are taken over images, then
-    severities, then corruptions; medians are taken over images and then averaged over severities and corruptions.
-    `fl_increase` needs the clean outliers over the same pixels, which rows contain only if the model predicted a flow
-    for every pixel; otherwise it is None. Without ground truth, all scores are None.
-
-    Args:
-        rows: rows of a run, with the columns of any version of `robustflow.metrics.rows.ROW_SCHEMA`.
-
-    >>> from robustflow.metrics.rows import rows_frame
-    >>> uncoupled(rows_frame([])).overall
-    UncoupledScores(log_ratio=None, median_log_ratio=None, median_cre=None, fl_increase=None)
-    """
+    """Compute the scores from the rows of a run."""
     images = _images(rows)
     positive = (pl.col("epe") > 0) & (pl.col("before") > 0)
     ratio = (pl.col("epe") / pl.col("before")).log()
@@ -142,13 +99,7 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Spearman correlations with the clean EPE over models.
-
-    Attributes:
-        models: number of models.
-        cre: correlation of CRE with the clean EPE.
-        log_ratio: correlation of the mean log ratio with the clean EPE.
-    """
+    """Spearman correlations with the clean EPE over models."""
 
     models: int
     cre: float | None
@@ -158,9 +109,6 @@ class Coupling:
 def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[float]) -> Coupling | None:
     """Measure how strongly two robustness metrics correlate with the clean EPE over models; None with fewer than
     `LEAST_MODELS` models.
-
-    >>> coupling([1, 2, 3, 4], [2, 4, 6, 8], [1.1, 1.0, 1.2, 0.9]) is None
-    True
     """
     if len(clean) < LEAST_MODELS:
         return None

@@ -14,13 +14,7 @@ from ..target import needed_options
 
 
 class Models:
-    """Models by name: first those given on the command line, then all models that this installation can run.
-
-    Keeps one model loaded. Used from one thread only, except `names`.
-
-    >>> Models([]).names[:2]
-    ['dis', 'farneback']
-    """
+    """Models by name: first those given on the command line, then all models that this installation can run."""
 
     def __init__(self, given: Sequence[ModelSpec]) -> None:
         known = methods()
@@ -55,11 +49,7 @@ class Models:
         ]
 
     def check(self, name: str, checkpoint: str = "") -> None:
-        """Raise for an unknown name, before any model is imported or loaded.
-
-        Raises:
-            UsageError: the name is unknown, or a checkpoint was given for a model without weights.
-        """
+        """Raise for an unknown name, before any model is imported or loaded."""
         if name not in self._specs:
             raise unknown_name("model of this app", name, self.names)
         method = methods().get(name)
@@ -69,10 +59,6 @@ class Models:
     def load(self, name: str, checkpoint: str = "") -> FlowModel:
         """Return a model, loading it unless it is already loaded. `checkpoint` takes precedence over the model's
         default checkpoint.
-
-        Raises:
-            UsageError: the name is not in `names`.
-            ModelError: the model cannot be loaded, or is not a two-frame model.
         """
         self.check(name, checkpoint)
         if self._loaded is None or self._loaded[0] != (name, checkpoint):

@@ -35,15 +35,7 @@ _SAFE = ("GET", "HEAD")
 
 
 class Guard:
-    """Middleware around the whole app.
-
-    Args:
-        app: the app to guard.
-        token: secret token of this session.
-        port: port on which the server listens.
-        public: paths that need no token.
-        host: name or address on which the server listens if other machines may connect to it.
-    """
+    """Middleware around the whole app."""
 
     def __init__(self, app: ASGIApp, token: str, port: int, public: Container[str], host: str = "") -> None:
         self._app = app

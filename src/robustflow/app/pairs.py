@@ -26,15 +26,7 @@ KEPT = 4
 
 @dataclass(frozen=True)
 class PairSource:
-    """A source of one or more pairs.
-
-    Attributes:
-        name: name of the source.
-        pairs: number of pairs.
-        sample: function that loads a pair, by its index from 0.
-        classes: corruption classes used in a run on these frames, see `Benchmark.classes`.
-        folder: folder that is removed together with the source; None if the pair is in memory.
-    """
+    """A source of one or more pairs."""
 
     name: str
     pairs: int
@@ -87,11 +79,7 @@ class SourceStore:
         return number
 
     def get(self, number: str) -> PairSource:
-        """Return a source.
-
-        Raises:
-            UsageError: the source never existed, or was removed to make room.
-        """
+        """Return a source."""
         if number == DEMO:
             return self._demo
         with self._lock:

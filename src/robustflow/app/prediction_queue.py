@@ -24,15 +24,7 @@ class OutdatedError(Exception):
 
 @dataclass(eq=False)
 class QueuedPrediction:
-    """A job for which a page is waiting.
-
-    Attributes:
-        page: identifier of the page; a newer job of the same page makes this job outdated.
-        work: function called in the worker thread; its argument is a function that reports the current stage and raises
-            if the job is outdated.
-        tell: function called with every message: stages, and finally a result, an error, or a notice that the job is
-            outdated.
-    """
+    """A job for which a page is waiting."""
 
     page: str
     work: Callable[[Callable[[str], None]], Message]
@@ -56,11 +48,7 @@ class PredictionQueue:
         threading.Thread(target=self._work, name="predictions", daemon=True).start()
 
     def submit(self, job: QueuedPrediction) -> None:
-        """Add a job; earlier jobs of the same page become outdated.
-
-        Raises:
-            UsageError: too many pages are already waiting.
-        """
+        """Add a job; earlier jobs of the same page become outdated."""
         with self._change:
             for other in (*self._waiting, self._current):
                 if other is not None and other.page == job.page:

@@ -47,18 +47,7 @@ class CorruptionLayer(Frozen):
 
 
 class PreviewRequest(Frozen):
-    """A page's request.
-
-    Attributes:
-        page: identifier chosen by the page.
-        source, index: number of the source, and index of the pair in it.
-        model: name of an offered model.
-        checkpoint: weights of the model, as a published name or a file on this machine; "" for the model's default
-            checkpoint.
-        layers: corruptions in the order of application.
-        seed: seed of the random draws.
-        frames: whether the clean frames and the ground truth are also requested.
-    """
+    """A page's request."""
 
     page: Annotated[str, Field(max_length=40)]
     source: Annotated[str, Field(max_length=40)]
@@ -71,12 +60,7 @@ class PreviewRequest(Frozen):
 
     @property
     def corruption(self) -> tuple[str, int]:
-        """Return the name and severity in the form that `corrupt` accepts; several layers form a stack.
-
-        >>> fog = {"name": "fog", "severity": 2}
-        >>> PreviewRequest(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption
-        ('fog:2+fog:2', 2)
-        """
+        """Return the name and severity in the form that `corrupt` accepts; several layers form a stack."""
         if len(self.layers) == 1:
             return self.layers[0].name, self.layers[0].severity
         stack = "+".join(f"{layer.name}:{layer.severity}" for layer in self.layers)
@@ -92,11 +76,7 @@ class Previewer:
         self._clean: OrderedDict[tuple[str, int, str, str], Flow] = OrderedDict()
 
     def preview(self, wanted: PreviewRequest, stage: Stage) -> dict[str, Any]:
-        """Return pictures as `data:` URLs, and metrics in pixels, None if unavailable.
-
-        Raises:
-            UsageError, DataError, ModelError: see `corrupt` and the model.
-        """
+        """Return pictures as `data:` URLs, and metrics in pixels, None if unavailable."""
         source = self._sources.get(wanted.source)
         if wanted.index >= source.pairs:
             raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: choose 1 to {source.pairs}")

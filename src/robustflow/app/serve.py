@@ -43,18 +43,7 @@ def serve(
     say: Callable[[str], None] = print,
     warn: Callable[[str], None] = print,
 ) -> None:
-    """Serve until interrupted.
-
-    Args:
-        given: models to offer before the installed ones; loaded on first use.
-        host: name or address to listen on; loopback by default.
-        port: port to listen on; by default 8642, or any free port if 8642 is in use. 0 selects any free port.
-        browser: whether to open the page.
-        say, warn: functions called with one line of text.
-
-    Raises:
-        UsageError: the server cannot listen on the address or port.
-    """
+    """Serve until interrupted."""
     listening = _listen(host or LOOPBACK, port)
     number = listening.getsockname()[1]
     others = not _is_loopback(listening.getsockname()[0])
@@ -166,13 +155,7 @@ os.kill(int(sys.argv[1]), signal.SIGKILL)
 
 
 def _exit_on_signal() -> None:
-    """Make SIGINT and SIGTERM end this process within `_ENDING_SECONDS`, regardless of what its threads do.
-
-    Python runs signal handlers between bytecode instructions, but loading or compiling a model may hold the interpreter
-    lock inside a single instruction for minutes. The operating system still writes the signal number to a file
-    descriptor (`signal.set_wakeup_fd`). A watchdog process reads the number and kills the app if it does not stop. The
-    watchdog exits with this process, because its pipe is closed.
-    """
+    """Make SIGINT and SIGTERM end this process within `_ENDING_SECONDS`, regardless of what its threads do."""
     reads, writes = os.pipe()
     os.set_blocking(writes, False)
     command = [sys.executable, "-I", "-S", "-c", _WATCH, str(os.getpid())]

@@ -63,10 +63,6 @@ def _too_large(most: int) -> HTTPException:
 def source_of(form: FormData, folder: Path) -> PairSource:
     """Read a form with `frame1` and `frame2` (and optionally `truth`), or with `clip`. Files are stored in `folder`,
     which is removed when they are no longer needed.
-
-    Raises:
-        UsageError: the form has different fields, or a file type is not supported.
-        DataError: a file is damaged or too large, or files do not match each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
     in_use = False

@@ -24,10 +24,6 @@ class Apgd(Attack):
     """Projected gradient ascent with an initial step size of twice the budget. If too few steps since the last check
     raised the score, or the best score did not improve, the step size is halved and the search resumes at the best
     pair.
-
-    Args:
-        steps: number of gradients per start, in addition to the first one.
-        starts: number of random starts; the best pair of all starts is returned.
     """
 
     name: ClassVar[str] = "apgd"

@@ -41,24 +41,7 @@ def list_attacks() -> list[str]:
 
 
 def load_attack(name: AnyAttack, **options: Any) -> Attack:
-    """Build an attack from its name and options.
-
-    Args:
-        name: a name listed by `robustflow list attacks`, optionally with options: `pgd:steps=40:loss=cosine`,
-            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`; or your own attack, as a class or object
-            (docs/add-your-attack.md), which is then also registered under its name.
-        options: options as keyword arguments.
-
-    Raises:
-        UsageError: unknown name or option.
-
-    >>> load_attack("pgd:loss=cosine", steps=10).label
-    'pgd:loss=cosine:steps=10'
-    >>> load_attack("pgd", stepps=10)
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: unknown option of attack pgd 'stepps': did you mean 'steps'? Known: variant, norm, \
-target, loss, reference, moved, steps, starts, step
-    """
+    """Build an attack from its name and options."""
     if isinstance(name, Attack):
         if options:
             raise UsageError(
@@ -79,15 +62,9 @@ target, loss, reference, moved, steps, starts, step
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise controls
-    come first, then the controls of attacks on patches or on one of the frames. Call this only with names that the user
-    entered, because names of the form `module.path:Attribute` are imported.
-
-    Raises:
-        UsageError: an unknown attack or option, or two of the user's attacks have the same name.
-
-    >>> with_controls(["pgd:steps=20", "square"]), with_controls([])
-    (('random_sign', 'random_gauss', 'pgd', 'square'), ())
+    """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise
+    controls come first, then the controls of attacks on patches or on one of the frames. Call this only with
+    names that the user entered, because names of the form `module.path:Attribute` are imported.
     """
     asked: list[str] = []
     own: dict[str, Any] = {}
@@ -164,11 +141,7 @@ def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> 
 
 
 def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
-    """Check whether a model is deterministic, that is, predicts the same flow twice for the same pair.
-
-    Raises:
-        ModelError: the model raised an exception, or did not return a flow.
-    """
+    """Check whether a model is deterministic, that is, predicts the same flow twice for the same pair."""
     again = predict_checked(model, frames, key, "clean", 0)
     return frozenset() if np.array_equal(first, again, equal_nan=True) else frozenset({"answers_differ"})
 
@@ -181,16 +154,6 @@ def attack_pairs(
 ) -> list[Attacked]:
     """Attack pairs whose clean flows are known. The pairs are attacked in lockstep, so a model that supports batches
     evaluates them together; see `evaluation`.
-
-    Args:
-        attack: the attack with its options.
-        model: a loaded model with `predict`.
-        pairs: each pair with its budget, and the model's flow on the clean frames, float32 (H, W, 2), pixels.
-        warnings: keys of `WARNINGS` that already apply to the model.
-
-    Raises:
-        UsageError: the attack needs ground truth and there is none.
-        ModelError: see `attack`.
     """
     attack.check(model)
     return in_lockstep([partial(_attack_pair, attack, model, *each, warnings) for each in pairs])

@@ -36,23 +36,7 @@ _HALVINGS = 30
 
 @dataclass(frozen=True)
 class Ball:
-    """The pairs within a budget of the clean one.
-
-    Args:
-        frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
-        budget: radius of the ball in grey levels (0..255), or as a % of the pixels for "area".
-        norm: one of `NORMS`.
-        moved: one of `MOVED`.
-        per_frame: whether the "rms" bound applies to each frame separately instead of to both together.
-
-    Raises:
-        UsageError: an unknown norm or choice of frames, or a budget out of range.
-
-    >>> black = np.zeros((4, 6, 3), np.uint8)
-    >>> ball = Ball(black, black, 8)
-    >>> int(ball.to_8_bits(ball.project(ball.clean + 1)).max())
-    8
-    """
+    """The pairs within a budget of the clean one."""
 
     frame1: Frame
     frame2: Frame
@@ -136,14 +120,7 @@ class Ball:
         return change * changed.reshape(2, 1, *change.shape[2:])
 
     def step(self, images: Images, gradient: Images, size: float) -> Images:
-        """Take one gradient step and project the result into the ball.
-
-        Args:
-            images: the starting point.
-            gradient: gradient of the score with respect to the images.
-            size: step size in grey levels; for "linf" the step follows the sign of the gradient, for "rms" it follows
-                the gradient and the size is its root mean square.
-        """
+        """Take one gradient step and project the result into the ball."""
         if self.moved == "joint":
             gradient = np.broadcast_to(gradient.sum(axis=0), gradient.shape)
         length = np.float32(size / WHITE)
@@ -178,11 +155,7 @@ class Ball:
         return self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
 
     def to_8_bits(self, images: Images) -> npt.NDArray[np.int16]:
-        """Round images to 8 bits inside the budget, int16 (2, 3, H, W).
-
-        Rounded images can lie outside the ball. For "linf", the change is therefore limited to the budget, rounded
-        down; for "rms", it is scaled by the largest factor for which the rounded frames are inside.
-        """
+        """Round images to 8 bits inside the budget, int16 (2, 3, H, W)."""
         clean = grey_levels_of(self.clean)
         if self.norm == "linf":
             most = int(np.floor(self.budget))

@@ -10,10 +10,7 @@ from .pgd import Pgd
 
 @dataclass(frozen=True, kw_only=True)
 class Bim(Pgd):
-    """Projected gradient ascent from the clean pair.
-
-    In the variant "flowbench", the step size equals the budget, because FlowBench's code overwrites the step size.
-    """
+    """Projected gradient ascent from the clean pair."""
 
     name: ClassVar[str] = "bim"
     at_random: ClassVar[bool] = False

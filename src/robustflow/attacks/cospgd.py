@@ -12,8 +12,6 @@ from .pgd import Pgd
 class CosPgd(Pgd):
     """PGD in which the loss of each pixel is weighted by the cosine between softmax(u, v) of the flow and of the
     reference.
-
-    The weight depends only on u - v and saturates at 0 or 1 within a few pixels.
     """
 
     name: ClassVar[str] = "cospgd"

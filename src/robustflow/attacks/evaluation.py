@@ -44,15 +44,7 @@ _EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTo
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A request for a flow: for 8-bit frames, or for images, optionally with the gradient of a loss.
-
-    Args:
-        model: the model.
-        key: name of the sample, for error messages.
-        frames: 8-bit frames, RGB uint8 (H, W, 3) each, for `predict`; None for images.
-        images: images for `differentiable`.
-        loss: the loss whose gradient is requested; None for no gradient.
-    """
+    """A request for a flow: for 8-bit frames, or for images, optionally with the gradient of a loss."""
 
     model: AnyModel
     key: str
@@ -75,13 +67,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer to an evaluation.
-
-    Attributes:
-        flow: float32 (H, W, 2), pixels.
-        value: the loss of the flow; NaN if no gradient was requested.
-        gradient: the gradient of the loss with respect to the images; None if it was not requested.
-    """
+    """The answer to an evaluation."""
 
     flow: Flow
     value: float = float("nan")
@@ -95,10 +81,7 @@ def evaluate(asked: Evaluation) -> Answer:
 
 
 def in_lockstep(tasks: Sequence[Callable[[], _Result]]) -> list[_Result]:
-    """Run functions that call `evaluate` in lockstep, and return their results in order.
-
-    The first exception that a function does not handle stops all functions and is raised here.
-    """
+    """Run functions that call `evaluate` in lockstep, and return their results in order."""
     if len(tasks) == 1:
         return [tasks[0]()]
     lanes = [_Lane(task) for task in tasks]
@@ -142,12 +125,7 @@ class _Stopped(BaseException):
 
 
 class _Lane(threading.Thread, Generic[_Result]):
-    """The thread of one attack.
-
-    Attributes:
-        asked: the evaluation that the thread is waiting for; None if the thread has ended.
-        result: return value of the function.
-    """
+    """The thread of one attack."""
 
     result: _Result
 

@@ -18,8 +18,6 @@ from .problem import Problem
 class Fgsm(Attack):
     """A single gradient step. If the loss is the distance to the clean flow, which has no gradient at the clean frames,
     the attack starts at a random pair.
-
-    The variant "flowbench" also uses the sign of the gradient for "rms", scaled to the budget.
     """
 
     name: ClassVar[str] = "fgsm"

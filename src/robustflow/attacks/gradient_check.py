@@ -24,11 +24,7 @@ _DIRECTIONS, _LEAST = 3, 4.0
 
 
 def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where: str) -> None:
-    """Check that a model's `differentiable` computes the flow of its `predict`, both float32 (H, W, 2), in pixels.
-
-    Raises:
-        ModelError: the flows are more than 5 % of their mean length plus 0.01 px apart.
-    """
+    """Check that a model's `differentiable` computes the flow of its `predict`, both float32 (H, W, 2), in pixels."""
     usable = np.isfinite(predicted).all(axis=-1)
     if not usable.any():
         return
@@ -43,12 +39,9 @@ def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where:
 
 
 def check_gradient(problem: Problem, rng: Rng) -> None:
-    """Compare the flows of `differentiable` and `predict` on the clean pair, and the change of the loss along the sign
-    of the gradient with its change in random directions, at a random pair in the ball. The evaluations are not counted
-    as the attack's.
-
-    Raises:
-        ModelError: see `check_same_flow`.
+    """Compare the flows of `differentiable` and `predict` on the clean pair, and the change of the loss along the
+    sign of the gradient with its change in random directions, at a random pair in the ball. The evaluations are
+    not counted as the attack's.
     """
     asked = Evaluation(problem.model, problem.pair.key, images=problem.ball.clean)
     where = f"on the clean pair of '{problem.pair.key}'" if problem.pair.key else "on the clean pair"

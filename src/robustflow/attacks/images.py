@@ -14,14 +14,7 @@ WHITE = 255
 
 
 def images_of(frame1: Frame, frame2: Frame) -> Images:
-    """Convert a pair to the array that an attack changes.
-
-    Args:
-        frame1, frame2: RGB uint8 (H, W, 3).
-
-    >>> images_of(np.full((4, 5, 3), 255, np.uint8), np.zeros((4, 5, 3), np.uint8))[:, 0, 0, 0].tolist()
-    [1.0, 0.0]
-    """
+    """Convert a pair to the array that an attack changes."""
     pair = np.stack([frame1, frame2]).transpose(0, 3, 1, 2)
     return np.ascontiguousarray(pair, np.float32) / np.float32(WHITE)
 

@@ -21,23 +21,7 @@ _Map = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """The mean distance between a flow and a reference over the valid pixels, with its derivative.
-
-    Args:
-        reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.
-        valid: bool (H, W), the pixels to include; None for all.
-        kind: one of `LOSSES`.
-        towards: whether the reference is a target that the flow should approach.
-        agreeing: whether pixels are weighted as in CosPGD, by the cosine between the softmax of (u, v) and that of the
-            reference, or by 1 minus the cosine if `towards`; the weight has no gradient.
-
-    Raises:
-        UsageError: an unknown kind, or a mask with no valid pixels.
-
-    >>> flow = np.full((2, 3, 2), (3, 4), np.float32)
-    >>> Loss(np.zeros_like(flow)).of(flow)
-    5.0
-    """
+    """The mean distance between a flow and a reference over the valid pixels, with its derivative."""
 
     reference: Flow
     valid: Mask | None = None

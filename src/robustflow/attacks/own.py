@@ -31,23 +31,14 @@ _GUIDE = "see the guide 'add your attack'"
 
 @dataclass(frozen=True, kw_only=True)
 class OwnAttack(Attack):
-    """Wrap a user's attack: its inputs are read-only, and its exceptions become one-line errors.
-
-    Args:
-        made_by_user: any object with `run(problem, rng)`; see `Attack.run`.
-        given: the options with which the class was instantiated.
-    """
+    """Wrap a user's attack: its inputs are read-only, and its exceptions become one-line errors."""
 
     made_by_user: Any
     given: tuple[tuple[str, Any], ...] = ()
 
     @classmethod
     def of(cls, registered: str, **options: Any) -> Attack:
-        """Build a registered attack with options of the user's class and of `Attack`.
-
-        Raises:
-            UsageError: an unknown option, or a class that cannot be instantiated.
-        """
+        """Build a registered attack with options of the user's class and of `Attack`."""
         attack = _own[registered]
         if inspect.isclass(attack) and issubclass(attack, Attack):
             return attack.made(**options)
@@ -105,10 +96,8 @@ _COMMON = tuple(each.name for each in fields(Attack))
 
 
 def register_attack(made: Made) -> str:
-    """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
-
-    Raises:
-        UsageError: it has no `run`, or its name is invalid or already used by this package.
+    """Register a class or an object under its name, and return that name; a later registration replaces an earlier
+    one.
     """
     if not callable(getattr(made, "run", None)):
         raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
@@ -119,9 +108,6 @@ def register_attack(made: Made) -> str:
 
 def with_target_registered(name: str) -> str:
     """Import an attack given as `module.path:Attribute` and return its name; only for names that a user entered.
-
-    Raises:
-        UsageError: the attribute cannot be imported, or is not an attack.
 
     >>> with_target_registered("pgd:steps=3")
     'pgd:steps=3'

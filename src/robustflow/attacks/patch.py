@@ -26,15 +26,7 @@ _REACH = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Patch(Trained):
-    """Paste a disc into both frames at the same random position.
-
-    The disc shows black and white vertical stripes, which need no training, or a trained pattern. The pattern is
-    resized to the budget, then randomly rotated by up to 10 degrees and scaled by up to 5 %, both during training and
-    in the attack.
-
-    Args:
-        steps: number of training steps, each with a gradient for every sample.
-    """
+    """Paste a disc into both frames at the same random position."""
 
     name: ClassVar[str] = "patch"
     needs_gradients: ClassVar[bool] = False
@@ -92,16 +84,7 @@ class Patch(Trained):
 
 @dataclass(frozen=True)
 class Disc:
-    """The position of a disc in a pair, and the orientation of the pattern in the disc.
-
-    Attributes:
-        frames: slice that selects the frames with the disc.
-        where: rows and columns of the square around the disc.
-        mask: bool, True inside the disc.
-        rng: the random generator for the rotation and the scale.
-        angle: rotation of the pattern, degrees.
-        scale: scale factor of the pattern.
-    """
+    """The position of a disc in a pair, and the orientation of the pattern in the disc."""
 
     frames: slice
     where: tuple[slice, slice]
@@ -112,11 +95,7 @@ class Disc:
 
     @classmethod
     def of(cls, problem: Problem, rng: Rng) -> Disc:
-        """Place a disc with the budgeted area at a random position.
-
-        Raises:
-            DataError: the disc is larger than the frames, or smaller than a pixel.
-        """
+        """Place a disc with the budgeted area at a random position."""
         size = diameter(problem)
         height, width = problem.ball.clean.shape[2:]
         top, left = rng.integer(0, height - size + 1), rng.integer(0, width - size + 1)
@@ -138,11 +117,7 @@ class Disc:
 
 
 def diameter(problem: Problem) -> int:
-    """Compute the diameter of the largest disc within the budget, in pixels.
-
-    Raises:
-        DataError: the disc is larger than the frames, or smaller than a pixel.
-    """
+    """Compute the diameter of the largest disc within the budget, in pixels."""
     height, width = problem.ball.clean.shape[2:]
     most = problem.ball.budget / 100 * height * width
     size = int(2 * np.sqrt(most / np.pi)) + 2

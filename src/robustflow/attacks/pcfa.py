@@ -29,16 +29,8 @@ _ITERATIONS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Pcfa(Attack):
-    """Minimise the distance to the target, plus a penalty if the mean square of the change exceeds the squared budget.
-
-    After every step, a pair outside the budget is projected into the ball and evaluated again; the pair whose flow is
-    nearest to the target is returned. The variant "original" projects only the returned pair. If any pairs are within
-    the budget, this is the one whose flow is nearest to the target; otherwise, it is the pair with the smallest change.
-
-    Args:
-        steps: number of LBFGS steps with about ten evaluations each.
-        box: method that keeps values in 0..1: "change" for a change of variables (tanh, which leaves values of 0 and
-            255 unchanged), or "clipping".
+    """Minimise the distance to the target, plus a penalty if the mean square of the change exceeds the squared
+    budget.
     """
 
     name: ClassVar[str] = "pcfa"

@@ -17,23 +17,12 @@ FLOWBENCH_STEP = 0.01 * WHITE
 
 
 def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
-    """Return the pair from which an attack starts: the clean pair, or a random pair in the ball.
-
-    At the clean pair, the distance to the clean flow is zero and has no gradient, so attacks with this loss always
-    start at a random pair.
-    """
+    """Return the pair from which an attack starts: the clean pair, or a random pair in the ball."""
     return problem.ball.random(rng) if at_random or problem.from_clean else problem.ball.clean
 
 
 def climb(problem: Problem, images: Images, sizes: Sequence[float], keep_best: bool) -> Images:
-    """Run projected gradient ascent.
-
-    Args:
-        problem: the model, the ball and the loss.
-        images: the starting point, inside the ball.
-        sizes: size of each step, in grey levels of the ball's norm.
-        keep_best: whether to return the best images so far instead of the last ones.
-    """
+    """Run projected gradient ascent."""
     for size in sizes:
         _, gradient = problem.slope(images)
         images = problem.ball.step(images, gradient, size)
@@ -43,17 +32,7 @@ def climb(problem: Problem, images: Images, sizes: Sequence[float], keep_best: b
 
 @dataclass(frozen=True, kw_only=True)
 class Pgd(Attack):
-    """Projected gradient ascent.
-
-    The step size falls linearly to 0, from half the budget (with fewer than eight steps, from 4 / steps of it). The
-    variant "flowbench" uses a step size of 0.01 of the full range and a single start, and returns the last pair instead
-    of the best.
-
-    Args:
-        steps: number of gradients per start.
-        starts: number of random starts; the best pair of all starts is returned.
-        step: constant step size as a fraction of the budget, instead of a falling one; 0 for the default.
-    """
+    """Projected gradient ascent."""
 
     name: ClassVar[str] = "pgd"
     variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")

@@ -21,17 +21,7 @@ _FEWEST = 8
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A pair to attack, independent of the model and the attack.
-
-    Args:
-        frames: RGB uint8 (H, W, 3) each.
-        budget: radius of the ball in the units of the attack's norm.
-        truth: ground truth, float32 (H, W, 2), pixels; None if there is none.
-        valid: valid pixels of the ground truth, bool (H, W); None if all are valid.
-        key: name of the sample.
-        seed: random seed.
-        severity: severity 1 to 5; 0 if a budget was given instead.
-    """
+    """A pair to attack, independent of the model and the attack."""
 
     frames: tuple[Frame, Frame]
     budget: float
@@ -207,11 +197,7 @@ def _finite(value: float) -> float | None:
 
 
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:
-    """Check that a model provides the gradients that an attack needs.
-
-    Raises:
-        ModelError: the model has no gradients.
-    """
+    """Check that a model provides the gradients that an attack needs."""
     if not isinstance(model, Differentiable):
         name = model_identity(model).get("name") or type(model).__name__
         raise ModelError(

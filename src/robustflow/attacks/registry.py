@@ -48,9 +48,6 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
     ('pgd', '', {'steps': '40', 'loss': 'cosine'})
     >>> split_name("transfer:ptlflow:raft:checkpoint=things")
     ('transfer', 'ptlflow:raft', {'checkpoint': 'things'})
-
-    Raises:
-        UsageError: an option is given twice.
     """
     head, *parts = name.split(":")
     argument: list[str] = []
@@ -69,11 +66,7 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
 
 
 def norm_of(name: str) -> str:
-    """Return the norm of an attack's budget from its label, without importing the attack.
-
-    >>> norm_of("pgd"), norm_of("pgd:norm=rms"), norm_of("pcfa"), norm_of("transfer:tiny:attack=pcfa")
-    ('linf', 'rms', 'rms', 'rms')
-    """
+    """Return the norm of an attack's budget from its label, without importing the attack."""
     head, argument, options = split_name(name)
     if "norm" in options:
         return options["norm"]

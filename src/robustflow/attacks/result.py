@@ -94,10 +94,6 @@ class Attacked:
 def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[float, float, float]:
     """Compute the largest change, its root mean square (both in grey levels), and the share of values that changed,
     over both frames.
-
-    >>> black = np.zeros((2, 2, 3), np.uint8)
-    >>> norms_of((black + 2, black), (black, black))
-    (2.0, 1.4142135623730951, 0.5)
     """
     change = np.stack(frames).astype(np.int16) - np.stack(clean)
     squares = np.square(change, dtype=np.float64)

@@ -26,11 +26,6 @@ _FEW = 50
 class Square(Attack):
     """Random search that starts with vertical stripes; each query tries a random square in one frame and keeps it if
     the loss rises.
-
-    The attack queries only the flow of 8-bit frames and needs no gradient, so it works with every model.
-
-    Args:
-        queries: maximum number of queried flows.
     """
 
     name: ClassVar[str] = "square"

@@ -31,15 +31,7 @@ _LARGEST = 2**28
 
 @dataclass(frozen=True, kw_only=True)
 class Trained(Attack):
-    """Apply the same pattern to every sample.
-
-    Args:
-        train: training samples of a run: either their number, in which case they are drawn with the run's seed from the
-            samples that are not measured, or a file with their keys. A separate pattern is trained for each severity.
-        file: a stored pattern (a NumPy array, .npy) to use instead of training one.
-        steps: number of training steps, each with a gradient for every sample.
-        learned: trained pattern by severity, filled in by a run.
-    """
+    """Apply the same pattern to every sample."""
 
     moves: ClassVar[bool] = False
     """Whether every training step places the pattern at a different position."""
@@ -51,11 +43,7 @@ class Trained(Attack):
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """See `Attack.made`.
-
-        Raises:
-            UsageError: both a file and training samples are given.
-        """
+        """See `Attack.made`."""
         if "train" in options:
             options["train"] = str(options["train"])
         attack = super().made(**options)
@@ -89,26 +77,13 @@ class Trained(Attack):
         return "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that the model has gradients if the attack needs training.
-
-        Raises:
-            ModelError: the model has no gradients.
-        """
+        """Check that the model has gradients if the attack needs training."""
         if self.train:
             refuse_without_gradient(model, self.name)
 
     def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng, batch_size: int = 1) -> Pattern:
         """Train the pattern by gradient ascent with momentum on the mean score of all samples, with a decaying step
         size.
-
-        Returns the best pattern, or the last one if the position changes in every step (`moves`), because the scores of
-        different steps are then not comparable.
-
-        Args:
-            model: a model with gradients.
-            pairs: training pairs, all with the same budget, each with the model's flow on its clean frames.
-            rng: the random generator for the first pattern and the positions.
-            batch_size: number of pairs per call, for models that support batches.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         check_gradient(problems[0], rng.spawn("gradient"))
@@ -132,11 +107,7 @@ class Trained(Attack):
         return problem.slope(self.placed(problem, pattern, rng))
 
     def pattern(self, problem: Problem) -> Pattern | None:
-        """Return the pattern for a pair, from the file or from training; None if the attack uses neither.
-
-        Raises:
-            UsageError: no pattern was trained at this severity.
-        """
+        """Return the pattern for a pair, from the file or from training; None if the attack uses neither."""
         if self.file:
             return self.checked_pattern(read_array(self.file), problem)
         if not self.train:
@@ -171,19 +142,11 @@ class Trained(Attack):
 
     @abstractmethod
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
-        """Check an array from a file and return it as a pattern for this pair.
-
-        Raises:
-            DataError: the array has the wrong shape.
-        """
+        """Check an array from a file and return it as a pattern for this pair."""
 
 
 def read_file(path: str) -> bytes:
-    """Read the bytes of a perturbation file.
-
-    Raises:
-        DataError: the file does not exist or is too large.
-    """
+    """Read the bytes of a perturbation file."""
     file = user_path(path)
     try:
         if not file.is_file():
@@ -196,11 +159,7 @@ def read_file(path: str) -> bytes:
 
 
 def read_array(path: str) -> Pattern:
-    """Read a perturbation file as float32, without unpickling.
-
-    Raises:
-        DataError: not a NumPy array of finite floating-point numbers with three or four axes.
-    """
+    """Read a perturbation file as float32, without unpickling."""
     content = read_file(path)
     file = user_path(path)
     try:

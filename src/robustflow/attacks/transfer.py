@@ -22,17 +22,7 @@ from .trained import Trained
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer(Attack):
-    """Attack the same pair on a different model (the surrogate), and evaluate the result on the model under test.
-
-    The attack does not query the model under test, so it also works for models without gradients. If it is stronger
-    than a white-box attack, the gradient of the model is masked. Options of the inner attack and of the surrogate are
-    written like the attack's own options: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
-
-    Args:
-        on: the surrogate, as a name for `load_model` or a model object.
-        attack: the attack on the surrogate.
-        model_options: options of the surrogate, if it is given by name.
-    """
+    """Attack the same pair on a different model (the surrogate), and evaluate the result on the model under test."""
 
     name: ClassVar[str] = "transfer"
     needs_gradients: ClassVar[bool] = False
@@ -112,11 +102,7 @@ class Transfer(Attack):
         return self._spec.load() if self._spec else as_model(self.on, "the model of the attack transfer")
 
     def check(self, model: AnyModel) -> None:
-        """Check that the surrogate can be attacked.
-
-        Raises:
-            ModelError: the surrogate is not a model of two frames, or has no gradients.
-        """
+        """Check that the surrogate can be attacked."""
         if not isinstance(self._surrogate, FlowModel):
             raise ModelError("the attack transfer needs a two-frame model as its surrogate")
         self.attack.check(self._surrogate)

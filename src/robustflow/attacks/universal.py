@@ -25,15 +25,7 @@ _REACH = 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class Universal(Trained):
-    """Add the same perturbation to every pair, projected to the budget and clipped to 0..255.
-
-    A trained perturbation has the size of the largest training frame; smaller frames use its top-left part. A
-    perturbation from a file must have the frames' size; it is reduced if it exceeds the budget, but never amplified.
-
-    Args:
-        second: file with the perturbation of frame 2 (PCFA writes one file per frame); by default, `file` applies to
-            both frames.
-    """
+    """Add the same perturbation to every pair, projected to the budget and clipped to 0..255."""
 
     name: ClassVar[str] = "universal"
     needs_gradients: ClassVar[bool] = False
@@ -42,11 +34,7 @@ class Universal(Trained):
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """See `Trained.made`.
-
-        Raises:
-            UsageError: a file for frame 2 is given without one for frame 1.
-        """
+        """See `Trained.made`."""
         attack = super().made(**options)
         if attack.second and not attack.file:
             raise UsageError(f"attack universal: second={attack.second} without file=, the perturbation of frame 1")
@@ -59,11 +47,7 @@ class Universal(Trained):
         return digest_of_bytes(*files, size=8) if files else ""
 
     def check(self, model: AnyModel) -> None:
-        """See `Trained.check`.
-
-        Raises:
-            UsageError: neither training samples nor a file is given.
-        """
+        """See `Trained.check`."""
         if not self.train and not self.file:
             raise UsageError(
                 "attack universal needs training samples (universal:train=8 or universal:train=KEYS.txt) or a stored "

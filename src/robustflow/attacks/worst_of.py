@@ -21,13 +21,7 @@ _PLUS = "+"
 
 @dataclass(frozen=True, kw_only=True)
 class WorstOf(Attack):
-    """Run each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error.
-
-    Options are passed to every part that supports them: `worst_of:apgd+square:queries=100`.
-
-    Args:
-        parts: attacks with the same norm; given to `load_attack` as names joined by "+" or as a sequence of names.
-    """
+    """Run each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error."""
 
     name: ClassVar[str] = "worst_of"
     needs_gradients: ClassVar[bool] = False
@@ -106,11 +100,7 @@ class WorstOf(Attack):
         return "gradients" if any(part.needs == "gradients" for part in self.parts) else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that every part works with the model.
-
-        Raises:
-            ModelError: a part does not.
-        """
+        """Check that every part works with the model."""
         for part in self.parts:
             part.check(model)
 

@@ -171,12 +171,6 @@ def _as_iterable(given: Any) -> Iterable[Any]:
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
     """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are at most
     `limit`, or if `limit` is None.
-
-    The middle key is chosen first, then those at the quarters, then those at the eighths, so that a larger limit only
-    adds keys and a run can be extended in the same folder.
-
-    >>> [spread("abcdefgh", limit) for limit in (1, 3, 5)]
-    [('e',), ('c', 'e', 'g'), ('b', 'c', 'e', 'f', 'g')]
     """
     if limit is None or limit >= len(keys):
         return tuple(keys)

@@ -18,10 +18,6 @@ from .facts import NON_OCCLUDED, facts_of_dataset, truth_remark
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
     """Return a benchmark with every sample of a dataset under every image-pair corruption, or under the corruptions
     distributed with the frames. Without ground truth, only RCRE is computed.
-
-    Raises:
-        UsageError: the dataset belongs to a benchmark, an option is unknown, or the root is missing.
-        DataError: the folder does not have the dataset's layout, or contains none of the corrupted frames.
     """
     dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
     if isinstance(dataset, PreCorrupted) and not facts.corruptions:

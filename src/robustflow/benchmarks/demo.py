@@ -18,8 +18,6 @@ DEMO_CLASSES = {"frost": GeneratedFrost}
 class Demo:
     """A benchmark of the Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is
     horizontal.
-
-    To avoid downloads, frost uses generated textures instead of the paper's photographs.
     """
 
     facts = BenchmarkFacts(

@@ -46,19 +46,7 @@ def export(
     severity_scale: str = "paper",
     common_draws: bool = False,
 ) -> Iterator[Written]:
-    """Write the benchmark into `output`, sample by sample; existing files are kept unchanged.
-
-    Args:
-        benchmark: benchmark with the samples, corruptions and severities to write.
-        output: path of the output folder; created if missing.
-        seed, variant, severity_scale, common_draws: settings of the corruptions; the frames equal those that `run`
-            computes on the fly. Severities that do not exist on the scale are not written.
-
-    Raises:
-        RunError: the folder contains an export with different settings or other frames, or cannot be written.
-        UsageError: a corruption needs depth, which the benchmark does not have.
-        DataError: a key is not a valid file name, or a depth file is missing.
-    """
+    """Write the benchmark into `output`, sample by sample; existing files are kept unchanged."""
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
     draws: dict[str, object] = {"common_draws": True} if common_draws else {}

@@ -18,15 +18,6 @@ class QuickSubset(Frozen):
     """A subset of a benchmark's corruptions and severities whose ranking of models resembles that of the full set; its
     means are estimates. It was chosen using two rankings: one of published models, whose tables do not list
     severities, and one of models evaluated on different pairs.
-
-    Attributes:
-        corruptions, severities: corruptions and severities of the subset; every corruption is run at each severity.
-        tau: minimum Kendall's tau between the subset's and the full ranking within a setting, over EPE, CRE and RCRE
-            and both sets of models.
-        tau_of_others: the same for the published models that were not used to choose a subset of this size, averaged
-            over random halves of the method families.
-        published: number of published models.
-        measured: number of models measured.
     """
 
     corruptions: tuple[str, ...]
@@ -89,11 +80,7 @@ def truth_remark(protocol: Mapping[str, Any]) -> str:
 
 
 def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severities: Collection[int]) -> str:
-    """Return a remark about means over the quick subset of a benchmark, or "" for means over other conditions.
-
-    >>> estimate_remark(NEUTRAL, ("fog",), (1,))
-    ''
-    """
+    """Return a remark about means over the quick subset of a benchmark, or "" for means over other conditions."""
     quick = facts.quick
     if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(quick.severities):
         return ""
@@ -179,9 +166,6 @@ def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
 def check_still(name: str, facts: BenchmarkFacts) -> None:
     """Raise if still scenes under a benchmark's name would be misleading, because the name implies certain pairs and
     ground truth, as do the names of the paper's benchmarks.
-
-    Raises:
-        UsageError: the name implies pairs and ground truth.
     """
     if facts.published:
         raise UsageError(

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 class GoProFC:
     """GoPro-FC from a folder made by `robustflow prepare gopro-fc`, from the released folder, or from a single video
     file.
-
-    A video is used without interpolation, with key frames 1/30 s apart, and is prepared once in the user's cache
-    folder.
     """
 
     facts = BenchmarkFacts(

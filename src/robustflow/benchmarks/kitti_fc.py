@@ -18,12 +18,7 @@ _PAIRS = 80
 
 
 class KittiFC:
-    """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder.
-
-    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download. This package draws its pairs
-    with a documented seed, or uses those of `split`: a file, or "drive-disjoint", whose pairs share no drive with the
-    training pairs. If a folder has fewer than 200 pairs, all of them are evaluated.
-    """
+    """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder."""
 
     facts = BenchmarkFacts(
         title="KITTI-FC",

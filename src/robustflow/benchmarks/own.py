@@ -18,15 +18,7 @@ from .facts import facts_of_dataset
 
 
 def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
-    """Open the benchmark that a user specifies as `module.path:Attribute`.
-
-    Args:
-        target: reference to a class with `open(data, split)`, a function with the same arguments, or a `Benchmark`.
-        reserved: names of registered benchmarks and datasets.
-
-    Raises:
-        UsageError: the target cannot be imported or opened, or is not a benchmark.
-    """
+    """Open the benchmark that a user specifies as `module.path:Attribute`."""
     made = import_target(target, "benchmark")
     if not isinstance(made, Benchmark):
         opener = made if inspect.isroutine(made) else getattr(made, "open", None)
@@ -46,11 +38,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 
 
 def check_keys(benchmark: Benchmark, what: str) -> None:
-    """Check that a user's benchmark lists samples, and only samples of its dataset.
-
-    Raises:
-        UsageError: it does not; `what` names the benchmark.
-    """
+    """Check that a user's benchmark lists samples, and only samples of its dataset."""
     if not benchmark.keys:
         raise UsageError(f"{what} lists no samples: keys must contain at least one key of its dataset")
     known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
@@ -60,11 +48,7 @@ def check_keys(benchmark: Benchmark, what: str) -> None:
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
-    """Return a benchmark with every sample of a user's dataset under every image-pair corruption.
-
-    Raises:
-        UsageError: see `open_own_dataset`; or the name is already in use.
-    """
+    """Return a benchmark with every sample of a user's dataset under every image-pair corruption."""
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved:
         raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it a different name")

@@ -20,26 +20,13 @@ from .own import own_benchmark, own_dataset_benchmark
 
 
 class Definition(Protocol):
-    """Definition of a registered benchmark: a class with its facts and a method to open it.
-
-    Attributes:
-        facts: title, ground truth, and the paper's settings, available without opening the data.
-    """
+    """Definition of a registered benchmark: a class with its facts and a method to open it."""
 
     facts: BenchmarkFacts
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
-        """Return the benchmark on the data in a folder.
-
-        Args:
-            data: path given with `--data`; None if it was not given.
-            split: path of a file that lists the samples to evaluate; None for the benchmark's default.
-
-        Raises:
-            UsageError: data or a split is missing, or was given but is not supported.
-            DataError: the folder is not what the benchmark expects.
-        """
+        """Return the benchmark on the data in a folder."""
 
 
 DEFAULT = "demo"
@@ -57,37 +44,14 @@ def load_benchmark(
     split: str | Path | None = None,
     options: dict[str, Any] | None = None,
 ) -> Benchmark:
-    """Open a benchmark by name.
-
-    Args:
-        name: name of the benchmark: "demo", "kitti-fc", "gopro-fc", any dataset such as "folder" (your own frames or
-            video) or "sintel", or a user-defined benchmark as `module.path:Attribute`.
-        data: path of the folder with the samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
-            With the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` as a
-            user-defined dataset.
-        split: path of a file that lists the samples to evaluate, one key per line, or "drive-disjoint" for KITTI 2015.
-        options: options of the dataset, for example {"render_pass": "final"} for Sintel. Every dataset supports
-            "depth", the path of a folder of your own depth maps, and "focal", the focal length in pixels (see
-            `OwnDepth`).
-
-    Raises:
-        UsageError: a name or option is unknown, or required data were not given.
-        DataError: the folder is not what the benchmark expects.
-
-    >>> load_benchmark("demo").keys
-    ('motorcycle',)
-    """
+    """Open a benchmark by name."""
     others = dict(options or {})
     depth, focal = others.pop("depth", None), others.pop("focal", None)
     return with_own_depth(_load(name, data, split, others), depth, focal)
 
 
 def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
-    """Return a benchmark with the user's depth maps; without a folder, the benchmark itself.
-
-    Raises:
-        UsageError: see `OwnDepth`; or a focal length is given without a folder.
-    """
+    """Return a benchmark with the user's depth maps; without a folder, the benchmark itself."""
     if folder is not None:
         return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal))
     if focal is not None:
@@ -119,12 +83,7 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
 
 
 def _benchmark_of(root: Path) -> str:
-    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset.
-
-    Raises:
-        DataError: the path does not exist.
-        UsageError: the data look like a known dataset, which more than one benchmark can read.
-    """
+    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset."""
     if not root.exists():
         raise DataError(f"{root}: no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
@@ -148,22 +107,7 @@ def _opened(
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
-    """Return the facts of a benchmark by its name, for code that reads manifests and tables without the data.
-
-    The facts of a dataset use its title, with a suffix for still scenes. For an unregistered name, such as one in a
-    manifest from a different machine, the facts are neutral: the name is the title, there are no values from the paper,
-    and no code is loaded.
-
-    >>> facts = benchmark_facts("kitti-fc")
-    >>> facts.title, facts.paper_pairs, len(facts.paper_corruptions), facts.training_set
-    ('KITTI-FC', 80, 20, 'kitti2015')
-    >>> benchmark_facts("gopro-fc").has_flow, benchmark_facts("sintel").title
-    (False, 'MPI-Sintel')
-    >>> benchmark_facts("sintel-still").title
-    'MPI-Sintel, still'
-    >>> benchmark_facts("someone:Else")
-    BenchmarkFacts(title='someone:Else', description='', data='', has_flow=True, published=False, ...)
-    """
+    """Return the facts of a benchmark by its name, for code that reads manifests and tables without the data."""
     if is_still(name):
         return facts_of_still(benchmark_facts(moving_name(name)))
     if name in BENCHMARKS.names():

@@ -26,9 +26,6 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the fly.
     Its protocol distinguishes the authors' frames, of which only the paper's corruptions are read, from an export by
     this package.
-
-    Raises:
-        DataError: the corruptions share no severity, or the frames were exported from a different benchmark.
     """
     settings = export_settings(dataset.root)
     source = (settings or {}).get("benchmark", name)

@@ -38,24 +38,7 @@ def setting_of(
     keys: Collection[str] | None = None,
     protocol: Mapping[str, Any] | None = None,
 ) -> Setting:
-    """Return the setting of a model on a benchmark, which is needed to interpret its results.
-
-    "OOD": not trained on the benchmark's domain. "ID": trained on the domain, but on none of the evaluated frames.
-    "LEAKED": trained on evaluated frames. "knowledge": a method without learning. "untrained": random weights.
-    "UNKNOWN": training sets undeclared or unknown, a backbone whose pre-training data were not checked, or the user's
-    own frames.
-
-    Args:
-        training: training sets of the model.
-        benchmark: name of the benchmark.
-        keys: keys of the evaluated samples; by default the benchmark's usual samples.
-        protocol: protocol of the benchmark, which specifies whether the released frames are used.
-
-    >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
-    'LEAKED'
-    >>> setting_of(Training(("kitti2015",), "declared"), "gopro-fc")
-    'OOD'
-    """
+    """Return the setting of a model on a benchmark, which is needed to interpret its results."""
     return judge(training, benchmark, keys, protocol or {})[0]
 
 

@@ -11,15 +11,7 @@ _MOST_NAMED = 20
 
 
 def warn_unless_whole(title: str, noun: str, wanted: Sequence[str], evaluated: Sequence[str], remedy: str = "") -> None:
-    """Warn if the evaluated pairs or sequences are not those of a benchmark.
-
-    Args:
-        title: title of the benchmark.
-        noun: "pair" or "sequence".
-        wanted: names of the benchmark's pairs or sequences.
-        evaluated: names of those in the data, without repetitions.
-        remedy: what to do about missing ones.
-    """
+    """Warn if the evaluated pairs or sequences are not those of a benchmark."""
     missing = [name for name in wanted if name not in set(evaluated)]
     others = len(set(evaluated) - set(wanted))
     remarks = []

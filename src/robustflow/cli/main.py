@@ -86,8 +86,6 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 class _Command(TyperCommand):
     """A command that refuses an option given twice, an empty value or list, and bytes that are not text. Of `-c fog
     -c snow`, Typer would silently use only `snow`, and the path in `--data "$UNSET"` would be the working folder.
-
-    In its help, paragraphs are wrapped to the terminal's width, and only `run` has enough options for headings.
     """
 
     def __init__(self, name: str, *, help: str | None = None, **settings: Any) -> None:

@@ -38,25 +38,8 @@ def load_corruption(
     scale: str = "paper",
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
 ) -> Corruption:
-    """Return the corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
-
-    Args:
-        name: name listed by `robustflow list corruptions`, several names joined by "+", or a custom corruption as a
-            class or an object (docs/add-your-corruption.md), which is then registered under its `name`. Strings are
-            never imported; convert `module.path:Attribute` with `corruption_name` first.
-        variant: variant of the corruption: "default", "reference", "reference-bgr" (as in the published tables, where
-            the corruptions received BGR instead of RGB frames) or "paper"; the calibrated scale exists only for
-            "default".
-        scale: severity scale, "paper" (the paper's five severities) or "calibrated" (equal mean SSIM; see
-            docs/severity-scales.md).
-        classes: dict from corruption name to the class to use instead of the registered one; see `Benchmark.classes`.
-
-    Raises:
-        UsageError: the name, variant or scale is unknown, the scale lacks a severity used in a stack, or the corruption
-            exists only as files.
-
-    >>> load_corruption("gaussian_noise").parameter(1)
-    0.08
+    """Return the corruption registered as `name`, or the stack described by a name such as
+    `"fog+jpeg_compression:2"`.
     """
     if scale not in SCALES:
         raise unknown_name("severity scale", str(scale), SCALES)
@@ -97,31 +80,14 @@ def list_corruptions() -> list[str]:
 
 
 def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
-    """Return the name under which a corruption is run and reported; custom corruptions are registered under that name.
-
-    Call this only with trusted input: `module.path:Attribute`, alone or in a stack, is imported.
-
-    Raises:
-        UsageError: the target cannot be imported or is not a corruption.
-
-    >>> corruption_name("fog"), corruption_name("fog:2 + snow")
-    ('fog', 'fog:2+snow')
+    """Return the name under which a corruption is run and reported; custom corruptions are registered under that
+    name.
     """
     return with_targets_registered(spec) if isinstance(spec, str) else load_corruption(spec).name
 
 
 def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tuple[str, ...]:
-    """Return the distinct names under which corruptions are run and reported, see `corruption_name`.
-
-    A run loads each corruption by its name, so a name must identify it.
-
-    Raises:
-        UsageError: two different custom corruptions have the same name, or an object of this package differs from the
-            corruption with its name.
-
-    >>> corruption_names(["fog", "fog:2 + snow", "fog"])
-    ('fog', 'fog:2+snow')
-    """
+    """Return the distinct names under which corruptions are run and reported, see `corruption_name`."""
     names: list[str] = []
     own: dict[str, Any] = {}
     for spec in specs:
@@ -145,10 +111,7 @@ def _equals_registered(corruption: Corruption, name: str) -> bool:
 
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
-    """Return the random stream for a benchmark seed, corruption, severity and sample key.
-
-    With `common_draws`, the five severities share one stream and differ only in strength.
-    """
+    """Return the random stream for a benchmark seed, corruption, severity and sample key."""
     return Rng.of(*_STREAMS, check_seed(seed), corruption.name, 0 if common_draws else severity, key)
 
 

@@ -135,40 +135,16 @@ def sample_without_depth(name: str) -> UsageError:
 
 
 class DepthCorruption(Corruption):
-    """A corruption of the 3D scene, which needs the depth of both frames.
-
-    Subclasses implement `draw_scene` instead of `draw`; its state contains the depth data that `apply` needs. Only
-    frames 0 and 1 have depth, so frames around a pair cannot be corrupted.
-
-    >>> import numpy as np
-    >>> from robustflow.testing import check_corruption
-    >>> class Dusk(DepthCorruption):
-    ...     paper_severities = (400.0, 200.0, 100.0, 50.0, 25.0)
-    ...     def draw_scene(self, rng, severity, depth):
-    ...         return [np.exp(-metres / self.parameter(severity))[..., None] for metres in depth.maps]
-    ...     def apply(self, frame, state, index):
-    ...         return np.rint(frame * state[index]).astype(np.uint8)
-    >>> check_corruption(Dusk)
-    'dusk'
-    """
+    """A corruption of the 3D scene, which needs the depth of both frames."""
 
     needs_depth = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Raise an error because depth is missing.
-
-        Raises:
-            UsageError: always.
-        """
+        """Raise an error because depth is missing."""
         raise sample_without_depth(self.name)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Call `draw_scene` for a sample with depth.
-
-        Raises:
-            UsageError: the sample has no depth, or `depth` is not a `SceneDepth`.
-            DataError: the depth maps and the frames differ in size.
-        """
+        """Call `draw_scene` for a sample with depth."""
         if not isinstance(depth, SceneDepth | None):
             raise UsageError(
                 f"{self.name}: depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "

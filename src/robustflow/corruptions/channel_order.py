@@ -14,8 +14,6 @@ from .base import BGR, Corruption
 class ChannelsReversed(Corruption):
     """A corruption applied with red and blue swapped (variant "reference-bgr"); input and output frames are RGB.
 
-    As a result, mud is blue, JPEG uses the wrong luma, and psf_blur applies the PSF for blue to the red channel.
-
     >>> import numpy as np
     >>> from robustflow.corruptions import load_corruption
     >>> red = np.zeros((16, 16, 3), np.uint8)

@@ -16,9 +16,6 @@ _EIGHT_BITS = ("RGB", "L", "P", "1")
 def as_frame(image: Any) -> Frame:
     """Convert an image to RGB uint8 (H, W, 3); arrays are returned unchanged and checked later.
 
-    Raises:
-        DataError: a Pillow image has transparency or is not 8-bit, so the user has to choose a conversion.
-
     >>> as_frame(Image.new("L", (4, 3), 7)).shape
     (3, 4, 3)
     """

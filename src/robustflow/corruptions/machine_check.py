@@ -50,14 +50,7 @@ def compare(
 
 
 def digests_of(name: str) -> dict[str, str]:
-    """Return the hash of the corrupted pair for each severity, as computed on this machine.
-
-    >>> sorted(digests_of("contrast"))
-    ['1', '3', '5']
-
-    Raises:
-        AssetError: files that the corruption needs are not here, and cannot be fetched.
-    """
+    """Return the hash of the corrupted pair for each severity, as computed on this machine."""
     pair, depth = _pair(), _depth()
     with one_opencv_thread():
         made = {str(level): corrupt(*pair, name, level, _SEED, depth=depth) for level in SEVERITIES}
@@ -86,10 +79,7 @@ def _first_frame() -> Frame:
 
 
 def _depth() -> SceneDepth:
-    """Return depth maps of blocks at 2 to 65.75 m, seen by a camera that moves forward and to the left.
-
-    The second map is shifted like the second frame.
-    """
+    """Return depth maps of blocks at 2 to 65.75 m, seen by a camera that moves forward and to the left."""
     blocks = 2 + (Rng.of("machine check", "depth").bits(_BLOCKS[0] * _BLOCKS[1]) % 256) / 4
     first: DepthMap = blocks.astype(np.float32).reshape(_BLOCKS).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
     second = np.roll(first, _SHIFT, axis=(0, 1))

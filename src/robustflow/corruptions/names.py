@@ -38,11 +38,7 @@ def family_of(name: str) -> str | None:
 
 
 def ordered(names: Iterable[str]) -> list[str]:
-    """Return the corruptions in table order: those in `ORDER` first, then the remaining ones by name.
-
-    >>> ordered(["rain", "robustspring_fog", "fog", "contrast"])
-    ['contrast', 'fog', 'robustspring_fog', 'rain']
-    """
+    """Return the corruptions in table order: those in `ORDER` first, then the remaining ones by name."""
     return sorted(names, key=lambda name: (_PLACE.get(name, len(_PLACE)), name))
 
 
@@ -52,14 +48,6 @@ ALL = "all"
 
 def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]:
     """Replace "all" and names of families with the corruptions that they contain; keep everything else.
-
-    Args:
-        given: names of corruptions and families, or corruptions.
-        available: corruptions that "all" stands for. A family contains only these; "depth" and "sensor" also contain
-            the corruptions that need no clip.
-
-    Raises:
-        UsageError: none of a family's corruptions is available.
 
     >>> with_families(["noise", "fog:2+snow"], ["fog", "shot_noise", "impulse_noise"])
     ['shot_noise', 'impulse_noise', 'fog:2+snow']

@@ -19,12 +19,6 @@ from ..errors import UsageError
 class OnDisk:
     """The corruptions of a dataset that is distributed in corrupted form, each with a single severity.
 
-    Attributes:
-        dataset: name of the dataset, used as the prefix of the local names.
-        title: name of the dataset as written by its authors.
-        abbreviation: abbreviated title for column headings.
-        families: dict from this project's family to the dataset's corruption names.
-
     >>> ROBUSTSPRING.local_name("fog"), ROBUSTSPRING.dataset_name("robustspring_fog"), len(ROBUSTSPRING.names)
     ('robustspring_fog', 'fog', 20)
     """
@@ -70,11 +64,7 @@ _SET_OF = {name: each for each in SETS for name in each.names}
 
 
 def on_disk(name: str) -> OnDisk | None:
-    """Return the dataset that provides a corruption, or None for computed corruptions and unknown names.
-
-    >>> on_disk("robustspring_rain") is ROBUSTSPRING, on_disk("rain"), on_disk("fog")
-    (True, None, None)
-    """
+    """Return the dataset that provides a corruption, or None for computed corruptions and unknown names."""
     return _SET_OF.get(name)
 
 

@@ -32,17 +32,7 @@ _GUIDE = "see the guide 'add your corruption'"
 
 
 class OwnCorruption(Corruption):
-    """Wraps a user-defined corruption and checks its arguments and results.
-
-    Args:
-        made: any object with the methods `draw(rng, severity, shape)` and `apply(frame, state, index)` (see
-            `Corruption`). If `needs_depth` is true, `draw_scene(rng, severity, depth)` is required instead of `draw`
-            (see `DepthCorruption`).
-        variant: requested variant; corruptions without variants accept any.
-
-    Raises:
-        UsageError: the user's code raises an error or returns an invalid result.
-    """
+    """Wraps a user-defined corruption and checks its arguments and results."""
 
     family = "own"
 
@@ -75,10 +65,7 @@ class OwnCorruption(Corruption):
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Return the state from the user's `draw`, or from `draw_scene` if depth is required.
-
-        Depth maps are passed read-only.
-        """
+        """Return the state from the user's `draw`, or from `draw_scene` if depth is required."""
         self.parameter(severity)
         if self.needs_depth and depth is None:
             raise sample_without_depth(self.name)
@@ -105,11 +92,8 @@ class OwnCorruption(Corruption):
 
 
 def register_custom(made: Made) -> str:
-    """Register a class or an object under its name and return the name; a later registration replaces an earlier one.
-
-    Raises:
-        UsageError: the method `draw` (`draw_scene` if depth is required) or `apply` is missing, or the name is invalid
-            or used by this package.
+    """Register a class or an object under its name and return the name; a later registration replaces an earlier
+    one.
     """
     _check_methods(made)
     name = checked_name(made, "corruption", lambda name: name in SHIPPED or on_disk(name) is not None)
@@ -118,14 +102,7 @@ def register_custom(made: Made) -> str:
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
-    """Return the corruption that the user or an installed package registered under a name.
-
-    Returns None if the corruption belongs to this package or exists only as files.
-
-    Raises:
-        UsageError: the name is unknown, the entry point is not a corruption of that name, or the class cannot be
-            instantiated.
-    """
+    """Return the corruption that the user or an installed package registered under a name."""
     if name in SHIPPED or on_disk(name) is not None:
         return None
     corruption = _own.get(name)
@@ -145,10 +122,7 @@ def is_known(name: str) -> bool:
 
 
 def own_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user-registered corruptions among the names, including parts of stacks.
-
-    They can be passed to `register_custom` in a different process.
-    """
+    """Return the user-registered corruptions among the names, including parts of stacks."""
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
 

@@ -30,12 +30,7 @@ _Number = bool | int | float
 
 
 class Level(FrozenFinite):
-    """One severity of one corruption.
-
-    Attributes:
-        parameter: entry of the corruption's `severities`; None if the target cannot be reached.
-        ssim: mean SSIM at the parameter; if the parameter is None, the measured mean SSIM closest to the target.
-    """
+    """One severity of one corruption."""
 
     parameter: _Number | tuple[_Number, ...] | None
     ssim: Similarity
@@ -49,18 +44,7 @@ class CalibratedCorruption(FrozenFinite):
 
 
 class CalibrationTable(FrozenFinite):
-    """The calibration table and everything needed to reproduce it.
-
-    Attributes:
-        version: version of the table format.
-        method: description of how the parameters were determined.
-        seed: seed for all draws.
-        draws: number of draws per image for random corruptions.
-        images: dict from the name of each reference image to the SHA-256 of its pixels.
-        targets: target mean SSIM for severities 1 to 5, decreasing.
-        tolerance: maximum allowed difference between a level's mean SSIM and its target.
-        corruptions: calibration of each corruption, by name.
-    """
+    """The calibration table and everything needed to reproduce it."""
 
     version: Literal[2]
     method: str
@@ -83,11 +67,7 @@ class CalibrationTable(FrozenFinite):
 
 
 def read_table(path: Path) -> CalibrationTable:
-    """Read a calibration table from a file.
-
-    Raises:
-        DataError: the file does not exist, is not a calibration table, or is damaged.
-    """
+    """Read a calibration table from a file."""
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:
@@ -106,11 +86,7 @@ def read_table(path: Path) -> CalibrationTable:
 
 
 def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
-    """Merge two tables; corruptions in `new` replace those in `old`.
-
-    Raises:
-        UsageError: the two tables were created with different settings.
-    """
+    """Merge two tables; corruptions in `new` replace those in `old`."""
     for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
         if getattr(old, name) != getattr(new, name):
             raise UsageError(f"the two calibration tables differ in {name}; choose a different --output")
@@ -118,11 +94,7 @@ def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTa
 
 
 def shipped() -> CalibrationTable:
-    """Return the table shipped with the package.
-
-    >>> shipped().targets
-    (0.92, 0.85, 0.78, 0.71, 0.64)
-    """
+    """Return the table shipped with the package."""
     return _cached(Path(str(resources.files(__package__))) / "data" / "calibrated.json")
 
 
@@ -138,11 +110,7 @@ def _cached(path: Path) -> CalibrationTable:
 
 
 def calibrated_severities(name: str) -> tuple[Any, ...]:
-    """Return the five parameters for a corruption; None marks severities that do not exist on this scale.
-
-    >>> calibrated_severities("h264_crf")
-    (None, None, None, None, None)
-    """
+    """Return the five parameters for a corruption; None marks severities that do not exist on this scale."""
     calibrated = calibration().corruptions.get(name)
     return tuple(level.parameter for level in calibrated.levels) if calibrated else (None,) * len(SEVERITIES)
 

@@ -19,14 +19,8 @@ OWN_KEY = "corruptions"
 
 
 def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
-    """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are used.
-
-    The result does not depend on which of this package's corruptions are requested, so a later call with different
-    corruptions extends the same run. For external corruptions in `names`, including those in stacks, the result
-    contains a hash of the source, so editing one of them starts a new run.
-
-    >>> user_sources()
-    {}
+    """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are
+    used.
     """
     sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
     parts = {part for name in names for part, _ in split_stack(name)}

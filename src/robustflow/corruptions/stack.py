@@ -33,14 +33,7 @@ def is_stack(name: str) -> bool:
 
 
 def parse_stack(name: str) -> list[tuple[str, int | None]]:
-    """Return the parts of a stack's name with their severities (None if not specified), without importing anything.
-
-    Raises:
-        UsageError: a part is empty, a corruption is unknown, or a severity is outside 1 to 5.
-
-    >>> parse_stack("fog:2+jpeg_compression")
-    [('fog', 2), ('jpeg_compression', None)]
-    """
+    """Return the parts of a stack's name with their severities (None if not specified), without importing anything."""
     parts = split_stack(name)
     for part, _ in parts:
         refuse_on_disk(part)
@@ -70,9 +63,6 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
 def with_targets_registered(name: str) -> str:
     """Import every `module.path:Attribute` in a name and replace it with the name of the corruption.
 
-    Raises:
-        UsageError: an attribute cannot be imported or is not a corruption.
-
     >>> with_targets_registered("fog:2 + snow")
     'fog:2+snow'
     """
@@ -87,16 +77,7 @@ def with_targets_registered(name: str) -> str:
 
 
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
-    """Return the distinct severities at which a corruption exists, usually all five.
-
-    If every part of a stack has a fixed severity, the stack has a single severity: the highest severity among its
-    parts. The calibrated scale does not include severities that the corruption, or a part of the stack, cannot reach.
-
-    >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
-    ((4,), (1, 2, 3), (1, 2))
-    >>> levels_of("fog+h264_crf", (1, 2, 3), "calibrated")
-    ()
-    """
+    """Return the distinct severities at which a corruption exists, usually all five."""
     parts = split_stack(name)
     free = [part for part, level in parts if level is None]
     if not free:
@@ -108,20 +89,13 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
 
 
 def needs_depth(name: str) -> bool:
-    """Return whether a corruption, or any part of a stack, requires the depth of the scene; False for unknown names.
-
-    >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
-    (False, True, True)
-    """
+    """Return whether a corruption, or any part of a stack, requires the depth of the scene; False for unknown names."""
     return any(_part_needs_depth(part) for part, _ in split_stack(name))
 
 
 def truth_under(name: str) -> str:
     """Return what a corruption, or all parts of a stack together, leave of the ground truth (see `Corruption.truth`);
     "unchanged" for unknown names.
-
-    >>> truth_under("fog"), truth_under("fog+elastic_transform:2")
-    ('unchanged', 'none')
     """
     loaded = [
         own_corruption(part, "default") or CORRUPTIONS.get(part) for part, _ in split_stack(name) if is_known(part)
@@ -136,12 +110,6 @@ def _part_needs_depth(name: str) -> bool:
 
 class Stack(Corruption):
     """Corruptions applied to every frame one after another.
-
-    Args:
-        parts: corruptions with their severities, or with None to use the severity of the stack.
-
-    Raises:
-        UsageError: a part's severity does not exist on the scale with which its corruption was loaded.
 
     >>> from robustflow.corruptions import load_corruption
     >>> load_corruption("fog:2+jpeg_compression").name

@@ -48,11 +48,7 @@ class PreCorrupted(Protocol):
         """Return whether the dataset contains this corruption at one or more severities."""
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """Return the corrupted frames of a sample, RGB uint8 (H, W, 3).
-
-        Raises:
-            DataError: the frames are missing or damaged.
-        """
+        """Return the corrupted frames of a sample, RGB uint8 (H, W, 3)."""
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """Return the files that `corrupted` reads."""
@@ -63,19 +59,10 @@ class Depths(Protocol):
     """A source of depth for samples: a dataset with depth, or the user's depth maps."""
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """Return the depth of a loaded sample.
-
-        Raises:
-            DataError: a file is missing, damaged, or does not match the frames.
-        """
+        """Return the depth of a loaded sample."""
 
     def depth_files(self, key: str) -> list[Path]:
-        """Return the files that `depth` reads.
-
-        Raises:
-            DataError: a file is missing.
-            UsageError: the dataset has no depth.
-        """
+        """Return the files that `depth` reads."""
 
 
 def no_depth(corruption: str, dataset: str) -> UsageError:
@@ -90,21 +77,13 @@ def no_depth(corruption: str, dataset: str) -> UsageError:
 class Clips(Protocol):
     """A dataset whose pairs come from sequences, and which therefore also provides the frames around a pair, for
     multi-frame models.
-
-    Frames are numbered by their offset from frame 1 of the pair, in units of the pair's frame distance: frame 1 has
-    offset 0, frame 2 offset 1, the frame before the pair -1, and the frame after it 2. If frame 2 precedes frame 1 in
-    time, the offsets also run backwards.
     """
 
     def around(self, key: str, reach: int) -> range:
         """Return the available offsets, at most `reach` before and after the pair, including 0 and 1."""
 
     def frame(self, key: str, offset: int) -> Frame:
-        """Return the frame at an offset, RGB uint8 (H, W, 3).
-
-        Raises:
-            DataError: the frame is damaged, or differs in size from the pair.
-        """
+        """Return the frame at an offset, RGB uint8 (H, W, 3)."""
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         """Return the files that `frame` reads, without duplicates."""
@@ -126,11 +105,7 @@ def has_clips(dataset: Dataset) -> bool:
 
 
 def range_around(dataset: Clips, key: str, reach: int) -> range:
-    """Return `dataset.around(key, reach)`.
-
-    Raises:
-        UsageError: a user's dataset raised an exception, or did not return a range.
-    """
+    """Return `dataset.around(key, reach)`."""
     offsets = called(f"the dataset failed in around('{key}')", lambda: dataset.around(key, reach))
     if not (isinstance(offsets, range) and offsets.step == 1 and 0 in offsets and 1 in offsets):
         raise UsageError(f"the dataset failed in around('{key}'): expected a range with 0 and 1, got {offsets!r:.60}")

@@ -28,16 +28,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the rotation (3, 3) and translation (3,) between two frames, see `Camera`.
-
-    Args:
-        first, second: world-to-camera matrices of the two frames, float64 (3, 4).
-
-    >>> first, second = np.eye(3, 4), np.eye(3, 4)
-    >>> first[0, 3], second[0, 3] = 2.0, 5.0
-    >>> relative_motion(first, second)[1].tolist()
-    [3.0, 0.0, 0.0]
-    """
+    """Return the rotation (3, 3) and translation (3,) between two frames, see `Camera`."""
     one, other = first.tolist(), second.tolist()
     rotation = [[sum(a * b for a, b in zip(row[:3], column[:3], strict=True)) for column in one] for row in other]
     translation = [
@@ -50,19 +41,6 @@ def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
 def with_motion(camera: Camera, depth: npt.NDArray[Any], flow: Flow, known: Mask) -> Camera:
     """Return a camera with the motion that explains most of the flow, or the camera unchanged if too few points are
     known.
-
-    Args:
-        camera: camera of both frames.
-        depth: depth map of frame 1, (H, W), in metres.
-        flow: true flow, float32 (H, W, 2), in pixels.
-        known: boolean mask (H, W) of the pixels with known depth and flow.
-
-    >>> rows, columns = np.mgrid[:24, :32]
-    >>> depth = 4.0 + (7 * rows + 5 * columns) % 13
-    >>> flow = np.dstack([40 * 0.5 / depth, 0 * depth]).astype(np.float32)
-    >>> fitted = with_motion(Camera((40.0, 40.0), (15.5, 11.5)), depth, flow, depth > 0)
-    >>> (fitted.translation.round(4) + 0).tolist()
-    [0.5, 0.0, 0.0]
     """
     rows, columns = np.nonzero(known)
     step = max(1, -(-len(rows) // _MOST))

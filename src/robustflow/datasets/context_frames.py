@@ -23,12 +23,7 @@ from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
-    """Return the window of a multi-frame model on a dataset, or None for a two-frame model.
-
-    Raises:
-        UsageError: the model needs more than two frames, but the dataset has only pairs.
-        ModelError: the model's window is invalid.
-    """
+    """Return the window of a multi-frame model on a dataset, or None for a two-frame model."""
     if not isinstance(model, ClipModel):
         return None
     window = window_of(model)
@@ -53,10 +48,7 @@ def _datasets_with_clips() -> str:
 
 
 class ContextFrames:
-    """The frames of a model's window on one dataset.
-
-    Frames are passed as (frame 1, frame 2, surrounding frames by ascending offset).
-    """
+    """The frames of a model's window on one dataset."""
 
     def __init__(self, dataset: Clips, window: Window) -> None:
         self._dataset = dataset
@@ -76,12 +68,7 @@ class ContextFrames:
         )
 
     def add(self, sample: Sample) -> Sample:
-        """Return the sample with the frames around its pair appended.
-
-        Raises:
-            DataError: a frame cannot be read, is not an image, or differs in size.
-            UsageError: a user's dataset raised an exception.
-        """
+        """Return the sample with the frames around its pair appended."""
         around = [self._frame(sample, number) for number in self._numbers(sample.key)[2:]]
         return replace(sample, frames=(*sample.frames[:2], *around))
 

@@ -28,17 +28,7 @@ _NEAREST, _FARTHEST = 0.1, 10_000.0
 def scene_depth(
     first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, source: str | Path, sample: Sample
 ) -> SceneDepth:
-    """Return the depth of a pair from two maps, with holes filled in.
-
-    Args:
-        first, second: depth maps (H, W), in metres; zero, NaN or infinite at pixels without a measurement.
-        camera: camera of both frames.
-        source: origin of the maps, for messages.
-        sample: sample to which the maps belong.
-
-    Raises:
-        DataError: a map differs in size from the frames, contains a negative depth, or has no measured pixel.
-    """
+    """Return the depth of a pair from two maps, with holes filled in."""
     what = f"{source}, sample '{sample.key}'"
     maps, masks = [], []
     for number, values in enumerate((first, second), 1):
@@ -76,11 +66,7 @@ def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float6
 
 
 def existing(files: list[Path], title: str, parts: str) -> list[Path]:
-    """Return the files from which a dataset's depth is read.
-
-    Raises:
-        DataError: a file is missing; the message names `parts`, the parts of the dataset that contain it.
-    """
+    """Return the files from which a dataset's depth is read."""
     for path in files:
         if not path.is_file():
             raise DataError(
@@ -91,11 +77,7 @@ def existing(files: list[Path], title: str, parts: str) -> list[Path]:
 
 
 def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
-    """Read a camera file with `columns` finite numbers per line, float64 (N, columns).
-
-    Raises:
-        DataError: the file does not exist or has different contents.
-    """
+    """Read a camera file with `columns` finite numbers per line, float64 (N, columns)."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
         table = np.array([[float(word) for word in line.split()] for line in lines if line.strip()], np.float64)
@@ -108,18 +90,7 @@ def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
 
 
 def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[DepthMap, Mask]:
-    """Return a map without holes, float32 (H, W), and the mask of measured pixels.
-
-    Args:
-        values: depth map (H, W), in metres; zero, NaN or infinite at pixels without a measurement.
-        what: name of the map in messages.
-
-    Raises:
-        DataError: a depth is negative, or no pixel was measured.
-
-    >>> completed(np.array([[0.0, 3.0, np.nan, 5.0], [0.0, 0.0, 0.0, 0.0]]))[0].tolist()
-    [[3.0, 3.0, 5.0, 5.0], [3.0, 3.0, 5.0, 5.0]]
-    """
+    """Return a map without holes, float32 (H, W), and the mask of measured pixels."""
     with np.errstate(over="ignore"):
         depth = np.array(values, np.float32, order="C")
     measured = np.isfinite(depth) & (depth != 0)
@@ -135,22 +106,7 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
 
 
 def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
-    """Return the depth map of frame 2, computed from values at the pixels of frame 1.
-
-    Args:
-        depth: depth in frame 2 of the points visible in frame 1, (H, W), in metres.
-        flow: flow from frame 1 to frame 2, float32 (H, W, 2), in pixels.
-        known: boolean mask (H, W) of the pixels with known depth and flow.
-
-    Returns:
-        The depth map, float32 (H, W), in metres, with zeros in holes. Each point is assigned to the nearest pixel; if
-        several points fall on a pixel, the closest to the camera is kept.
-
-    >>> flow = np.zeros((1, 3, 2), np.float32)
-    >>> flow[0, :, 0] = 1, 0, 5
-    >>> carried(np.array([[4.0, 7.0, 2.0]], np.float32), flow, np.ones((1, 3), bool)).tolist()
-    [[0.0, 4.0, 0.0]]
-    """
+    """Return the depth map of frame 2, computed from values at the pixels of frame 1."""
     out = np.zeros(known.shape, np.float32)
     _carry(np.ascontiguousarray(depth, np.float32), flow, known, out)
     return out

@@ -20,14 +20,7 @@ _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 
 
 class FlyingChairs(PairDataset):
-    """The FlyingChairs dataset. `root` is `data/` or its parent folder.
-
-    Args:
-        split: split to read: "all", or "train" or "val" according to the official list, which must then exist.
-
-    Raises:
-        DataError: the layout is different, a file of a pair is missing, or there is no usable split file.
-    """
+    """The FlyingChairs dataset. `root` is `data/` or its parent folder."""
 
     name = "flyingchairs"
     facts = DatasetFacts(

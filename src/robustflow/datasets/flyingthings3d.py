@@ -24,15 +24,6 @@ from .pairs import PairDataset, PairFiles
 class FlyingThings3D(PairDataset):
     """The FlyingThings3D dataset. `root` contains `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or
     `train/` and `val/` of the subset.
-
-    Args:
-        render_pass: rendering pass: "clean" or "final".
-        split: split to read: "TRAIN" or "TEST".
-        side: camera: "left" or "right".
-        direction: temporal direction of the flow: "future" or "past".
-
-    Raises:
-        DataError: the layout is different, a frame is missing within a scene, or a frame has no flow.
     """
 
     name = "flyingthings3d"

@@ -35,17 +35,7 @@ ALONE = "frames"
 
 
 class FrameFolder(PairDataset):
-    """Pairs from a folder of frames, or from every folder of frames inside a folder.
-
-    Args:
-        root: path of the folder.
-        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
-        start, stop: range of frames of each sequence to use, as positions from 0; `stop` is exclusive.
-
-    Raises:
-        DataError: there are no frames, a sequence has fewer than `step` + 1 frames or frames of different sizes, or two
-            file names differ only in their extension.
-    """
+    """Pairs from a folder of frames, or from every folder of frames inside a folder."""
 
     name = OWN_FRAMES
     has_flow = False
@@ -79,9 +69,6 @@ class FrameFolder(PairDataset):
 def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: Position = None) -> FrameFolder | Video:
     """Open the dataset `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
     to the range from `start` to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
-
-    Raises:
-        DataError: the path does not exist, or is neither a video nor a folder of frames.
     """
     path = user_path(root)
     if path.is_file():

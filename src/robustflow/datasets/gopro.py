@@ -20,16 +20,7 @@ _KINDS = ("sharp", "blur", "blur_gamma")
 
 
 class GoPro(PairDataset):
-    """The GoPro dataset. `root` contains `train/` and `test/`, or sequences.
-
-    Args:
-        split: split to read: "all", "train" or "test".
-        images: folder of frames to read, "sharp", "blur" or "blur_gamma", for sequences that have these folders.
-        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
-
-    Raises:
-        DataError: the layout is different, a frame is missing within a sequence, or a sequence is too short for `step`.
-    """
+    """The GoPro dataset. `root` contains `train/` and `test/`, or sequences."""
 
     name = "gopro"
     has_flow = False

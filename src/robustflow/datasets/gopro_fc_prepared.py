@@ -31,15 +31,6 @@ VARIANTS = "variants"
 class GoProFCPrepared(Samples):
     """Dataset for a folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: the
     frames around a pair are key frames of the clip or of its corrupted stream.
-
-    Args:
-        root: path of the prepared folder.
-        variant: variant of the corruption parameters, see `robustflow.corruptions.base`.
-        cache: folder for transcoded variants; by default the prepared folder, or the user's cache folder if the
-            prepared folder is read-only.
-
-    Raises:
-        DataError: the folder was not prepared, or the preparation is unfinished.
     """
 
     name = "gopro_fc_prepared"
@@ -111,8 +102,6 @@ class GoProFCPrepared(Samples):
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """See `PreCorrupted.corrupted`. The frames are generated on first use; for a video corruption, this requires a
         pass over the clip.
-
-        At that point a `UserWarning` is issued if bit errors had no effect or caused frames to be lost.
         """
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second

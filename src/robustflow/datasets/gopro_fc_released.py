@@ -14,14 +14,7 @@ from .released import ReleasedPairs
 
 
 class GoProFCReleased(ReleasedPairs):
-    """The released benchmark: clean pairs and their corrupted frames. Implements `PreCorrupted`.
-
-    Args:
-        root: path of the folder with `clean/` and the corruptions.
-
-    Raises:
-        DataError: the layout is different, or a frame of a clean pair is missing.
-    """
+    """The released benchmark: clean pairs and their corrupted frames. Implements `PreCorrupted`."""
 
     name = "gopro_fc_released"
     has_flow = False

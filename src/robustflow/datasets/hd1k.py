@@ -16,11 +16,7 @@ from .pairs import PairDataset, PairFiles
 
 
 class HD1K(PairDataset):
-    """The HD1K dataset. `root` contains `hd1k_input/` and `hd1k_flow_gt/`.
-
-    Raises:
-        DataError: the layout is different, a frame is missing within a sequence, or a flow map has no frame.
-    """
+    """The HD1K dataset. `root` contains `hd1k_input/` and `hd1k_flow_gt/`."""
 
     name = "hd1k"
     facts = DatasetFacts(

@@ -80,11 +80,7 @@ class KittiSequences(KittiPairs):
 
 
 class Kitti2015(KittiSequences):
-    """The KITTI 2015 dataset. `root` is `training/` or its parent folder.
-
-    Raises:
-        DataError: the layout is different, or a file of a pair is missing.
-    """
+    """The KITTI 2015 dataset. `root` is `training/` or its parent folder."""
 
     name = "kitti2015"
     facts = DatasetFacts(
@@ -132,14 +128,7 @@ class Kitti2015(KittiSequences):
 
 
 class Kitti2012(KittiSequences):
-    """The KITTI 2012 dataset. `root` is `training/` or its parent folder.
-
-    Args:
-        images: frames to read: "colour" (colored_0), "grey" (image_0), or "auto" for colour if its folder exists.
-
-    Raises:
-        DataError: the layout is different, or a file of a pair is missing.
-    """
+    """The KITTI 2012 dataset. `root` is `training/` or its parent folder."""
 
     name = "kitti2012"
     facts = DatasetFacts(
@@ -165,13 +154,7 @@ class Kitti2012(KittiSequences):
 
 
 def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]:
-    """Return the pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
-
-    The groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
-
-    Raises:
-        DataError: the ground-truth folder or a file of a pair is missing.
-    """
+    """Return the pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc."""
     occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in (_OCC, _NOC))
     truth = occ or noc
     if truth is None:

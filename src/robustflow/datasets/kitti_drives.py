@@ -35,11 +35,7 @@ _NUMBERED_BY_DRIVE = ("kitti2015",)
 
 @cache
 def drives(dataset: str) -> Mapping[str, str]:
-    """Return the drive of each pair whose drive is known; empty for datasets other than KITTI's.
-
-    >>> drives("kitti2015")["000010"], len(drives("kitti2015")), len(set(drives("kitti2015").values()))
-    ('2011_09_26_drive_0009', 142, 29)
-    """
+    """Return the drive of each pair whose drive is known; empty for datasets other than KITTI's."""
     if dataset not in _TABLES:
         return {}
     table = files("robustflow.datasets") / "data" / f"{_TABLES[dataset][0]}_drives.csv"
@@ -48,12 +44,7 @@ def drives(dataset: str) -> Mapping[str, str]:
 
 @cache
 def drive_groups(dataset: str) -> Mapping[str, str]:
-    """Return the group of each pair: its drive or a substitute; empty for datasets other than KITTI's.
-
-    >>> groups = drive_groups("kitti2015")
-    >>> groups["000007"], groups["000004"], groups["000156"]
-    ('2011_09_26_drive_0009', 'unmapped_000004_000006', 'unmapped_000156')
-    """
+    """Return the group of each pair: its drive or a substitute; empty for datasets other than KITTI's."""
     if dataset not in _TABLES:
         return {}
     table, count = _TABLES[dataset]
@@ -73,9 +64,6 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 def related(first: Iterable[str], second: Iterable[str]) -> list[str]:
     """Return the pairs of KITTI 2015 in `first` that come from the same known drive as a pair in `second`, in the order
     of `first`.
-
-    >>> related(["000007", "000002", "000000"], ["000012", "000001"])
-    ['000007']
     """
     known = drives("kitti2015")
     others = {known[pair] for pair in second if pair in known}

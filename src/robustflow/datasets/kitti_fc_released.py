@@ -15,15 +15,7 @@ from .released import ReleasedPairs
 
 
 class KittiFCReleased(KittiPairs, ReleasedPairs):
-    """The released benchmark: clean samples and their corrupted frames. Implements `PreCorrupted`.
-
-    Args:
-        root: path of the folder with `clean/` and the corruptions.
-        split: split to read: "val" (the paper's 80 evaluation pairs) or "training" (120 pairs).
-
-    Raises:
-        DataError: the layout is different, or a file of a clean pair is missing.
-    """
+    """The released benchmark: clean samples and their corrupted frames. Implements `PreCorrupted`."""
 
     name = "kitti_fc_released"
     facts = DatasetFacts(

@@ -26,15 +26,7 @@ _PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training"
 
 
 class KittiMultiview(PairDataset):
-    """The multi-view extension of KITTI 2015. `root` contains `training/` and `testing/`.
-
-    Args:
-        part: part to read: "training", "testing" or "all".
-        camera: camera to read: "left", "right" or "both".
-
-    Raises:
-        DataError: the layout is different, or a folder contains only frames 10 and 11.
-    """
+    """The multi-view extension of KITTI 2015. `root` contains `training/` and `testing/`."""
 
     name = "kitti_multiview"
     has_flow = False

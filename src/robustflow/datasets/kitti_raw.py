@@ -23,17 +23,7 @@ _EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png 
 
 
 class KittiRaw(PairDataset):
-    """The KITTI raw dataset. `root` contains one folder of drives per day, or is such a folder.
-
-    Args:
-        camera: camera to read: "left", "right" or "both".
-        drives: "apart" to omit the known drives of KITTI 2015's and 2012's training pairs, or "all" to keep them.
-        listing: path of a text file that lists the pairs, two frame names per line, relative to the root. ARFlow's
-            authors publish such a list.
-
-    Raises:
-        DataError: the layout is different, or a listed frame is missing.
-    """
+    """The KITTI raw dataset. `root` contains one folder of drives per day, or is such a folder."""
 
     name = "kitti_raw"
     has_flow = False

@@ -17,17 +17,7 @@ _MEASURED = 0.01
 
 
 def sky(frame: Frame, measured: Mask) -> Mask:
-    """Return the mask of the sky, bool (H, W).
-
-    Args:
-        frame: RGB uint8 (H, W, 3).
-        measured: bool (H, W), mask of the pixels whose depth was measured.
-
-    >>> frame = np.full((20, 20, 3), 90, np.uint8)
-    >>> frame[:10] = 255
-    >>> int(sky(frame, np.zeros((20, 20), bool)).sum())
-    200
-    """
+    """Return the mask of the sky, bool (H, W)."""
     bright = cv2.morphologyEx((frame[..., 2] >= _BRIGHT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((_DETAIL, _DETAIL)))
     count, areas = cv2.connectedComponents(bright, connectivity=4)
     sizes, known = np.bincount(areas.ravel(), minlength=count), np.bincount(areas[measured], minlength=count)

@@ -18,11 +18,7 @@ from .pairs import PairDataset, PairFiles
 
 
 class Middlebury(PairDataset):
-    """The Middlebury dataset. `root` contains `other-data/` and `other-gt-flow/`.
-
-    Raises:
-        DataError: the layout is different, or a file of a scene is missing.
-    """
+    """The Middlebury dataset. `root` contains `other-data/` and `other-gt-flow/`."""
 
     name = "middlebury"
     facts = DatasetFacts(

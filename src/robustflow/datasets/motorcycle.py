@@ -28,15 +28,7 @@ _OFFSET = 31.086
 
 
 class Motorcycle(Samples):
-    """The dataset with the single key "motorcycle". It needs neither a root folder nor a download.
-
-    Raises:
-        AssetError: the images are missing from the installed scikit-image.
-
-    >>> sample = Motorcycle().load("motorcycle")
-    >>> sample.shape, float(sample.valid.mean().round(3)), bool((sample.flow[..., 1] == 0).all())
-    ((500, 741), 0.927, True)
-    """
+    """The dataset with the single key "motorcycle". It needs neither a root folder nor a download."""
 
     name = "motorcycle"
     has_flow = True

@@ -19,15 +19,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
 def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
-    """Open the dataset that a user names as `module.path:Attribute`, and check its first sample.
-
-    Args:
-        target: reference to a class or function that takes `options` and returns a `Dataset`, or to a `Dataset`.
-        options: keyword options of the dataset (`-D root=/data`).
-
-    Raises:
-        UsageError: the target cannot be imported or opened, or is not a dataset.
-    """
+    """Open the dataset that a user names as `module.path:Attribute`, and check its first sample."""
     dataset = import_target(target, "dataset")
     if inspect.isclass(dataset) or inspect.isroutine(dataset):
         check_options(dataset, target, options, "-D")
@@ -40,14 +32,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
 
 
 def check_members(dataset: Any, what: str) -> None:
-    """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample.
-
-    Args:
-        what: name of the object in messages.
-
-    Raises:
-        UsageError: a check failed.
-    """
+    """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample."""
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):
             raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
@@ -62,14 +47,7 @@ def check_members(dataset: Any, what: str) -> None:
 
 
 def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
-    """Load one sample and check it against the dataset's declarations.
-
-    Args:
-        what: name of the dataset in messages; the dataset's `name` by default.
-
-    Raises:
-        UsageError: the dataset raised an exception, or the check failed.
-    """
+    """Load one sample and check it against the dataset's declarations."""
     what = what or f"the dataset '{dataset.name}'"
     sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
@@ -83,11 +61,7 @@ def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
 
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    """Load one sample, see `load_checked`, and check its files.
-
-    Raises:
-        UsageError: a check failed.
-    """
+    """Load one sample, see `load_checked`, and check its files."""
     sample = load_checked(dataset, key, what)
     files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):

@@ -28,17 +28,7 @@ _FOLDERS = 3
 
 
 class OwnDepth:
-    """Depth maps for the frames of a dataset. Implements `Depths`.
-
-    Args:
-        folder: path of the folder with the maps.
-        dataset: the dataset, whose frames must be files.
-        focal: focal length, in pixels; by default the longer side of the frames, along which the field of view is then
-            53 degrees.
-
-    Raises:
-        UsageError: the folder does not exist, or the focal length is not positive.
-    """
+    """Depth maps for the frames of a dataset. Implements `Depths`."""
 
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
         self._folder, self._dataset = user_path(folder), dataset

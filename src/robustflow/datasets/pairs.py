@@ -20,15 +20,7 @@ from .samples import Samples
 
 @dataclass(frozen=True)
 class PairFiles:
-    """The files of one sample.
-
-    Attributes:
-        frames: paths of the two frames.
-        flow: path of the ground-truth flow, or None.
-        occlusion: path of a map of occluded pixels, in the dataset's format, or None.
-        invalid: path of a map of the pixels without ground truth, if it is a separate file, or None.
-        group: name of the sequence; empty if samples are independent.
-    """
+    """The files of one sample."""
 
     frames: tuple[Path, Path]
     flow: Path | None = None
@@ -53,8 +45,6 @@ class Truth(NamedTuple):
 class PairDataset(Samples):
     """Base class for datasets of `PairFiles`. A reader locates the pairs, and overrides the reading of ground truth if
     necessary.
-
-    Implements `Dataset` and `Clips`.
     """
 
     name: str = "folder"
@@ -148,9 +138,6 @@ class PairDataset(Samples):
 def pairs_at_step(frames: Sequence[Path], step: int, where: Path, total: int = 0) -> list[tuple[Path, Path]]:
     """Pair each frame with the frame `step` positions later; the last `step` frames do not start a pair. `total` is the
     number of frames before a range was selected.
-
-    Raises:
-        DataError: there are too few frames for a single pair.
     """
     if len(frames) <= step:
         raise too_few_frames(len(frames), step, where, total)
@@ -164,11 +151,7 @@ def too_few_frames(count: int, step: int, where: Path, total: int = 0) -> DataEr
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
-    """Read the frames of a pair.
-
-    Raises:
-        DataError: the frames differ in size; the message names both files.
-    """
+    """Read the frames of a pair."""
     frames = tuple(read_image(path) for path in paths)
     for path, frame in zip(paths, frames, strict=True):
         if frame.shape != frames[0].shape:

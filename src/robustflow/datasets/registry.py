@@ -93,12 +93,5 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
 
 
 def dataset_facts(name: str) -> DatasetFacts:
-    """Return the facts of a dataset by its name: title, licence, citation, counts, layout.
-
-    For an unregistered name, such as one in a manifest from a different machine, the facts contain only a title, and no
-    code is loaded.
-
-    >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
-    (200, 'someone:Else')
-    """
+    """Return the facts of a dataset by its name: title, licence, citation, counts, layout."""
     return facts_of(DATASETS.get(name) if name in DATASETS else None, name)

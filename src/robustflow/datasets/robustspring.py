@@ -27,17 +27,6 @@ from .samples import Samples
 class RobustSpring(Samples):
     """The clean pairs of both cameras in both directions, with their frames under all unpacked corruptions. Implements
     `Dataset` and `CorruptedClips`.
-
-    A key is the path of a flow in a submission: "0003/flow_BW_left/flow_BW_left_0002" is the flow from frame 2 to frame
-        1.
-
-    Args:
-        root: path of the folder with fog/ and the other conditions.
-        spring: path of the folder with Spring's test/, if it is neither spring/ (or clean/) in `root` nor spring/ next
-            to `root`.
-
-    Raises:
-        DataError: the layout is different, or a frame is missing within a sequence or under a corruption.
     """
 
     name = "robustspring"

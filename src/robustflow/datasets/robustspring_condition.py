@@ -41,18 +41,6 @@ _CLEAN_NAMES = ("spring", CLEAN)
 class Condition(PairDataset):
     """The pairs of one condition in one direction, for both cameras. A key is the path of a flow below CONDITION/test;
     a group is a sequence, because both cameras see the same scene.
-
-    Args:
-        root: path of the folder with fog/ and the other conditions, and with spring/ or clean/ for the clean frames.
-        condition: condition to read: "clean" or one of `CORRUPTIONS`.
-        direction: direction of the flow: "FW" (to the next frame) or "BW" (to the previous frame).
-        spring: path of the folder with Spring's test/, if it is neither in `root` nor next to it.
-
-    Attributes:
-        folder: path of CONDITION/test.
-
-    Raises:
-        DataError: the layout is different, or a frame is missing within a sequence.
     """
 
     name = "robustspring"
@@ -73,11 +61,7 @@ class Condition(PairDataset):
 
 
 def submitted() -> Iterator[str]:
-    """Return the paths of all flows of a complete submission, relative to its folder.
-
-    >>> len(set(submitted())), next(submitted())
-    (83160, 'clean/test/0003/flow_FW_left/flow_FW_left_0001.flo5')
-    """
+    """Return the paths of all flows of a complete submission, relative to its folder."""
     for condition in (CLEAN, *CORRUPTIONS):
         for sequence, frames in SEQUENCES.items():
             for side in _SIDES:

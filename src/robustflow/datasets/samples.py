@@ -29,12 +29,7 @@ class Samples:
         return (self.load(key) for key in self.keys())
 
     def __getitem__(self: Dataset, place: int | str) -> Sample:
-        """Return one sample by its key or by its position; negative positions count from the end.
-
-        Raises:
-            IndexError: the position is out of range.
-            UsageError: the key does not exist.
-        """
+        """Return one sample by its key or by its position; negative positions count from the end."""
         if isinstance(place, str):
             return self.load(place)
         return self.load(self.keys()[whole_number(place)])

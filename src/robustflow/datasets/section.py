@@ -11,14 +11,7 @@ Position = int | str | None
 
 
 def position(option: str, value: Position | float) -> int | float | None:
-    """Parse a position into a frame number (int) or a time in seconds (float).
-
-    Raises:
-        UsageError: the position is not a frame number or a time, or is negative.
-
-    >>> position("start", 120), position("start", "12.5s"), position("stop", "1:05"), position("stop", None)
-    (120, 12.5, 65.0, None)
-    """
+    """Parse a position into a frame number (int) or a time in seconds (float)."""
     if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
         return value
     text = str(value).strip()

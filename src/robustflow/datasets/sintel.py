@@ -29,14 +29,7 @@ _MAPS = ("flow", "occlusions", "invalid", "flow_viz", "depth", "depth_viz", "cam
 
 
 class Sintel(PairDataset):
-    """The MPI-Sintel dataset. `root` is `training/` or its parent folder.
-
-    Args:
-        render_pass: rendering pass: "clean", "final", or the name of a folder of images next to `flow`.
-
-    Raises:
-        DataError: the layout is different, the pass does not exist, or a file of a pair is missing.
-    """
+    """The MPI-Sintel dataset. `root` is `training/` or its parent folder."""
 
     name = "sintel"
     facts = DatasetFacts(

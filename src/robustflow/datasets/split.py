@@ -44,14 +44,8 @@ class Split(NamedTuple):
 
 
 def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
-    """Return 80 pairs for evaluation and the rest for training; if there are fewer than 200 pairs, all are evaluated.
-
-    >>> keys = [f"{number:06d}" for number in range(200)]
-    >>> split = kitti_split(keys)
-    >>> len(split.evaluation), len(split.training)
-    (80, 120)
-    >>> kitti_split(keys[:3]).evaluation
-    ['000000', '000001', '000002']
+    """Return 80 pairs for evaluation and the rest for training; if there are fewer than 200 pairs, all are
+    evaluated.
     """
     if len(keys) < len(KITTI_KEYS):
         return Split(list(keys), [])
@@ -61,20 +55,7 @@ def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
 
 
 def drive_disjoint_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
-    """Return 80 pairs for evaluation and 120 for training, with no drive of KITTI 2015 in both parts.
-
-    Complete drives, and complete blocks of pairs without a drive (see `kitti_drives`), are added in the order of their
-    hashes until there are 80 pairs; those that do not fit are skipped. In a folder with fewer than 200 pairs, the
-    existing pairs remain in their usual part.
-
-    >>> keys = [f"{number:06d}" for number in range(200)]
-    >>> split = drive_disjoint_split(keys)
-    >>> len(split.evaluation), len(split.training)
-    (80, 120)
-    >>> groups = drive_groups("kitti2015")
-    >>> {groups[key] for key in split.evaluation} & {groups[key] for key in split.training}
-    set()
-    """
+    """Return 80 pairs for evaluation and 120 for training, with no drive of KITTI 2015 in both parts."""
     groups = drive_groups("kitti2015")
     pairs: dict[str, list[str]] = {}
     for key, group in groups.items():
@@ -94,17 +75,7 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """Return the keys that a named split or a file given with `--split` selects, in the order of the dataset.
-
-    Args:
-        split: "drive-disjoint", or the path of a file for `read_split`.
-        keys: keys of the dataset.
-        dataset: name of the dataset.
-
-    Raises:
-        UsageError: the named split belongs to a different dataset.
-        DataError: see `read_split`; or none of the named split's pairs exists.
-    """
+    """Return the keys that a named split or a file given with `--split` selects, in the order of the dataset."""
     if str(split) != DRIVE_DISJOINT:
         return read_split(split, keys)
     if dataset != "kitti2015":
@@ -119,15 +90,7 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
 
 
 def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
-    """Return the keys that a file selects, in the order of the dataset.
-
-    The file contains one key per line or, like KITTI's own lists, a 0 or 1 for every pair in order, where 1 selects the
-    pair for evaluation. Empty lines and lines that begin with # are ignored.
-
-    Raises:
-        DataError: the file does not exist, is larger than 16 MiB, contains an unknown or repeated key, has the wrong
-            length, or selects nothing.
-    """
+    """Return the keys that a file selects, in the order of the dataset."""
     path = user_path(path)
     advice = "give a text file, one key per line"
     try:

@@ -34,15 +34,7 @@ _BASELINE = 0.065
 
 
 class Spring(PairDataset):
-    """The Spring dataset. `root` is `train/` or its parent folder.
-
-    Args:
-        side: camera: "left" or "right".
-        direction: direction of the flow: "FW" (to the next frame) or "BW" (to the previous frame).
-
-    Raises:
-        DataError: the layout is different, a frame is missing within a sequence, or a flow map has no frames.
-    """
+    """The Spring dataset. `root` is `train/` or its parent folder."""
 
     name = "spring"
     facts = DatasetFacts(

@@ -29,21 +29,6 @@ class SharesFrames(Protocol):
 class Still(Samples):
     """A dataset in which every frame of a given dataset occurs once, paired with itself; the first frame of a pair
     keeps the pair's key. The true flow is zero everywhere, regardless of the pairs' ground truth.
-
-    For multi-frame models, the frames around a pair are also the same frame. Implements `Dataset` and `Clips`.
-
-    Args:
-        dataset: dataset that provides the frames.
-        keys: keys of the pairs whose frames are used.
-        depths: source of depth for the pairs; by default the dataset, if it has depth.
-
-    Raises:
-        UsageError: the dataset provides corrupted frames, from which a still scene cannot be made.
-
-    >>> from robustflow.datasets import load_dataset
-    >>> still = Still(load_dataset("motorcycle"), ["motorcycle"])
-    >>> still.keys(), float(abs(still[1].flow).max())
-    (['motorcycle', 'motorcycle:2'], 0.0)
     """
 
     has_flow = True
@@ -109,13 +94,7 @@ class Still(Samples):
 
 
 def still_scene(sample: Sample, number: int) -> Sample:
-    """Return a frame of a pair, 0 or 1, paired with itself; the true flow is zero everywhere.
-
-    >>> frames = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 3), np.uint8)
-    >>> scene = still_scene(Sample("a", frames), 1)
-    >>> int(scene.frames[0].min()), scene.flow.any(), scene.valid.all()
-    (1, np.False_, np.True_)
-    """
+    """Return a frame of a pair, 0 or 1, paired with itself; the true flow is zero everywhere."""
     frame = sample.frames[number]
     zero = np.zeros((*sample.shape, 2), np.float32)
     return Sample(sample.key, (frame, frame), zero, np.ones(sample.shape, bool), group=sample.group)

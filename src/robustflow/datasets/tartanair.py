@@ -37,14 +37,7 @@ _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
 
 
 class TartanAir(PairDataset):
-    """The TartanAir dataset. `root` contains the folders of the environments, or is one of them.
-
-    Args:
-        difficulty: difficulty to read: "all", "Easy" or "Hard".
-
-    Raises:
-        DataError: the layout is different, or a pair has no flow.
-    """
+    """The TartanAir dataset. `root` contains the folders of the environments, or is one of them."""
 
     name = "tartanair"
     facts = DatasetFacts(

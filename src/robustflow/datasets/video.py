@@ -18,19 +18,6 @@ from .section import Position, position
 class Video(Samples):
     """A dataset of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
     because frames of a video are not independent. Implements `Dataset` and `Clips`.
-
-    The two frames of a pair come from two readers, so that iterating over the keys in order decodes each frame at most
-    twice and keeps two frames in memory, for any step. Each requested frame around the pair uses one more reader.
-
-    Args:
-        path: path of the video; with a variable frame rate, frames are used in order without resampling.
-        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
-        start, stop: range of frames to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is exclusive.
-            Keys are always frame numbers within the whole video.
-
-    Raises:
-        DataError: the file is not a video or is damaged, or the range has fewer than `step` + 1 frames.
-        UsageError: `start` or `stop` is not a frame number or a time.
     """
 
     name = "folder"

@@ -16,12 +16,7 @@ PLAIN, ALL = "plain", "all"
 
 @dataclass(frozen=True)
 class Arm:
-    """One arm of the experiment.
-
-    Attributes:
-        name: name of the arm: "plain", "all", or "no_FAMILY".
-        families: families of the corruptions applied to the training frames.
-    """
+    """One arm of the experiment."""
 
     name: str
     families: tuple[str, ...]
@@ -33,29 +28,18 @@ class Arm:
 
 
 def members(family: str) -> list[str]:
-    """Return the corruptions of a family that can be applied to a pair of images.
-
-    >>> members("noise")
-    ['gaussian_noise', 'shot_noise', 'impulse_noise']
-    """
+    """Return the corruptions of a family that can be applied to a pair of images."""
     return [name for name in FAMILIES[family] if name in IMAGE_PAIR]
 
 
 def arms() -> list[Arm]:
     """Return the arms: one without corruptions, one with all families, and for each held-out family one with all
     families except that one.
-
-    >>> [arm.name for arm in arms()]
-    ['plain', 'all', 'no_noise', 'no_weather']
     """
     without = [Arm(f"no_{left}", tuple(family for family in TRAINED if family != left)) for left in LEFT_OUT]
     return [Arm(PLAIN, ()), Arm(ALL, TRAINED), *without]
 
 
 def measured() -> list[str]:
-    """Return the corruptions under which every network is evaluated.
-
-    >>> len(measured())
-    7
-    """
+    """Return the corruptions under which every network is evaluated."""
     return [name for family in LEFT_OUT for name in members(family)]

@@ -25,14 +25,6 @@ Runs = Mapping[tuple[str, str, int], Run]
 class Effect:
     """A mean difference from the arm without corruptions, in pixels (for `crer`, as a fraction); negative values are
     improvements.
-
-    Attributes:
-        difference: mean difference over seeds and pairs.
-        error: standard error. This and the next four fields are None with too few pairs or seeds.
-        freedom: degrees of freedom of the standard error.
-        low, high: bounds of the 95 % confidence interval over pairs and seeds.
-        p: two-sided p-value for the null hypothesis of no difference, uncorrected.
-        plain, value: means of the plain arm and of this arm.
     """
 
     difference: float
@@ -46,19 +38,7 @@ class Effect:
 
 
 def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
-    """Return all effects on a dataset.
-
-    Args:
-        runs: runs by (arm, dataset, seed).
-        dataset: name of the dataset.
-        seeds: seeds to compare, see `left_out`.
-
-    Returns:
-        One row per arm, condition (a family, a corruption, or "clean") and quantity, with a flag that indicates whether
-        the arm was trained with the condition (null for "clean") and the fields of `Effect`. CREr is a ratio of means
-        over pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; it has no
-        confidence interval.
-    """
+    """Return all effects on a dataset."""
     names = [arm.name for arm in arms()]
     scores = {name: [_scores(runs[name, dataset, seed]) for seed in seeds] for name in names}
     plain = scores[PLAIN]

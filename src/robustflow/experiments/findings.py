@@ -21,11 +21,7 @@ _POWER = 0.8
 
 
 def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
-    """Return the page, and a table of all effects (see `effects`).
-
-    Args:
-        runs: runs by (arm, dataset, seed); seeds with a missing arm are left out.
-    """
+    """Return the page, and a table of all effects (see `effects`)."""
     parts, tables = [], []
     for dataset in dict.fromkeys(of for _, of, _ in runs):
         pairs = len(set(next(run for (_, of, _), run in runs.items() if of == dataset).rows["sample"]))

@@ -20,12 +20,7 @@ from .arms import LEFT_OUT
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """The hypothesis that training with all families except one changes an error under the held-out family.
-
-    Attributes:
-        family: held-out family.
-        quantity: name of the error: "cre" or "rcre".
-    """
+    """The hypothesis that training with all families except one changes an error under the held-out family."""
 
     family: str
     quantity: str = "cre"

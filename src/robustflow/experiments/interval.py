@@ -30,28 +30,7 @@ class MeanInterval(NamedTuple):
 
 
 def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | None:
-    """Return the confidence interval of the mean over seeds and pairs.
-
-    A bootstrap-t (Efron and Tibshirani 1993, ch. 12): both seeds and pairs are resampled, as in Owen (2007), and the
-    mean of each resample is divided by its own standard error, so that the interval reflects skewed distributions. With
-    few seeds there are too few distinct resamples, so both bounds are at least as far from the mean as those of
-    Student's t with Satterthwaite's degrees of freedom (1946). Likewise, the p-value is the larger of the two methods'
-    values.
-
-    Args:
-        differences: differences, float64 (seeds, pairs).
-        resamples: number of bootstrap resamples.
-
-    Returns:
-        The interval, or None with fewer than `FEWEST_PAIRS` pairs or `FEWEST_SEEDS` seeds.
-
-    >>> values = np.random.default_rng(0).normal(1.0, 0.5, (6, 50))
-    >>> result = interval(values)
-    >>> result.low < 1.0 < result.high, result.p < 0.01
-    (True, True)
-    >>> interval(values[:, :5]) is None
-    True
-    """
+    """Return the confidence interval of the mean over seeds and pairs."""
     seeds, pairs = differences.shape
     if seeds < FEWEST_SEEDS or pairs < FEWEST_PAIRS:
         return None

@@ -46,13 +46,7 @@ _BATCH = 8
 
 @dataclass(frozen=True)
 class EvaluationSet:
-    """A set of pairs on which every network is evaluated.
-
-    Attributes:
-        dataset: registered name of the dataset.
-        data: path of its folder; None for flying shapes.
-        options: options of the dataset.
-    """
+    """A set of pairs on which every network is evaluated."""
 
     dataset: str
     data: Path | None = None
@@ -61,17 +55,7 @@ class EvaluationSet:
 
 @dataclass(frozen=True)
 class TrainingExperiment:
-    """The settings of the experiment.
-
-    Attributes:
-        output: path of the output folder.
-        evaluation_sets: sets of pairs on which every network is evaluated.
-        seeds: number of seeds, which are numbered from 0. A seed determines the initial weights, and the order,
-            augmentation and corruption of the training data.
-        steps: number of updates of each training run; None for the number in the recipe.
-        severities: severities to evaluate.
-        loaders: number of processes that prepare batches in advance.
-    """
+    """The settings of the experiment."""
 
     output: Path
     evaluation_sets: tuple[EvaluationSet, ...]
@@ -86,13 +70,7 @@ class TrainingExperiment:
 
 
 def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
-    """Return the held-out flying shapes, followed by the dataset for each NAME=FOLDER.
-
-    Raises:
-        UsageError: an item is not NAME=FOLDER, the dataset is unknown, given twice or without ground truth, or the size
-            is invalid.
-        DataError: the layout of a folder is not as expected.
-    """
+    """Return the held-out flying shapes, followed by the dataset for each NAME=FOLDER."""
     load_dataset(DATASET, size=size)  # otherwise a wrong size would be noticed only after the first training
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
@@ -112,23 +90,7 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
 def run_experiment(
     experiment: TrainingExperiment, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
 ) -> Runs | None:
-    """Train and evaluate the missing networks, completing all arms of one seed before starting the next seed.
-
-    Several processes can share a folder: each one works on the next network that no other process has claimed, and
-    finally waits for the others.
-
-    Args:
-        experiment: settings of the experiment.
-        say: function called with progress messages.
-        stop: function called after each update; if it returns True, training stops, and a later call resumes it.
-
-    Returns:
-        Runs by (arm, dataset, seed), or None if the experiment was stopped.
-
-    Raises:
-        RunError: the folder contains training runs with a different number of steps.
-        UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
-    """
+    """Train and evaluate the missing networks, completing all arms of one seed before starting the next seed."""
     runs: dict[tuple[str, str, int], Run] = {}
     todo = [(seed, arm) for seed in range(experiment.seeds) for arm in arms()]
     total = len(todo)

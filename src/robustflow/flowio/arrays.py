@@ -50,10 +50,7 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
-    """Split raw components (H, W, 2) into float32 flow and bool valid.
-
-    A pixel is unknown if a component is NaN, infinite, or beyond 1e9 in magnitude; its flow is set to 0.
-    """
+    """Split raw components (H, W, 2) into float32 flow and bool valid."""
     with np.errstate(over="ignore"):
         flow = np.array(values, np.float32, order="C")
     valid = np.asarray((np.abs(flow) <= UNKNOWN_THRESHOLD).all(axis=2))
@@ -64,10 +61,6 @@ def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
 def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Flow, Mask]:
     """Return the arrays to be written, float32 (H, W, 2) and bool (H, W); pixels with non-finite flow are marked
     unknown.
-
-    Raises:
-        DataError: a shape or dtype is wrong, there are no pixels, or a known component exceeds 1e9 in magnitude, so it
-            would be read as unknown.
     """
     array = np.asarray(flow)
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":

@@ -27,29 +27,19 @@ _SINTEL = np.float32(202021.25)
 
 
 def read_depth_png(path: Path) -> Values:
-    """Read a 16-bit greyscale PNG, with values from 0 to 65535.
-
-    Raises:
-        DataError: the file is not a 16-bit greyscale PNG, or is damaged.
-    """
+    """Read a 16-bit greyscale PNG, with values from 0 to 65535."""
     with readable(path):
         return read_png16(path, 1, "a depth or disparity map, which is a 16-bit greyscale PNG").astype(np.float32)
 
 
 def read_depth_npy(path: Path) -> Values:
-    """Read an .npy file with an array of real numbers, (H, W).
-
-    Raises:
-        DataError: the file contains a different kind of array, or its length does not match the header.
-    """
+    """Read an .npy file with an array of real numbers, (H, W)."""
     return _as_float(read_npy(path, "a depth map"))
 
 
 def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArray[Any]:
-    """Read an .npy file with an array of real numbers, (H, W, *channels); `what` names the expected content in errors.
-
-    Raises:
-        DataError: the file contains a different kind of array, or its length does not match the header.
+    """Read an .npy file with an array of real numbers, (H, W, *channels); `what` names the expected content in
+    errors.
     """
     with readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
@@ -71,21 +61,13 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
 
 
 def read_depth_pfm(path: Path) -> Values:
-    """Read a one-channel portable float map, whose rows are stored from bottom to top.
-
-    Raises:
-        DataError: the file has a different format, or is damaged.
-    """
+    """Read a one-channel portable float map, whose rows are stored from bottom to top."""
     with readable(path):
         return read_float_map(path, 1)[..., 0].astype(np.float32)
 
 
 def read_dpt(path: Path) -> Values:
-    """Read Sintel's .dpt: the number 202021.25, width and height as int32, then the rows as float32; little-endian.
-
-    Raises:
-        DataError: the file has a different format, or is damaged.
-    """
+    """Read Sintel's .dpt: the number 202021.25, width and height as int32, then the rows as float32; little-endian."""
     with readable(path), open(path, "rb") as file:
         start = file.read(12)
         if len(start) < 12 or np.frombuffer(start[:4], "<f4")[0] != _SINTEL:
@@ -99,9 +81,6 @@ def read_dpt(path: Path) -> Values:
 def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Read Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and world-to-camera extrinsics (3, 4)
     as float64; little-endian.
-
-    Raises:
-        DataError: the file has a different format, or is damaged.
     """
     with readable(path):
         data = path.read_bytes() if path.stat().st_size == 4 + 8 * 21 else b""
@@ -112,11 +91,7 @@ def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
 
 
 def read_dsp5(path: Path) -> Values:
-    """Read Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); requires the extra `h5`.
-
-    Raises:
-        DataError: the file has a different format, or is damaged.
-    """
+    """Read Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); requires the extra `h5`."""
     return _as_float(read_dataset(path, "disparity", ".dsp5", ()))
 
 

@@ -32,11 +32,7 @@ def read_flo5(path: Path) -> tuple[Flow, Mask]:
 
 
 def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) -> Any:
-    """Read the float dataset `name`, (H, W, *channels), from a Spring file.
-
-    Raises:
-        DataError: the dataset does not exist or has a different shape: the file is of a different kind, or is damaged.
-    """
+    """Read the float dataset `name`, (H, W, *channels), from a Spring file."""
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:

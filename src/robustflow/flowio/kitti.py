@@ -32,9 +32,6 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
 def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
     """Read a 16-bit PNG with one or three channels, uint16 (H, W) or (H, W, 3), in OpenCV's order of channels, blue
     first. Pillow would silently reduce 16-bit RGB to 8 bits.
-
-    Raises:
-        DataError: the file is a different PNG, which is not `what`, or it is damaged.
     """
     data = path.read_bytes()
     header = check_png(path, data)
@@ -53,11 +50,7 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
-    """Return the flow as the bytes of a KITTI PNG, rounded to 1/64 pixel; unknown pixels are stored as (0, 0, 0).
-
-    Raises:
-        DataError: a known component is outside [-512, 511.984375]. KITTI's own writer would clip it.
-    """
+    """Return the flow as the bytes of a KITTI PNG, rounded to 1/64 pixel; unknown pixels are stored as (0, 0, 0)."""
     scaled = np.rint(flow.astype(np.float64) * 64) + 32768
     outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)
     if outside.any():

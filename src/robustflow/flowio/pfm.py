@@ -28,9 +28,6 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
 def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
     """Read a portable float map with one channel (depth or disparity) or three channels (flow), float32 (H, W,
     channels) in the file's byte order; rows from top to bottom.
-
-    Raises:
-        DataError: the file has a different format or number of channels, or is damaged.
     """
     with open(path, "rb") as file:
         header = _HEADER.match(file.read(128))

@@ -10,9 +10,6 @@ from ..sample import DepthMap, Frame
 def depth_colours(depth: DepthMap) -> Frame:
     """Render a depth map in grey, with brightness proportional to inverse depth; the nearest pixel is white.
 
-    Args:
-        depth: float32 (H, W), depth map in metres.
-
     >>> depth_colours(np.array([[2.0, 4.0, 200.0]], np.float32))[0, :, 0].tolist()
     [255, 128, 3]
     """

@@ -20,9 +20,6 @@ UNKNOWN_COLOUR = (160, 160, 160)
 def error_colours(errors: Errors) -> Frame:
     """Render an error map as RGB uint8 (H, W, 3), from black (`LOWEST` or less) to pale yellow (`HIGHEST` or more); NaN
     is grey.
-
-    >>> error_colours(np.array([[0.0, 0.1, 100.0, np.nan]])).tolist()
-    [[[0, 0, 3], [0, 0, 3], [252, 254, 164], [160, 160, 160]]]
     """
     shown = np.clip(np.nan_to_num(errors, nan=LOWEST), LOWEST, HIGHEST)
     colours: Frame = colormaps[COLOUR_MAP](LogNorm(LOWEST, HIGHEST)(shown), bytes=True)[..., :3]

@@ -27,13 +27,7 @@ _BEYOND = 0.75
 
 
 def colour_wheel() -> npt.NDArray[np.float64]:
-    """Return the 55 colours of the wheel, float64 (55, 3), range 0 to 255, starting with red (flow to the right).
-
-    There are more colours between red and yellow than between green and cyan, so that steps look perceptually equal.
-
-    >>> colour_wheel()[[0, 15, 21]].tolist()
-    [[255.0, 0.0, 0.0], [255.0, 255.0, 0.0], [0.0, 255.0, 0.0]]
-    """
+    """Return the 55 colours of the wheel, float64 (55, 3), range 0 to 255, starting with red (flow to the right)."""
     colours = []
     for steps, first, channel, sign in _STRETCHES:
         stretch = np.tile(np.array(first, np.float64), (steps, 1))
@@ -43,12 +37,8 @@ def colour_wheel() -> npt.NDArray[np.float64]:
 
 
 def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
-    """Return a suitable radius for a flow field: the 99th percentile of its known magnitudes in pixels, but at least 1.
-
-    If the maximum were used, a few outliers in the flow on corrupted frames would leave the rest of the image white.
-
-    >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
-    5.0
+    """Return a suitable radius for a flow field: the 99th percentile of its known magnitudes in pixels, but at least
+    1.
     """
     length = np.linalg.norm(flow.astype(np.float64), axis=2)
     known = length[np.isfinite(length) if valid is None else valid & np.isfinite(length)]
@@ -56,23 +46,7 @@ def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
 
 
 def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
-    """Render a flow field as an image.
-
-    Args:
-        flow: float32 (H, W, 2), flow (u right, v down) in pixels.
-        radius: flow magnitude that is drawn fully saturated, in pixels; use the same radius for images that are
-            compared.
-        valid: bool (H, W), mask of known flow; non-finite vectors are always treated as unknown.
-
-    Returns:
-        RGB uint8 (H, W, 3).
-
-    Raises:
-        DataError: the flow has a wrong shape, or the radius is not positive.
-
-    >>> flow_colours(np.array([[[0, 0], [2, 0], [4, 0], [np.nan, 0]]], np.float32), radius=2).tolist()
-    [[[255, 255, 255], [255, 0, 0], [191, 0, 0], [0, 0, 0]]]
-    """
+    """Render a flow field as an image."""
     if flow.ndim != 3 or flow.shape[2] != 2 or not radius > 0:
         raise DataError(
             f"cannot colour a flow of shape {flow.shape} with radius {radius}; pass (H, W, 2) and a positive radius"

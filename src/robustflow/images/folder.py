@@ -13,11 +13,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tif
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the images directly inside a folder in natural order, without hidden files.
-
-    Raises:
-        DataError: the name of an image, or of a folder with images, is not valid UTF-8; samples are named after them.
-    """
+    """Return the images directly inside a folder in natural order, without hidden files."""
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
     ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
     for path in ordered:

@@ -34,11 +34,7 @@ class PngHeader(NamedTuple):
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """Read a PNG header and check, without decoding, that all chunks are present and undamaged.
-
-    Raises:
-        DataError: a chunk is missing or damaged, or the file is not a PNG.
-    """
+    """Read a PNG header and check, without decoding, that all chunks are present and undamaged."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
         raise DataError(f"{path}: not a PNG file, or truncated; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
@@ -64,9 +60,6 @@ def check_png(path: Path, data: bytes) -> PngHeader:
 def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any], interlaced: bool) -> None:
     """Reject a PNG whose compressed data ends before the last row; Pillow would fill the missing rows with zeros, while
     libpng, which OpenCV uses, does not decode it.
-
-    Args:
-        pixels: the decoded image; decoded again only if the image is interlaced or its last row is zero.
     """
     import cv2
 
@@ -76,10 +69,8 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any], interl
 
 
 def check_jpeg(path: Path, data: bytes) -> None:
-    """Reject a JPEG with broken entropy coding; Pillow's decoder would silently continue with grey or shifted blocks.
-
-    FFmpeg's decoder stops at the first error. Files that FFmpeg cannot decode (arithmetic coding) are accepted
-    unchecked.
+    """Reject a JPEG with broken entropy coding; Pillow's decoder would silently continue with grey or shifted
+    blocks.
     """
     import av
 
@@ -97,13 +88,7 @@ def check_jpeg(path: Path, data: bytes) -> None:
 
 
 def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
-    """Reject a file that is longer or shorter than its header implies.
-
-    Args:
-        kind: file format, "BMP", "PPM" or "WEBP"; files in other formats are not checked, as their headers contain no
-            size.
-        end: offset in bytes at which the pixels of a PPM end; 0 if unknown.
-    """
+    """Reject a file that is longer or shorter than its header implies."""
     sizes: tuple[int, ...] = ()
     if kind == "WEBP":
         size = int.from_bytes(data[4:8], "little")

@@ -43,16 +43,7 @@ _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
 
 def read_image(path: str | Path) -> Frame:
-    """Read an image as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
-
-    Greyscale images are expanded to three equal channels, palettes are resolved, and the EXIF orientation is applied.
-    An alpha channel is dropped if every pixel is opaque. Images that cannot be converted without loss are rejected:
-    transparency, more than 8 bits per channel, CMYK and other colour spaces, or several images in one file.
-
-    Raises:
-        DataError: the file does not exist, is damaged or truncated, exceeds `MAX_PIXELS`, or is one of the rejected
-            kinds. Damage that the format cannot reveal (a changed byte in a BMP) is not detected.
-    """
+    """Read an image as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP."""
     path = Path(path)
     data = _contents(path)
     try:
@@ -73,20 +64,13 @@ def read_image(path: str | Path) -> Frame:
 def image_size(path: str | Path) -> tuple[int, int]:
     """Return the size (H, W) of the image that `read_image` would return; pixels are decoded only for a PNG with
     metadata behind them.
-
-    Raises:
-        DataError: the file does not exist, is not an image, or has a size that Pillow treats as a decompression bomb.
     """
     (height, width), turned = _header(path, _is_turned)
     return (width, height) if turned else (height, width)
 
 
 def stored_size(path: str | Path) -> tuple[int, int]:
-    """Return the size (H, W) stored in the header, before the EXIF orientation is applied; no pixels are decoded.
-
-    Raises:
-        DataError: see `image_size`.
-    """
+    """Return the size (H, W) stored in the header, before the EXIF orientation is applied; no pixels are decoded."""
     return _header(path, lambda image: False)[0]
 
 
@@ -96,17 +80,7 @@ def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
 
 
 def write_image(path: str | Path, image: Frame) -> None:
-    """Write an RGB uint8 (H, W, 3) image to a PNG file atomically. The file name must end in .png.
-
-    Raises:
-        DataError: the dtype, the shape or the file extension is wrong, or the file cannot be written.
-
-    >>> from tempfile import mkdtemp
-    >>> path = Path(mkdtemp()) / "red.png"
-    >>> write_image(path, np.full((2, 3, 3), (255, 0, 0), np.uint8))
-    >>> read_image(path)[0, 0].tolist()
-    [255, 0, 0]
-    """
+    """Write an RGB uint8 (H, W, 3) image to a PNG file atomically. The file name must end in .png."""
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise DataError(f"{path}: images are written as lossless PNG; use a file name that ends in .png")
@@ -118,9 +92,6 @@ def write_image(path: str | Path, image: Frame) -> None:
 def shrunk(image: Frame, widest: int) -> Frame:
     """Reduce an RGB uint8 (H, W, 3) image to a width of `widest` pixels by averaging; narrower images are returned
     unchanged.
-
-    >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
-    (5, 480, 3)
     """
     height, width = image.shape[:2]
     if width <= widest:

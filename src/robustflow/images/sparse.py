@@ -16,14 +16,6 @@ SPARSE = 0.5
 def thickened(picture: Frame, known: Mask) -> Frame:
     """Fill unknown pixels of a sparse map with the colour of the nearest known pixel within `REACH`; leave dense maps
     unchanged.
-
-    Args:
-        picture: RGB uint8 (H, W, 3), rendered map.
-        known: bool (H, W), mask of the known pixels.
-
-    >>> row = np.array([[[9, 9, 9], [0, 0, 0], [0, 0, 0], [0, 0, 0]]], np.uint8)
-    >>> thickened(row, np.array([[True, False, False, False]]))[0, :, 0].tolist()
-    [9, 9, 9, 0]
     """
     if not 0 < known.mean() < SPARSE:
         return picture

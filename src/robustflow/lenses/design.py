@@ -21,14 +21,7 @@ SHIPPED_SEEDS = (0, 0, 0, 0, 0)
 def design(
     severity: int, seed: int, budget: Budget | None = None, report: Callable[[str], None] = lambda line: None
 ) -> Lens:
-    """Search for the lens for a severity; the same seed always results in the same lens on every machine.
-
-    Args:
-        severity: severity, 1 to 5.
-        seed: seed for the search, any integer; `SHIPPED_SEEDS` reproduces the shipped lenses.
-        budget: number of steps in each stage of the search.
-        report: function called with progress messages.
-    """
+    """Search for the lens for a severity; the same seed always results in the same lens on every machine."""
     specification, goal = goal_of(severity)
     rng = Rng.of("robustflow.optics", severity, seed)
     best = search(specification.elements, specification.stop, goal, rng, budget or Budget(), report)

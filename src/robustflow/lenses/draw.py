@@ -60,10 +60,8 @@ def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
 
 @default_style()
 def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
-    """Plot the blur over the field per severity and colour: our PSFs as lines, the measured reference PSFs as points.
-
-    The upper row shows the RMS radius in pixels, and the lower row shows the modulation at 0.04 cycles per pixel.
-    Sagittal values are drawn with dashed lines and open markers.
+    """Plot the blur over the field per severity and colour: our PSFs as lines, the measured reference PSFs as
+    points.
     """
     figure = Figure(figsize=(2.2 * len(fields) + 0.6, 4.2), layout="constrained")
     grid = figure.subplots(2, len(fields), squeeze=False, sharex=True)
@@ -93,10 +91,7 @@ def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
 
 @default_style()
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format given by the suffix (.png, .pdf, .svg).
-
-    No date is written, so identical figures result in identical bytes.
-    """
+    """Write a figure in the format given by the suffix (.png, .pdf, .svg)."""
     dated = {".png": "Creation Time", ".svg": "Date"}.get(path.suffix, "CreationDate")
     figure.savefig(path, dpi=110, metadata={dated: None})
 

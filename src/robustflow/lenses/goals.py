@@ -42,12 +42,7 @@ SPECIFICATIONS = (
 
 
 def goal_of(severity: int) -> tuple[Specification, Goal]:
-    """Return the specification and the goal for the lens of a severity.
-
-    >>> specification, goal = goal_of(2)
-    >>> specification.elements, round(goal.focal_length, 1)
-    (1, 21.2)
-    """
+    """Return the specification and the goal for the lens of a severity."""
     specification = SPECIFICATIONS[check_severity(severity) - 1]
     text = resources.files(__package__).joinpath("data", "goals.json").read_text(encoding="utf-8")
     measured = json.loads(text)[str(severity)]

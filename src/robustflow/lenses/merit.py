@@ -41,19 +41,7 @@ MECHANICAL_WEIGHT = 3.0
 
 
 class Goal(NamedTuple):
-    """The target blur of a lens.
-
-    Attributes:
-        focal_length: focal length in mm.
-        f_number: ratio of focal length to entrance pupil diameter.
-        field_tangent: tangent of the half field angle.
-        tangential, sagittal: modulation transfer in each direction, (6 fields, 3 colours, 5 frequencies).
-        in_phase: real part of the tangential transfer relative to the centroid of green, (6 fields, 3 colours, 5
-            frequencies). It is as important for image quality as the modulus and includes lateral colour and coma.
-        rms: RMS radius within the window in pixels, (6 fields, 3 colours).
-        lateral: height of each colour's centroid above that of green in pixels, (6 fields, 3 colours).
-        nominal_rms: mean RMS radius over fields and colours without a window, in mm.
-    """
+    """The target blur of a lens."""
 
     focal_length: float
     f_number: float
@@ -67,12 +55,7 @@ class Goal(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Manufacturing limits in mm.
-
-    These are the minimum centre and edge thickness of glass, the maximum centre thickness, the minimum air gap on the
-    axis and at the edge, the maximum length from the first surface to the sensor (in focal lengths), and the minimum
-    distance to the sensor.
-    """
+    """Manufacturing limits in mm."""
 
     glass_centre: float = 1.5
     glass_edge: float = 1.0
@@ -121,11 +104,7 @@ def aim(
     curvature: Any, conic: Any, thickness: Any, index: Any, stop: int, radius: float, tangents: Any,
     pupil_position: float, magnification: float,
 ) -> Any:  # fmt: skip
-    """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method.
-
-    Returns x and y (4 F,) in the vertex plane of the first surface, in the order centre, top, bottom, side, and the
-    largest distance by which a ray misses its target in the stop, relative to the radius of the stop.
-    """
+    """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method."""
     fields = tangents.size
     sign = np.zeros(4 * fields)
     sign[fields : 2 * fields], sign[2 * fields : 3 * fields] = 1.0, -1.0
@@ -165,12 +144,7 @@ def landing(
     curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, stop: int, radius: float, tangent: float,
     bottom: float, top: float, side: float, columns: int, rows: int, ramp: float, margin: float,
 ) -> Any:  # fmt: skip
-    """Trace a grid of rays for one field and wavelength through the half x > 0 of the pupil.
-
-    Returns the landing points in mm and the weights. The grid fills the box [0, side] x [bottom, top] in the first
-    vertex plane, widened by `margin`, so that the beam is limited by the stop rather than the grid. The rims of the
-    elements, `clear`, block stray rays. `ramp` is the width of the soft edge of the stop as a fraction of its radius.
-    """
+    """Trace a grid of rays for one field and wavelength through the half x > 0 of the pupil."""
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
     x, y = np.empty(columns * rows), np.empty(columns * rows)
     for j in range(rows):
@@ -199,10 +173,8 @@ def _window(u: float, v: float) -> float:
 def blur_statistics(
     sx: Any, sy: Any, weight: Any, out_t: Any, out_re: Any, out_s: Any, out_rms: Any, out_mean: Any
 ) -> float:
-    """Compute the transfer (3, 5), RMS radius and centroid (3,) within the window from rays (3 colours, R) in pixels.
-
-    The rays cover the half x > 0 of the pupil. Centroids are heights above the centre of the window, which is the
-    centroid of green. Returns the sum over colours of the RMS radius about each colour's centroid, without the window.
+    """Compute the transfer (3, 5), RMS radius and centroid (3,) within the window from rays (3 colours, R) in
+    pixels.
     """
     colours, count = sx.shape
     centre = 0.0

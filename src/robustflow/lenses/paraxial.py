@@ -12,15 +12,7 @@ DESIGN_WAVELENGTH = 0.55
 
 
 class FirstOrder(NamedTuple):
-    """First-order properties of a lens; lengths are in mm.
-
-    Attributes:
-        focal_length: effective focal length.
-        back_focus: distance from the last surface to the paraxial focus.
-        pupil_position: position of the entrance pupil relative to the vertex of the first surface, positive towards the
-            sensor.
-        pupil_magnification: ratio of entrance pupil radius to stop radius.
-    """
+    """First-order properties of a lens; lengths are in mm."""
 
     focal_length: float
     back_focus: float
@@ -30,10 +22,7 @@ class FirstOrder(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
-    """Compute the fields of `FirstOrder` from curvatures (K,), thicknesses (K,) and refractive indices (K + 1,).
-
-    One paraxial ray is traced forwards, and two are traced backwards from the stop.
-    """
+    """Compute the fields of `FirstOrder` from curvatures (K,), thicknesses (K,) and refractive indices (K + 1,)."""
     height, slope = 1.0, 0.0
     surfaces = curvature.size
     for k in range(surfaces):
@@ -57,15 +46,6 @@ def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[
 
 
 def first_order_of(lens: Lens, wavelength: float = DESIGN_WAVELENGTH) -> FirstOrder:
-    """Return the first-order properties of a lens.
-
-    >>> from robustflow.lenses.prescription import Lens, Surface
-    >>> stop = Surface(curvature=0, thickness=0, semi_diameter=1)
-    >>> front = Surface(curvature=0.05, thickness=2, glass="N-BK7", semi_diameter=5)
-    >>> lens = Lens(name="plano-convex", surfaces=(stop, front, Surface(curvature=0, thickness=36, semi_diameter=5)),
-    ...             stop=0, f_number=19, half_field=5)
-    >>> round(first_order_of(lens, 0.5875618).focal_length, 2)      # R / (n - 1)
-    38.7
-    """
+    """Return the first-order properties of a lens."""
     values = first_order(lens.column("curvature"), lens.column("thickness"), lens.indices(wavelength), lens.stop)
     return FirstOrder(*(float(value) for value in values))

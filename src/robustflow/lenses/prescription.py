@@ -27,8 +27,6 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 def tangent_of(degrees: float) -> float:
     """Return the tangent of an angle, rounded to twelve digits.
 
-    Without rounding, differences between math libraries in the last bit would affect the search and the rendered PSFs.
-
     >>> tangent_of(45.0)
     1.0
     """
@@ -36,15 +34,7 @@ def tangent_of(degrees: float) -> float:
 
 
 class Surface(Frozen):
-    """A surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)).
-
-    Attributes:
-        curvature: c in 1/mm, 0 for a plane, positive if the centre of curvature is on the sensor side.
-        conic: conic constant k: 0 for a sphere, -1 for a paraboloid.
-        thickness: distance in mm along the axis to the next surface, or from the last surface to the sensor.
-        glass: medium behind the surface: a catalogue name or "air".
-        semi_diameter: clear radius in mm, beyond which rays are blocked; for the stop, this is the aperture radius.
-    """
+    """A surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2))."""
 
     curvature: _Finite
     conic: _Finite = 0.0
@@ -61,22 +51,7 @@ class Surface(Frozen):
 
 
 class Lens(Frozen):
-    """A lens focused at infinity.
-
-    Attributes:
-        name: name of the lens.
-        surfaces: surfaces from the object to the sensor; one of them, a plane in air, is the aperture stop.
-        stop: index of the aperture stop in `surfaces`; its `semi_diameter` clips the rays.
-        f_number: ratio of focal length to entrance pupil diameter.
-        half_field: half of the field of view in degrees, from centre to corner.
-
-    >>> from robustflow.lenses.prescription import Lens, Surface
-    >>> plane = Surface(curvature=0, thickness=2, semi_diameter=3)
-    >>> front = Surface(curvature=0.05, thickness=3, glass="N-BK7", semi_diameter=6)
-    >>> back = Surface(curvature=0, thickness=36, semi_diameter=6)
-    >>> Lens(name="singlet", surfaces=(plane, front, back), stop=0, f_number=6.5, half_field=20).elements
-    1
-    """
+    """A lens focused at infinity."""
 
     name: str
     surfaces: tuple[Surface, ...] = Field(min_length=2, max_length=100)
@@ -124,11 +99,7 @@ class Lens(Frozen):
 
 
 def read_lens(path: str | Path) -> Lens:
-    """Read a prescription.
-
-    Raises:
-        DataError: the file is missing or not a valid prescription; the message contains the first error.
-    """
+    """Read a prescription."""
     path = Path(path)
     try:
         return Lens.model_validate_json(path.read_bytes())

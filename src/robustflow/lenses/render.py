@@ -18,10 +18,7 @@ from .spectrum import CHANNELS, channel_wavelengths
 
 @njit(cache=True, error_model="numpy")
 def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
-    """Count the rays per pixel within a disk around (0, centre).
-
-    `sx` and `sy` are in pixels and cover only the half x > 0, so the mirror image of each ray is also counted.
-    """
+    """Count the rays per pixel within a disk around (0, centre)."""
     half = out.shape[0] // 2
     for i in range(sx.size):
         v = sy[i] - centre
@@ -52,16 +49,7 @@ def _centroid(sx: Any, sy: Any, weight: Any) -> float:
 def field_rays(
     lens: Lens, fields: npt.NDArray[np.float64], columns: int = 96, rows: int = 192, samples: int = 5
 ) -> list[list[npt.NDArray[np.float64]]]:
-    """Return the landing points of the rays for each field (outer list) and colour (inner list), float64 (3, R).
-
-    Fields are fractions from 0 to 1 of the image's half diagonal.
-    The rows of an entry are x and y on the sensor in pixels from the axis, and the weight: 1 for a ray that passes
-    through the stop and all surfaces, otherwise 0. Only the half x > 0 of the pupil is traced; the other half is
-    symmetric.
-
-    Raises:
-        DataError: for at least one field point, no ray reaches the edge of the stop.
-    """
+    """Return the landing points of the rays for each field (outer list) and colour (inner list), float64 (3, R)."""
     arrays = lens.column("curvature"), lens.column("conic"), lens.column("thickness")
     order = first_order_of(lens)
     tangents = fields * lens.field_tangent
@@ -91,11 +79,7 @@ def field_rays(
 
 
 def render_psfs(lens: Lens) -> PsfField:
-    """Compute the PSFs of a lens for 64 field points and 3 colours, with 18 000 rays per half pupil and wavelength.
-
-    Each colour has five wavelengths. The PSFs at each field point are centred on the centroid of the green PSF, so the
-    blur does not shift the image, and lateral colour is preserved. Distortion and vignetting are ignored.
-    """
+    """Compute the PSFs of a lens for 64 field points and 3 colours, with 18 000 rays per half pupil and wavelength."""
     stack = np.zeros(SHAPE)
     for f, field in enumerate(np.linspace(0.0, 1.0, FIELDS)):
         colours = field_rays(lens, np.array([field]))[0]

@@ -64,10 +64,7 @@ def _sag(c: float, h: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, y: Any, tangent: Any) -> Any:
-    """Return the clear radius of each surface in mm and the number of aimed rays that fail.
-
-    The clear radius is `RIM` times the maximum height of the aimed rays.
-    """
+    """Return the clear radius of each surface in mm and the number of aimed rays that fail."""
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     rays = (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
     path = np.zeros((curvature.size, 3, x.size))

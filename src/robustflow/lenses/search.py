@@ -27,10 +27,7 @@ _GLASSES = tuple(SELLMEIER)
 
 @dataclass(frozen=True)
 class Structure:
-    """Discrete parameters of a lens: the glasses in order and the position of the stop.
-
-    `stop` is the number of elements in front of the stop.
-    """
+    """Discrete parameters of a lens: the glasses in order and the position of the stop."""
 
     glasses: tuple[str, ...]
     stop: int
@@ -52,10 +49,7 @@ class Structure:
         return 2 * self.stop
 
     def indices(self, samples: int) -> Array:
-        """Return the refractive indices at the wavelengths of the channels, followed by the design wavelength.
-
-        The shape is (3 samples + 1, K + 1).
-        """
+        """Return the refractive indices at the wavelengths of the channels, followed by the design wavelength."""
         wavelengths = [w for channel in CHANNELS for w in channel_wavelengths(channel, samples)]
         return np.array(
             [[refractive_index(glass, w) for glass in self.media] for w in (*wavelengths, DESIGN_WAVELENGTH)]
@@ -169,19 +163,7 @@ def search(
     budget: Budget,
     report: Callable[[str], None] = lambda line: None,
 ) -> Candidate:
-    """Return the best lens found within a budget.
-
-    Args:
-        elements: number of glass elements.
-        stop: number of elements in front of the stop.
-        goal: target blur.
-        rng: random stream for all choices.
-        budget: number of steps in each stage.
-        report: function called with progress messages.
-
-    Raises:
-        RobustFlowError: none of the best lenses has a stop that is filled from every field point.
-    """
+    """Return the best lens found within a budget."""
     drawn: list[Candidate] = []
     for number in range(budget.structures):
         candidate = random_candidate(rng.spawn("structure", number), elements, stop)

@@ -22,10 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Rays(NamedTuple):
-    """R rays: positions in mm relative to the vertex of a surface and unit direction cosines, float64 (R,) each.
-
-    `alive` is 1 if the ray has hit every surface so far, and 0 if it missed one or was totally reflected.
-    """
+    """R rays: positions in mm relative to the vertex of a surface and unit direction cosines, float64 (R,) each."""
 
     x: Array
     y: Array
@@ -38,12 +35,7 @@ class Rays(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, rays: Any, path: Any) -> None:
-    """Propagate rays, in place, from the vertex plane of the first surface in `curvature` (K,) through all of them.
-
-    On return, positions are relative to the next vertex, or to the sensor. The arrays of surfaces may be longer than
-    `curvature`. Rays that hit a surface outside its radius `clear` are blocked. Unless `path` is empty, the
-    intersections with each surface are written to `path` (K, 3, R).
-    """
+    """Propagate rays, in place, from the vertex plane of the first surface in `curvature` (K,) through all of them."""
     x, y, z, l, m, n, alive = rays  # noqa: E741
     for k in range(curvature.size):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
@@ -78,24 +70,7 @@ def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any
 
 
 def trace(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
-    """Trace rays from the vertex plane of the first surface to the sensor; rims and the stop block none of them.
-
-    Args:
-        lens: prescription of the lens.
-        rays: rays with positions relative to the first vertex; they are not modified.
-        wavelength: wavelength in micrometres.
-
-    Returns:
-        The intersections with each surface in mm relative to its vertex, float64 (K, 3, R), and the rays at the sensor
-        (z = 0). Rays with `alive` 0 must be ignored; their positions are the last valid ones.
-
-    >>> import numpy as np
-    >>> from robustflow.lenses.shipped import shipped_lens
-    >>> one, zero = np.ones(1), np.zeros(1)
-    >>> path, axis = trace(shipped_lens(2), Rays(zero, zero, zero, zero, zero, one, one), 0.55)
-    >>> path.shape, float(axis.y[0]), float(axis.alive[0])
-    ((3, 3, 1), 0.0, 1.0)
-    """
+    """Trace rays from the vertex plane of the first surface to the sensor; rims and the stop block none of them."""
     carried, path = Rays(*(np.array(part, np.float64) for part in rays)), np.empty((len(lens.surfaces), 3, rays.x.size))
     propagate(
         lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),

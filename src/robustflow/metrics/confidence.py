@@ -39,12 +39,7 @@ Values = npt.NDArray[np.float64]
 
 
 class Sparsification(NamedTuple):
-    """Mean errors, in pixels, of the pixels that remain after removing 0, 1, ... 99 % of them.
-
-    Attributes:
-        by_confidence: float64 (100,), errors when the least confident pixels are removed first.
-        by_error: float64 (100,), errors when the largest errors are removed first.
-    """
+    """Mean errors, in pixels, of the pixels that remain after removing 0, 1, ... 99 % of them."""
 
     by_confidence: Values
     by_error: Values
@@ -56,20 +51,7 @@ class Sparsification(NamedTuple):
 
 
 def sparsification(error: Any, confidence: Any) -> Sparsification | None:
-    """Return the sparsification curves of an image, or None if every error is NaN.
-
-    Args:
-        error: end-point errors in pixels, an array of any shape; NaN values are ignored.
-        confidence: array of the same shape, on any scale, with larger values where the model is more confident; may be
-            -inf.
-
-    Raises:
-        DataError: the shapes differ, or a confidence is NaN.
-
-    >>> curves = sparsification([4.0, 3.0, 2.0, 1.0], [1, 2, 3, 4])
-    >>> float(curves.by_confidence[0]), float(curves.by_confidence[50]), curves.ause
-    (2.5, 1.5, 0.0)
-    """
+    """Return the sparsification curves of an image, or None if every error is NaN."""
     errors, sure = _finite_values(error, confidence)
     if not errors.size:
         return None
@@ -79,25 +61,13 @@ def sparsification(error: Any, confidence: Any) -> Sparsification | None:
 def ause(error: Any, confidence: Any) -> float | None:
     """Return the area between the sparsification curve and the oracle curve, in pixels, or None if every error is NaN.
     Takes the same arguments and raises the same errors as `sparsification`.
-
-    >>> ause([0.0, 1.0, 2.0, 3.0], [3, 2, 1, 0]), ause([0.0, 2.0], [1, 1])
-    (0.0, 0.5)
     """
     curves = sparsification(error, confidence)
     return None if curves is None else curves.ause
 
 
 def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
-    """Return the mean error of the most confident fraction of the pixels, or None if every error is NaN.
-
-    Takes the same arrays and raises the same errors as `sparsification`.
-
-    Args:
-        coverage: fraction of the pixels to keep, 0.01 to 1 in steps of 0.01.
-
-    >>> error_at([1.0, 2.0, 3.0, 10.0], [4, 3, 2, 1], 0.5)
-    1.5
-    """
+    """Return the mean error of the most confident fraction of the pixels, or None if every error is NaN."""
     if not 0.5 / STEPS < coverage <= 1:  # also NaN
         raise DataError(f"coverage {coverage:g} is out of range: choose a value from 0.01 to 1")
     removed = round(STEPS * (1 - coverage))
@@ -108,9 +78,6 @@ def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
 def confidence_correlation(error: Any, confidence: Any) -> float | None:
     """Return Spearman's rank correlation between confidence and error, or None if either is constant; -1 is best, and
     tied values get their mean rank. Takes the same arguments and raises the same errors as `sparsification`.
-
-    >>> confidence_correlation([1.0, 2.0, 3.0], [3, 2, 1]), confidence_correlation([1.0, 2.0], [5, 5])
-    (-1.0, None)
     """
     errors, sure = _finite_values(error, confidence)
     if not errors.size:
@@ -121,22 +88,7 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
 
 
 def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
-    """Measure how well the backward flow inverts the forward flow.
-
-    Args:
-        flow: float32 (H, W, 2), flow from frame 1 to frame 2, in pixels.
-        back: float32 (H, W, 2), flow from frame 2 to frame 1, in pixels.
-
-    Returns:
-        The confidence, float64 (H, W), i.e. the negative distance in pixels between a pixel and its position after
-        following both flows; and the mask of the pixels that fail the consistency check, bool (H, W). Pixels whose flow
-        leaves the frame, or where either flow is not finite, have confidence -inf and fail the check.
-
-    >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
-    >>> confidence, rejected = forward_backward(flow, -flow)
-    >>> confidence.tolist(), rejected.tolist()
-    ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
-    """
+    """Measure how well the backward flow inverts the forward flow."""
     if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
         raise DataError(f"the forward flow {flow.shape} and the backward flow {back.shape} must both be (H, W, 2)")
     there = flow.astype(np.float64)

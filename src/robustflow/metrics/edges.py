@@ -27,22 +27,7 @@ EDGE_GAP = 5
 
 
 def motion_edges(flow: Flow, valid: Mask) -> Mask:
-    """Return the mask of the pixels on a motion edge.
-
-    Args:
-        flow: float32 (H, W, 2), ground truth in pixels.
-        valid: bool (H, W), mask of known flow; the flow elsewhere is ignored.
-
-    Returns:
-        bool (H, W), True only where `valid` is.
-
-    >>> import numpy as np
-    >>> flow = np.zeros((1, 6, 2), np.float32)
-    >>> flow[:, 4:] = 8.0
-    >>> valid = np.array([[True, True, True, False, True, True]])
-    >>> motion_edges(flow, valid).astype(int).tolist()
-    [[0, 0, 1, 0, 1, 0]]
-    """
+    """Return the mask of the pixels on a motion edge."""
     edges = np.zeros(valid.shape, np.bool_)
     above = np.full(valid.shape[1], -1, np.int64)
     _mark_jumps(*dense(flow_array(flow), magnitude_map(flow), valid), above, edges)
@@ -52,10 +37,6 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
 def edge_distance(edges: Mask) -> Errors:
     """Return each pixel's Euclidean distance to the nearest edge pixel: float64 (H, W), in pixels; infinite if there is
     no edge. Beyond 1000 pixels, the square of a distance may be wrong by 3.
-
-    >>> import numpy as np
-    >>> edge_distance(np.array([[False, False, True]])).tolist()
-    [[2.0, 1.0, 0.0]]
     """
     if not edges.any():
         return np.full(edges.shape, np.inf)

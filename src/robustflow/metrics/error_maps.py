@@ -39,49 +39,20 @@ class ErrorSum(NamedTuple):
 
 
 def epe_map(flow: Flow, reference: Flow) -> Errors:
-    """Return |flow - reference| at every pixel.
-
-    If the reference is the ground truth, this is the end-point error; if it is the model's own flow on the clean
-    frames, it is the per-pixel RCRE.
-
-    Args:
-        flow, reference: float32 (H, W, 2), flow fields of the same shape, in pixels.
-
-    Returns:
-        float64 (H, W), in pixels; NaN where a component of either flow is not finite.
-
-    Raises:
-        DataError: a wrong dtype or shape, or shapes that differ.
-
-    >>> import numpy as np
-    >>> still = np.zeros((1, 2, 2), np.float32)
-    >>> moved = np.array([[[3, 4], [np.inf, 0]]], np.float32)
-    >>> epe_map(moved, still).tolist()
-    [[5.0, nan]]
-    """
+    """Return |flow - reference| at every pixel."""
     a, b = flow_pair(flow, reference)
     with np.errstate(over="ignore", invalid="ignore"):
         return _lengths(np.subtract(a, b, dtype=np.float64))
 
 
 def magnitude_map(flow: Flow) -> Errors:
-    """Return |flow| at every pixel: float64 (H, W), in pixels; NaN where a component is not finite.
-
-    >>> import numpy as np
-    >>> magnitude_map(np.array([[[6, 8]]], np.float32)).tolist()
-    [[10.0]]
-    """
+    """Return |flow| at every pixel: float64 (H, W), in pixels; NaN where a component is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         return _lengths(flow_array(flow).astype(np.float64))
 
 
 def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
-    """Return the count and the sum of the non-NaN errors inside `mask`, bool (H, W) (default: all pixels).
-
-    >>> import numpy as np
-    >>> error_sum(np.array([[1.0, 2.0], [np.nan, 4.0]]), np.array([[True, False], [True, True]]))
-    ErrorSum(n=2, total=5.0)
-    """
+    """Return the count and the sum of the non-NaN errors inside `mask`, bool (H, W) (default: all pixels)."""
     inside = np.ones(errors.shape, np.bool_) if mask is None else mask
     n, total = _masked_sum(*dense(errors, inside))
     return ErrorSum(int(n), float(total))

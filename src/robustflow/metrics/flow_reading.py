@@ -36,14 +36,7 @@ Pair = tuple[Frame, Frame, Flow]
 
 
 class Reading(NamedTuple):
-    """A way to read a flow.
-
-    Attributes:
-        swapped: whether the first component is v.
-        signs: factors 1 or -1 of u and v.
-        unit: "px", "frame" (fractions of the frame's width and height) or "half frame" (fractions of half of them).
-        factor: additional factor of both components.
-    """
+    """A way to read a flow."""
 
     swapped: bool = False
     signs: tuple[int, int] = (1, 1)
@@ -57,11 +50,7 @@ class Reading(NamedTuple):
         return np.ascontiguousarray((flow[..., ::-1] if self.swapped else flow) * factors.astype(np.float32))
 
     def describe(self) -> str:
-        """Describe the flow that has to be read this way.
-
-        >>> Reading(signs=(-1, -1)).describe(), Reading(True, (1, -1), factor=16.0).describe()
-        ('backward (negated)', 'swapped to (v, u), inverted in v, about 16 times too short')
-        """
+        """Describe the flow that has to be read this way."""
         words = ["swapped to (v, u)"] if self.swapped else []
         if self.signs == (-1, -1):
             words.append("backward (negated)")
@@ -76,13 +65,7 @@ class Reading(NamedTuple):
 
 
 class Misread(NamedTuple):
-    """A reading that explains pairs clearly better than their flows as they are.
-
-    Attributes:
-        reading: the reading.
-        error, given: photometric errors of the reading and of the flows as they are, over the same pixels, in grey
-            levels.
-    """
+    """A reading that explains pairs clearly better than their flows as they are."""
 
     reading: Reading
     error: float
@@ -90,18 +73,7 @@ class Misread(NamedTuple):
 
 
 def misread(pairs: Sequence[Pair]) -> Misread | None:
-    """Return the reading that explains the pairs clearly better than their flows as they are; None without evidence.
-
-    There is no evidence in frames that hardly change or have no texture, or in flows that are almost one vector at all
-    pixels, which a wrong reading may fit by chance.
-
-    Args:
-        pairs: uint8 frames (H, W, 3) with a float32 flow (H, W, 2).
-
-    >>> from ..testing import TexturePairs
-    >>> sample = TexturePairs().load("0")
-    >>> misread([(*sample.frames, sample.flow)])
-    """
+    """Return the reading that explains the pairs clearly better than their flows as they are; None without evidence."""
     thin = [_Thin(*pair) for pair in pairs]
     vectors = np.concatenate([pair.flow[pair.errors >= 0] for pair in thin])
     if not len(vectors) or np.hypot(*vectors.std(axis=0)) <= _CONSTANT * np.hypot(*vectors.T).mean():

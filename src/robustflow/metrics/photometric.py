@@ -22,14 +22,7 @@ _FRAME_TYPE = types.Array(types.uint8, 3, "C", readonly=True)
 
 
 class Photometric(NamedTuple):
-    """The photometric error of a flow.
-
-    Attributes:
-        n: number of pixels whose target is inside frame 2.
-        total: sum of their errors, in grey levels.
-        still: sum of the errors of zero flow over the same pixels, in grey levels.
-        errors: int32 (H, W), the error of each pixel in 1 / `UNIT` grey levels; -1 if its target is not inside.
-    """
+    """The photometric error of a flow."""
 
     n: int
     total: float
@@ -38,22 +31,7 @@ class Photometric(NamedTuple):
 
 
 def photometric(frame1: Frame, frame2: Frame, flow: Flow, step: int = 1) -> Photometric:
-    """Compare frame 1 with frame 2 warped by a flow.
-
-    Args:
-        frame1, frame2: uint8 (H, W, 3), the frames.
-        flow: float32 (H, W, 2), flow from frame 1 to frame 2, in pixels; a pixel without finite flow has no target.
-        step: with 2 or more, `frame1` and `flow` contain only every step-th row.
-
-    Raises:
-        DataError: the flow is not float32 (H, W, 2), or the sizes differ.
-
-    >>> frame = np.arange(0, 240, 10, np.uint8).reshape(2, 4, 3)
-    >>> flow = np.zeros((2, 4, 2), np.float32)
-    >>> flow[..., 0] = 0.5
-    >>> photometric(frame, frame, flow)[:3]
-    (6, 90.0, 0.0)
-    """
+    """Compare frame 1 with frame 2 warped by a flow."""
     frame1, rows, flow = dense(frame1, frame2[::step], flow_array(flow))
     frame2 = rows if step == 1 else np.ascontiguousarray(frame2)
     errors, sums = np.empty(flow.shape[:2], np.int32), np.empty(3, np.int64)

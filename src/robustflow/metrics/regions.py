@@ -39,15 +39,7 @@ LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Ground-truth quantities used by the metrics, computed once per sample.
-
-    Attributes:
-        names: the regions that exist for this sample, in the order of `REGIONS`.
-        valid: bool (H, W), mask of the pixels with known ground truth.
-        magnitude: float64 (H, W), ground-truth flow magnitude in pixels (never NaN inside `valid`).
-        labels: uint8 (H, W), region label, 0..17 inside `valid` and 255 outside.
-        truth_digest: hash of the ground truth (`valid` and the valid vectors), 32 hexadecimal digits.
-    """
+    """Ground-truth quantities used by the metrics, computed once per sample."""
 
     names: tuple[str, ...]
     valid: Mask
@@ -57,20 +49,7 @@ class Regions:
 
     @classmethod
     def of(cls, sample: Sample) -> Regions | None:
-        """Return the regions of a sample, or None if it has no ground truth.
-
-        Raises:
-            DataError: the ground truth is not finite at a pixel that is marked valid.
-
-        >>> import numpy as np
-        >>> frame = np.zeros((4, 6, 3), np.uint8)
-        >>> sample = Sample("a", (frame, frame), np.zeros((4, 6, 2), np.float32), np.ones((4, 6), bool))
-        >>> regions = Regions.of(sample)
-        >>> regions.names
-        ('s0_10', 's10_40', 's40', 'd0_10', 'd10_60', 'd60')
-        >>> int(regions.mask("s0_10").sum())
-        24
-        """
+        """Return the regions of a sample, or None if it has no ground truth."""
         if sample.flow is None or sample.valid is None:
             return None
         valid = np.ascontiguousarray(sample.valid)

@@ -15,20 +15,12 @@ import math
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
-    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None.
-
-    >>> cre(2.5, 2.0)
-    0.5
-    """
+    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None."""
     return None if epe is None or epe_clean is None else epe - epe_clean
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is exactly 0.
-
-    >>> crer(0.5, 2.0)
-    0.25
-    """
+    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is exactly 0."""
     if cre is None or not epe_clean:
         return None
     ratio = cre / epe_clean

@@ -24,13 +24,7 @@ _TOTALS = ("rcre_all_sum", "pred_magnitude_sum", "epe_sum", "rcre_sum", "magnitu
 
 
 class RowSums(NamedTuple):
-    """Sums over all pixels and over the pixels of each label.
-
-    Attributes:
-        whole: counts and sums (in pixels) over all pixels, keyed by column name.
-        label_counts: int64 (2, LABELS), the numbers of pixels and of Fl outliers.
-        label_totals: float64 (3, LABELS), sums of the end-point error, the RCRE and the clean flow's error, in pixels.
-    """
+    """Sums over all pixels and over the pixels of each label."""
 
     whole: dict[str, int | float]
     label_counts: npt.NDArray[np.int64]
@@ -45,21 +39,7 @@ class RowSums(NamedTuple):
 
 
 def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | None) -> RowSums:
-    """Compute the sums of one row.
-
-    Args:
-        pred, clean: float32 (H, W, 2), predicted flow on the corrupted and on the clean frames, in pixels.
-        truth: float32 (H, W, 2), ground-truth flow in pixels; None if and only if `regions` is None. In that case, sums
-            that need ground truth are zero.
-        regions: regions of the sample, from its ground truth.
-
-    Raises:
-        DataError: a flow is not float32 (H, W, 2), or the sizes differ.
-
-    >>> flow = np.zeros((2, 3, 2), np.float32)
-    >>> row_sums(flow + 3, flow, None, None).whole["n_all"]
-    6
-    """
+    """Compute the sums of one row."""
     a, b = flow_pair(pred, clean)
     if truth is None or regions is None:
         labels = np.full(a.shape[:2], OUTSIDE, np.uint8)

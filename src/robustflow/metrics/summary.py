@@ -39,26 +39,7 @@ is rewritten or rejected.
 
 
 class Scores(FrozenFinite):
-    """Means of the metrics; None if there are no pixels to average over (e.g. no ground truth).
-
-    Attributes:
-        epe: end-point error, pixels.
-        cre: Corruption Robustness Error, pixels.
-        crer: Corruption Robustness Error ratio, CRE / clean EPE.
-        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (for samples without
-            ground truth, over all pixels).
-        rcre_all: Relative Corruption Robustness Error over all pixels, in pixels.
-        fl: Fl-all, percent.
-        px1, px3, px5: percentage of pixels with an end-point error above 1, 3 and 5 px.
-        wauc: weighted area under the inlier curve, percent (100 is best).
-        photometric: difference between frame 1 and frame 2 warped by the flow, in grey levels, over the pixels whose
-            target is inside the frame; always measured on the clean frames, also for the flow on corrupted frames.
-        coverage: fraction (0 to 1) of the pixels with ground truth (of all pixels, if there is no ground truth) that
-            the means include; for the remaining pixels, the prediction on the corrupted or the clean frames is not
-            finite.
-        spread: standard deviation of the flow over the draws of the corruption, averaged over all pixels, in pixels;
-            None in a run with a single draw.
-    """
+    """Means of the metrics; None if there are no pixels to average over (e.g. no ground truth)."""
 
     epe: float | None = None
     cre: float | None = None
@@ -76,14 +57,7 @@ class Scores(FrozenFinite):
 
 
 class CorruptionScores(Scores):
-    """Means over the severities of one corruption, and the values at each severity.
-
-    Attributes:
-        family: one of the paper's families, also for corruptions that exist only as files; None if the corruption
-            belongs to no family.
-        severities: the measured severities, ascending.
-        by_severity: values of each metric, as lists in the order of `severities`.
-    """
+    """Means over the severities of one corruption, and the values at each severity."""
 
     family: str | None
     severities: list[int]
@@ -91,12 +65,7 @@ class CorruptionScores(Scores):
 
 
 class RegionScores(Scores):
-    """Overall means over the pixels of one region; images without pixels in the region are excluded.
-
-    Attributes:
-        share: percentage of the valid pixels that are in the region, in the clean rows of samples that have the region.
-        epe_clean, fl_clean: end-point error (pixels) and Fl-all (percent) on the clean frames.
-    """
+    """Overall means over the pixels of one region; images without pixels in the region are excluded."""
 
     share: float | None = None
     epe_clean: float | None = None

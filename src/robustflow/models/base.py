@@ -74,23 +74,11 @@ class ClipModel(Protocol):
 
 @runtime_checkable
 class Differentiable(Protocol):
-    """A model whose flow is differentiable with respect to its frames, as white-box attacks require.
-
-    The model does the padding, scaling and colour conversion itself, so a perturbation is defined on the frames as they
-    are stored on disk. A model with the attribute `batched_gradients = True` receives N pairs per call when a run
-    attacks samples in batches; without it, N is always 1.
-    """
+    """A model whose flow is differentiable with respect to its frames, as white-box attacks require."""
 
     def differentiable(self, images1: Any, images2: Any) -> Any:
         """Return the flow of each pair as part of PyTorch's autograd graph, on the device of the images or of the
         model.
-
-        Args:
-            images1: first images, RGB in 0..1, float32 tensor (N, 3, H, W).
-            images2: second images, same format as `images1`.
-
-        Returns:
-            The flows (u right, v down) in pixels, tensor (N, 2, H, W).
         """
         ...
 
@@ -145,11 +133,7 @@ def given_name(model: Any) -> str | None:
 def predict_checked(
     model: FlowModel | FlowLookup, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
 ) -> Flow:
-    """Call the model and check that the result is a flow of the frames' size (its values may still be non-finite).
-
-    Raises:
-        ModelError: the model raised an exception, or its result is not a float array (H, W, 2).
-    """
+    """Call the model and check that the result is a flow of the frames' size (its values may still be non-finite)."""
     where = describe_cell(key, corruption, severity)
     with naming_errors(where):
         if isinstance(model, FlowLookup):
@@ -233,9 +217,6 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     """Check a model's result and copy it to a flow of the frames' size, float32 (H, W, 2): the model may overwrite its
     array in the next prediction. Masked values become NaN.
-
-    Raises:
-        ModelError: the result is not a float array, or has a wrong shape.
     """
     expected = (*frames[0].shape[:2], 2)
     try:

@@ -41,11 +41,7 @@ class ConfidentModel(FlowModel, Protocol):
 
 
 def check_confidence(kind: str | None, model: AnyModel) -> None:
-    """Raise an error unless the model supports this confidence source.
-
-    Raises:
-        UsageError: the source is unknown, or the model does not support it.
-    """
+    """Raise an error unless the model supports this confidence source."""
     if kind is None:
         return
     if kind not in CONFIDENCES:
@@ -80,10 +76,6 @@ def with_back(flow: Flow, back: Flow) -> Answer:
 def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, ...], where: str) -> Answer:
     """Call a model that returns a confidence, and check its flow and confidence; `where` describes the frames in
     messages.
-
-    Raises:
-        ModelError: the model raised an exception or did not return a flow, or its confidence has a wrong size or
-            contains NaN.
     """
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
@@ -108,9 +100,5 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
 
 
 def flow_of(answer: Answer) -> Flow:
-    """Return the flow channels of an answer, float32 (H, W, 2), in pixels.
-
-    >>> flow_of(np.zeros((4, 6, 3), np.float32)).shape
-    (4, 6, 2)
-    """
+    """Return the flow channels of an answer, float32 (H, W, 2), in pixels."""
     return np.ascontiguousarray(answer[..., :2])

@@ -40,14 +40,6 @@ class FunctionModel:
 def as_model(candidate: Any, what: str) -> AnyModel:
     """Return an object with `predict`, `predict_clip` or `lookup` unchanged, instantiate a class, or wrap a module or
     function.
-
-    Args:
-        candidate: object to convert to a model.
-        what: description of the object for messages.
-
-    Raises:
-        ModelError: the object is not of a supported kind, or the class cannot be instantiated.
-        UsageError: the class requires an option.
     """
     if inspect.isclass(candidate):
         candidate = construct(candidate, candidate.__name__, {})
@@ -76,17 +68,7 @@ def is_module(thing: Any) -> bool:
 
 
 def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
-    """Call a model's class or factory with its options.
-
-    Args:
-        factory: class or function that builds the model.
-        name: name of the model, for messages.
-        options: keyword arguments of the factory.
-
-    Raises:
-        UsageError: an option is unknown, or a required option is missing.
-        ModelError: the call fails.
-    """
+    """Call a model's class or factory with its options."""
     for option in options:
         if option in _NOT_FOR_ALL and name in MODELS.names() and not accepts(factory, option):
             raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")

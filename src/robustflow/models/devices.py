@@ -10,13 +10,7 @@ from .loading import ModelSpec
 
 
 def device_of(model: Any) -> str:
-    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it does not declare one.
-
-    >>> class Mine:
-    ...     device = "cuda:1"
-    >>> device_of(Mine()), device_of(object())
-    ('cuda:1', 'cpu')
-    """
+    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it does not declare one."""
     device = getattr(model, "device", None)
     if isinstance(device, str):
         return device.strip() or "cpu"
@@ -33,19 +27,7 @@ def is_accelerator(device: str) -> bool:
 
 
 def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
-    """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU.
-
-    If the option `device` lists several devices ("cuda:0,cuda:1"), the run uses these. If the option is "cuda", or if
-    it is not given and the network is part of this package, the run uses all CUDA devices that PyTorch finds;
-    otherwise, it uses the device that the loaded model declares.
-
-    Args:
-        spec: specification from which each process can load the model; None if the model was passed as an object.
-        model: loaded model.
-
-    Raises:
-        UsageError: the list of devices includes the CPU.
-    """
+    """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU."""
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):

@@ -17,21 +17,7 @@ Model = TypeVar("Model")
 
 @dataclass(frozen=True)
 class Execution:
-    """The execution settings of a PyTorch network.
-
-    Attributes:
-        device: name of the device: "auto" (a CUDA device if available, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
-        precision: numerical precision, "fp32" (without TF32) or "bf16" (automatic mixed precision).
-        compile: whether to compile the network with `torch.compile` on its first call.
-        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
-            parallelised with processes instead.
-
-    Raises:
-        UsageError: the precision is unknown, the number of threads is invalid, or `compile` is not a bool.
-
-    >>> Execution(threads=2).record("cpu")
-    {'device': 'cpu', 'precision': 'fp32', 'compile': False, 'threads': 2}
-    """
+    """The execution settings of a PyTorch network."""
 
     device: str = "auto"
     precision: str = "fp32"

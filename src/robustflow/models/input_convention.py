@@ -39,22 +39,7 @@ _LARGEST_MULTIPLE = 1024
 
 @dataclass(frozen=True)
 class InputConvention:
-    """The conversion of uint8 RGB frames to the kind of input that a network was trained on.
-
-    Attributes:
-        mean: mean subtracted from values 0..255, per channel in `order`.
-        scale: factor applied after the mean is subtracted, one number or one per channel in `order`.
-        order: colour order, "rgb" or "bgr".
-        fit: how to handle sizes that are not a multiple of `multiple`: "none" (the network accepts any size), or "pad"
-            or "stretch" to `size` or to the next multiple; the flow is then cropped, or resized and rescaled.
-        multiple: number that height and width must be multiples of, in pixels.
-        size: (height, width) in pixels to which frames are padded or stretched; None, or None for one side, selects the
-            next multiple.
-        padding: type of padding for "pad": "replicate" repeats the border, "zeros" adds zeros to the network's input.
-        smallest: minimum side length of a frame, in pixels, at which the network returns finite values.
-        vertical: position of the rows that "pad" adds: "both" (the smaller half at the top) or "bottom". Columns are
-            added on both sides.
-    """
+    """The conversion of uint8 RGB frames to the kind of input that a network was trained on."""
 
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float | tuple[float, float, float] = 1 / 255
@@ -67,14 +52,7 @@ class InputConvention:
     smallest: int = 1
 
     def fitted_size(self, height: int, width: int) -> tuple[int, int]:
-        """Return the (height, width) of the network's input for a frame of this size.
-
-        >>> InputConvention(fit="pad", multiple=8).fitted_size(375, 1242)
-        (376, 1248)
-
-        Raises:
-            ModelError: a frame too small for the network, or larger than the size it would be padded to.
-        """
+        """Return the (height, width) of the network's input for a frame of this size."""
         if min(height, width) < self.smallest:
             raise ModelError(
                 f"a frame is {height}x{width}, but below {self.smallest} pixels per side the network returns NaN or "
@@ -95,11 +73,7 @@ class InputConvention:
         return fitted
 
     def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
-        """Return the numbers of columns on the left and right, and of rows at the top and bottom, that "pad" adds.
-
-        >>> InputConvention(fit="pad", multiple=8).padding_sides(187, 310)
-        (1, 1, 2, 3)
-        """
+        """Return the numbers of columns on the left and right, and of rows at the top and bottom, that "pad" adds."""
         fitted_height, fitted_width = self.fitted_size(height, width)
         rows, columns = fitted_height - height, fitted_width - width
         above = rows // 2 if self.vertical == "both" else 0
@@ -122,17 +96,6 @@ def named_convention(
     *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
 ) -> InputConvention:
     """Build a convention from options, for an exported network or a user-defined module.
-
-    Args:
-        order: colour order, "rgb" or "bgr".
-        scaling: range of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, standardised with ImageNet's mean and
-            standard deviation).
-        multiple: number that height and width must be multiples of; frames are padded by repeating the border.
-        size: (height, width) of the input in pixels if the network accepts only one size; None for a dynamic side.
-
-    Raises:
-        UsageError: the order or scaling is unknown, or the multiple is not from 1 to 1024.
-        ModelError: a side of the size is outside the valid range.
 
     >>> named_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
     (376, 1248)

@@ -96,10 +96,7 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model's name and options, from which every worker process loads its own copy.
-
-    The option `trained_on` declares the training sets of the model (see `provenance`) and is not passed to it.
-    """
+    """A model's name and options, from which every worker process loads its own copy."""
 
     name: str
     options: tuple[tuple[str, Any], ...] = ()
@@ -112,20 +109,12 @@ class ModelSpec:
         return load_model(self.name, **options)
 
     def devices(self) -> tuple[str, ...]:
-        """The devices listed in the option `device`; empty if it is not given.
-
-        >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
-        ('cuda:0', 'cuda:1')
-        """
+        """The devices listed in the option `device`; empty if it is not given."""
         device = dict(self.options).get("device")
         return tuple(one.strip() for one in str(device).split(",") if one.strip()) if device is not None else ()
 
     def on(self, device: str) -> ModelSpec:
-        """Return a copy of this specification for one device.
-
-        >>> ModelSpec("raft", (("device", "cuda"),)).on("cuda:1").devices()
-        ('cuda:1',)
-        """
+        """Return a copy of this specification for one device."""
         other_options = [(key, value) for key, value in self.options if key != "device"]
         return ModelSpec(self.name, (*other_options, ("device", device)))
 

@@ -19,32 +19,14 @@ _NO_MODEL = {
 
 
 def require_file(path: Path, what: str) -> None:
-    """Raise an error if a file is missing, before the library that reads it is imported.
-
-    Args:
-        path: path of the file.
-        what: description of the missing file and of what to do, for the message.
-
-    Raises:
-        ModelError: `path` does not exist.
-    """
+    """Raise an error if a file is missing, before the library that reads it is imported."""
     if not path.exists():
         raise ModelError(f"{path}: no such {what}")
 
 
 @contextmanager
 def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
-    """Open a file, and return it (positioned at its start) with its SHA-256 as 64 hexadecimal digits.
-
-    Args:
-        path: path of the file.
-        sha256: expected SHA-256, or at least its first eight digits.
-
-    Raises:
-        ModelError: the file is missing, not a regular file (a pipe, a device), unreadable, empty, a web page or a Git
-            LFS pointer, or its hash does not match.
-        UsageError: `sha256` is not a valid SHA-256 or prefix of one.
-    """
+    """Open a file, and return it (positioned at its start) with its SHA-256 as 64 hexadecimal digits."""
     try:
         if not (path.is_file() or path.is_dir()) and path.exists():
             raise ModelError(f"{path}: a pipe or a device, not a file; pass the path of a checkpoint")

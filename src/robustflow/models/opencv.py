@@ -19,23 +19,8 @@ from .pairs import check_pair
 
 
 class Farneback:
-    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the OpenCV parameters used in the paper.
-
-    Args:
-        pyr_scale: size of each pyramid level relative to the previous one, between 0 and 1 (exclusive).
-        levels: number of pyramid levels in addition to the full resolution.
-        winsize: side length of the averaging window in pixels.
-        iterations: number of iterations at each pyramid level.
-        poly_n: side length in pixels of the neighbourhood to which a polynomial is fitted.
-        poly_sigma: standard deviation in pixels of the Gaussian weights in that neighbourhood.
-
-    Raises:
-        UsageError: a parameter is out of range.
-
-    >>> import numpy as np
-    >>> frame = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
-    >>> Farneback().predict(frame, frame).shape
-    (64, 96, 2)
+    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the OpenCV parameters used in the
+    paper.
     """
 
     single_threaded = True
@@ -73,11 +58,7 @@ class Farneback:
         return {"name": "farneback", "opencv": cv2.__version__, **self._parameters}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`.
-
-        Raises:
-            UsageError: the frames are not RGB uint8 of equal size.
-        """
+        """Predict a flow as in `FlowModel.predict`."""
         check_pair(frame1, frame2)
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
@@ -86,14 +67,7 @@ class Farneback:
 
 
 class Dis:
-    """OpenCV's implementation of dense inverse search (Kroeger et al. 2016), on greyscale frames.
-
-    Args:
-        preset: name of OpenCV's preset, "ultrafast", "fast" or "medium" (default).
-
-    Raises:
-        UsageError: the preset is unknown.
-    """
+    """OpenCV's implementation of dense inverse search (Kroeger et al. 2016), on greyscale frames."""
 
     single_threaded = True
     PRESETS = ("ultrafast", "fast", "medium")
@@ -108,13 +82,7 @@ class Dis:
         return {"name": "dis", "preset": self._preset, "opencv": cv2.__version__}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`.
-
-        Raises:
-            UsageError: the frames are not RGB uint8 of equal size.
-            ModelError: one side of the frames is smaller than 8 pixels, both sides are smaller than 12, or one side is
-                much shorter than the other; OpenCV's pyramid does not fit them.
-        """
+        """Predict a flow as in `FlowModel.predict`."""
         check_pair(frame1, frame2)
         height, width = frame1.shape[:2]
         if min(height, width) < 8 or max(height, width) < 12:

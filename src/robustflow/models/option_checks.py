@@ -11,21 +11,7 @@ MOST_THREADS = 1024
 
 
 def check_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
-    """Raise a UsageError unless a value is an integer of at least `least` and at most `most`.
-
-    Args:
-        name: name of the option, for the message.
-        value: value of the option; True is not accepted as 1.
-        least, most: minimum and maximum value; None for no maximum.
-
-    Raises:
-        UsageError: the value is invalid.
-
-    >>> check_count("iterations", 12)
-    >>> check_count("iterations", 1.5)
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: iterations must be an integer of at least 1, not 1.5
-    """
+    """Raise a UsageError unless a value is an integer of at least `least` and at most `most`."""
     if (
         not isinstance(value, Integral)
         or isinstance(value, bool)
@@ -46,16 +32,6 @@ def check_positive(name: str, value: float) -> None:
 
 
 def check_switch(name: str, value: bool) -> None:
-    """Raise a UsageError unless a value is a bool; a non-empty string such as "no" would be treated as true.
-
-    Args:
-        name: name of the option, for the message.
-        value: value of the option.
-
-    Raises:
-        UsageError: the value is invalid.
-
-    >>> check_switch("compile", False)
-    """
+    """Raise a UsageError unless a value is a bool; a non-empty string such as "no" would be treated as true."""
     if not isinstance(value, bool):
         raise UsageError(f"{name} must be true or false, not {value!r}")

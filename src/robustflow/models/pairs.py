@@ -17,38 +17,18 @@ class PairNetwork(ABC):
     @property
     @abstractmethod
     def _batches_pairs(self) -> bool:
-        """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic.
-
-        On the CPU, each pair is predicted separately: a batch would not be faster, and it would change the last bits of
-        each flow (by up to 1e-4 px), because the summation order in a convolution depends on the batch size.
-        """
+        """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic."""
 
     @abstractmethod
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        """Call the network once for pairs of equal size; the result is the same as from `predict_batch`.
-
-        Raises:
-            ModelError: the network does not support the frames' size, or fails on them.
-        """
+        """Call the network once for pairs of equal size; the result is the same as from `predict_batch`."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Predict a flow as in `FlowModel.predict`."""
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Return the flows of several pairs.
-
-        Args:
-            frames1: first frames, RGB uint8 (H, W, 3) each; sizes may differ between pairs.
-            frames2: second frames, each of the same size as its first frame.
-
-        Returns:
-            The flows, float32 (H, W, 2) each, (u right, v down) in pixels.
-
-        Raises:
-            UsageError: the frames are not pairs of RGB uint8 images.
-            ModelError: the network does not support the frames' size, fails, or does not return a flow.
-        """
+        """Return the flows of several pairs."""
         return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
@@ -61,14 +41,6 @@ def predict_by_size(
     predict: Callable[[list[Frame], list[Frame]], Sequence[Flow]], frames1: Sequence[Frame], frames2: Sequence[Frame]
 ) -> list[Flow]:
     """Call `predict` once for each frame size, and return the flows in the order of the pairs.
-
-    Args:
-        predict: function that returns the flows for pairs of equal size.
-        frames1: first frames, RGB uint8 (H, W, 3) each; sizes may differ between pairs.
-        frames2: second frames, each of the same size as its first frame.
-
-    Raises:
-        UsageError: the frames are not pairs of RGB uint8 images.
 
     >>> black = np.zeros((2, 3, 3), np.uint8)
     >>> predict_by_size(lambda first, second: [frame[..., :2] for frame in first], [black], [black])[0].shape
@@ -88,11 +60,7 @@ def predict_by_size(
 
 
 def check_pair(frame1: Frame, frame2: Frame) -> None:
-    """Check the input frames of a model.
-
-    Raises:
-        UsageError: the input is not two RGB uint8 frames (H, W, 3) of equal size.
-    """
+    """Check the input frames of a model."""
     for frame in (frame1, frame2):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
             raise UsageError(f"a frame is {described_array(frame)}; expected RGB uint8 (H, W, 3)")

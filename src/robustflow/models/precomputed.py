@@ -20,11 +20,6 @@ from ..sample import Flow
 class Precomputed:
     """A model that reads its flows from a folder with the layout of the released benchmark: `clean/<key>.<ext>` and
     `<corruption>_<severity>/<key>.<ext>`, where ext is flo, png (KITTI 16-bit), pfm or flo5.
-
-    A key with slashes (`alley_1/frame_0001`) is a path relative to the condition's folder.
-
-    Raises:
-        ModelError: the folder has no subfolder `clean`.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -46,12 +41,7 @@ class Precomputed:
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
-        """Read a flow as described in `FlowLookup.lookup`. Pixels that a file marks as unknown are NaN.
-
-        Raises:
-            ModelError: the file does not exist.
-            DataError: the file is damaged.
-        """
+        """Read a flow as described in `FlowLookup.lookup`. Pixels that a file marks as unknown are NaN."""
         setting = f"{corruption}_{severity}" if severity else corruption
         for suffix in FLOW_SUFFIXES:
             path = self._folder / setting / f"{key}{suffix}"

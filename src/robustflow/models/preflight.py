@@ -17,20 +17,7 @@ from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_fil
 
 
 def preflight(name: str, options: Mapping[str, Any]) -> None:
-    """Raise an error if a model's file, library or checkpoint is missing.
-
-    This is only an early check: it is repeated, together with all other checks, when the model is loaded.
-
-    Args:
-        name: name of the model.
-        options: options of the model.
-
-    Raises:
-        ModelError: the file or the checkpoint is missing.
-        AssetError: the library is not installed.
-
-    >>> preflight("dis", {})
-    """
+    """Raise an error if a model's file, library or checkpoint is missing."""
     checkpoint, method = options.get("checkpoint"), methods().get(name)
     if method is None:
         if Path(name).suffix.lower() in EXPORTED:

@@ -54,16 +54,7 @@ KNOWLEDGE = "method"
 
 @dataclass(frozen=True)
 class Training:
-    """The training sets of a model.
-
-    Attributes:
-        sets: names from `TRAINING_SETS`, optionally with a part from `PARTS` (":train"), or with "?" if it is uncertain
-            whether the dataset was used; None if unknown.
-        basis: source of this information.
-        note: description of the uncertainty, if any.
-        trained: whether the model was trained; False for methods without learning and for random weights.
-        backbone: pre-trained network in the model, with "?" if its pre-training data were not checked; "" for none.
-    """
+    """The training sets of a model."""
 
     sets: tuple[str, ...] | None
     basis: str
@@ -73,19 +64,7 @@ class Training:
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
-    """Return a model's training sets from its identity.
-
-    A checkpoint in the catalogue is recognised by the hash of its file, regardless of its path and of any declaration.
-
-    Args:
-        identity: identity of the model, with `name` and `checkpoint`.
-        declared: training sets declared by the user, see `parse_training_sets`.
-
-    >>> training_of({"name": "dis"}).trained, training_of({"name": "mine"}).basis
-    (False, 'undeclared')
-    >>> training_of({"name": "mine"}, "C+T").sets
-    ('flyingchairs', 'flyingthings3d')
-    """
+    """Return a model's training sets from its identity."""
     sets = parse_training_sets(declared) if declared is not None else None
     name, digest = str(identity.get("name")), str(identity.get("checkpoint", ""))
     method = methods().get(name)
@@ -108,18 +87,7 @@ def training_of_entry(entry: CheckpointEntry) -> Training:
 
 
 def parse_training_sets(text: str) -> tuple[str, ...]:
-    """Parse training sets written in the notation used in the literature.
-
-    >>> parse_training_sets("C+T>K:train")
-    ('flyingchairs', 'flyingthings3d', 'kitti2015:train')
-    >>> parse_training_sets("C+T+K?")
-    ('flyingchairs', 'flyingthings3d', 'kitti2015?')
-    >>> parse_training_sets("Sintel, other")
-    ('sintel', 'other')
-
-    Raises:
-        UsageError: nothing is declared, or an unknown set.
-    """
+    """Parse training sets written in the notation used in the literature."""
     sets: list[str] = []
     for part in re.split(r"[+>,\s]+", str(text).strip()):
         certain = part.removesuffix("?")

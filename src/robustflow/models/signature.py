@@ -22,14 +22,6 @@ Dim = int | None
 def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str | None) -> Layout:
     """Return the layout in which a pair is passed to a network.
 
-    Args:
-        inputs: names and shapes of the network's inputs; a shape is None if the file does not specify it.
-        layout: layout from `LAYOUTS`, or None to infer it from the inputs.
-
-    Raises:
-        UsageError: the layout is unknown.
-        ModelError: no layout, or more than one, matches the inputs.
-
     >>> infer_layout([("images", (None, 6, None, None))], None)
     'concatenated'
     """
@@ -53,9 +45,6 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
 def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[bool, tuple[Dim, Dim]]:
     """Return whether a network accepts several pairs per call, and the (height, width) of its input, None if dynamic.
 
-    Raises:
-        ModelError: the batch size is fixed at more than one pair, or the inputs differ in size.
-
     >>> batch_and_size([("a", (1, 3, 64, None)), ("b", (1, 3, 64, None))])
     (False, (64, None))
     """
@@ -74,14 +63,6 @@ def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[
 def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str | None) -> list[int]:
     """Return the positions of the inputs in the order of the frames.
 
-    Args:
-        inputs: names and shapes of the network's inputs.
-        names: comma-separated names of the inputs, first frame first; None for the file's order.
-
-    Raises:
-        UsageError: the network has no input of this name.
-        ModelError: the network has additional inputs.
-
     >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
     [1, 0]
     """
@@ -99,18 +80,7 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 
 
 def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
-    """Raise an error if a network reads only one of its two frames.
-
-    `torch.export`, and `torch.onnx.export` with dynamo, write a network like this if the same example tensor is passed
-    for both frames.
-
-    Args:
-        inputs: names of the network's inputs.
-        read: names of the inputs that the network reads.
-
-    Raises:
-        ModelError: the network reads only some of its inputs.
-    """
+    """Raise an error if a network reads only one of its two frames."""
     inputs = list(inputs)
     unused = [name for name in inputs if name not in read]
     if 0 < len(unused) < len(inputs):
@@ -122,14 +92,6 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
     """Return the axis of an output that contains (u, v), inferred from the shape; channels first if both are possible.
-
-    Args:
-        shape: shape of the output.
-        pairs: number of pairs in the batch.
-        height, width: size of the network's input in pixels.
-
-    Raises:
-        ModelError: the output is not a flow at the input's resolution.
 
     >>> flow_layout((1, 40, 64, 2), 1, 40, 64)
     'nhwc'

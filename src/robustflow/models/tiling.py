@@ -31,33 +31,18 @@ SIGMA = 0.05
 def tile_origins(length: int, tile: int) -> list[int]:
     """Return the start of each tile along an axis: every `tile - OVERLAP` pixels, with the last tile flush with the
     end.
-
-    Args:
-        length: length of the axis in pixels, at least `tile`.
-        tile: length of a tile in pixels, greater than `OVERLAP`.
-
-    >>> tile_origins(1242, 960)
-    [0, 282]
     """
     return [*range(0, length - tile, tile - OVERLAP), length - tile]
 
 
 def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
-    """Return the Gaussian weights of a tile's flow, (height, width), largest at the centre.
-
-    The weight at the corners is 1e-44 times the weight at the centre. In float32, this is a denormal number or zero,
-    and the weighted mean at pixels covered only by corners would be inaccurate or 0/0; hence float64.
-    """
+    """Return the Gaussian weights of a tile's flow, (height, width), largest at the centre."""
     y, x = (np.arange(size) / size - 0.5 for size in (height, width))
     return np.exp(-(y[:, None] ** 2 + x**2) / (2 * SIGMA**2))
 
 
 def tiled(model: AnyModel, tile: str | None) -> AnyModel:
-    """Wrap `model` so that it predicts in tiles of HEIGHTxWIDTH; return it unchanged if `tile` is None or "none".
-
-    Raises:
-        UsageError: the model is multi-frame or reads precomputed flows, or `tile` is not a valid size.
-    """
+    """Wrap `model` so that it predicts in tiles of HEIGHTxWIDTH; return it unchanged if `tile` is None or "none"."""
     if tile in (None, "none"):
         return model
     if isinstance(model, ClipModel):
@@ -70,21 +55,6 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
 class TiledModel:
     """A model that predicts each tile separately. Frames smaller than a tile are padded with black at the bottom and on
     the right.
-
-    Args:
-        model: model that predicts the tiles.
-        tile: size of a tile in pixels, HEIGHTxWIDTH; the authors use 432x960 for KITTI and Sintel, and 384x720 for
-            KITTI's test server.
-
-    Raises:
-        UsageError: `tile` is not a valid size, or not larger than the overlap.
-
-    >>> class Right:
-    ...     def predict(self, frame1, frame2):
-    ...         return np.full((*frame1.shape[:2], 2), (1, 0), np.float32)
-    >>> frame = np.zeros((60, 100, 3), np.uint8)
-    >>> TiledModel(Right(), "40x48").predict(frame, frame)[59, 99].tolist()
-    [1.0, 0.0]
     """
 
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
@@ -107,11 +77,7 @@ class TiledModel:
         return {**model_identity(self.model), "tile": list(self._tile), "overlap": OVERLAP, "sigma": SIGMA}
 
     def tiles(self, height: int, width: int) -> tuple[int, tuple[int, int]]:
-        """Return the number of tiles of a frame of this size, and the size (height, width) of a tile, in pixels.
-
-        >>> TiledModel(object(), "40x48").tiles(60, 100)
-        (6, (40, 48))
-        """
+        """Return the number of tiles of a frame of this size, and the size (height, width) of a tile, in pixels."""
         rows, columns = (
             len(tile_origins(max(side, tile), tile)) for side, tile in zip((height, width), self._tile, strict=True)
         )

@@ -12,8 +12,6 @@ def traceback_hint(error: BaseException) -> str:
     """Return the last line of user code in a traceback as " (at net.py:12)"; if there is none, return the last line of
     the traceback.
 
-    User code is any code outside of this package and installed libraries.
-
     >>> try:
     ...     {}["a"]
     ... except KeyError as error:

@@ -12,16 +12,7 @@ Ends = Literal["repeat", "short", "inside"]
 
 
 class Window(NamedTuple):
-    """Frames around a pair, as offsets from frame 1 of the pair; frame 1 has offset 0, and frame 2 has offset 1.
-
-    Attributes:
-        before: number of frames before frame 1.
-        after: number of frames after frame 2.
-        ends: behaviour if frames are missing on one side. "repeat": the frame nearest to the missing ones is repeated,
-            so there are always before + 2 + after frames, and frame 1 has index `before`. "short": missing frames are
-            omitted. "inside": the window is shifted until it lies within the sequence, so the position of the pair in
-            the window changes; if the sequence is shorter than the window, the clip is the entire sequence.
-    """
+    """Frames around a pair, as offsets from frame 1 of the pair; frame 1 has offset 0, and frame 2 has offset 1."""
 
     before: int
     after: int = 0
@@ -33,16 +24,7 @@ class Window(NamedTuple):
         return self.before + self.after
 
     def offsets(self, there: range) -> tuple[int, ...]:
-        """Return the offsets of the frames that the model receives, in order.
-
-        Args:
-            there: offsets that exist in the sequence, including 0 and 1.
-
-        >>> Window(2, 1).offsets(range(0, 9)), Window(2, 1, "short").offsets(range(0, 9))
-        ((0, 0, 0, 1, 2), (0, 1, 2))
-        >>> Window(2, 1, "inside").offsets(range(0, 9)), Window(2, 1, "inside").offsets(range(-9, 2))
-        ((0, 1, 2, 3, 4), (-3, -2, -1, 0, 1))
-        """
+        """Return the offsets of the frames that the model receives, in order."""
         offsets = range(-self.before, self.after + 2)
         if self.ends == "repeat":
             return tuple(min(max(offset, there.start), there.stop - 1) for offset in offsets)
@@ -57,16 +39,7 @@ class Window(NamedTuple):
 
 
 def window_of(model: Any) -> Window:
-    """Return the window that a multi-frame model declares.
-
-    Raises:
-        ModelError: the window is not (before, after) or (before, after, ends).
-
-    >>> class Mine:
-    ...     window = (2, 0)
-    >>> window_of(Mine())
-    Window(before=2, after=0, ends='repeat')
-    """
+    """Return the window that a multi-frame model declares."""
     declared = model.window
     parts = tuple(declared) if isinstance(declared, tuple | list) else ()
     counts, ends = parts[:2], parts[2:]
@@ -81,9 +54,5 @@ def window_of(model: Any) -> Window:
 
 
 def place_of_pair(offsets: tuple[int, ...]) -> int:
-    """Return the index of frame 1 of the pair.
-
-    >>> place_of_pair((0, 0, 0, 1, 2))
-    2
-    """
+    """Return the index of frame 1 of the pair."""
     return offsets.index(1) - 1

@@ -33,15 +33,7 @@ from ..errors import ModelError, RobustFlowError
 
 @dataclass(frozen=True)
 class Counts:
-    """The cost of one prediction.
-
-    Attributes:
-        parameters: number of learned parameters.
-        macs: multiply-accumulates from PyTorch's counter (half of its FLOPs): convolutions and matrix products,
-            including attention and correlation.
-        thop_parameters: number of parameters in the executed modules that thop supports.
-        thop_macs: multiply-accumulates of the same modules, by thop's rules.
-    """
+    """The cost of one prediction."""
 
     parameters: int
     macs: int
@@ -50,24 +42,7 @@ class Counts:
 
 
 def count(net: nn.Module, height: int, width: int) -> Counts:
-    """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values.
-
-    The tensors have shapes but no values, so counting takes about a second and uses no memory; a network is actually
-    executed only if its shapes depend on values. The network is copied first.
-
-    Raises:
-        ModelError: the network fails at this size.
-
-    >>> net = nn.Conv2d(6, 2, 3, padding=1)
-    >>> class Net(nn.Module):
-    ...     def __init__(self):
-    ...         super().__init__()
-    ...         self.net = net
-    ...     def forward(self, image1, image2):
-    ...         return self.net(torch.cat([image1, image2], 1))
-    >>> count(Net(), 10, 20)
-    Counts(parameters=110, macs=21600, thop_parameters=110, thop_macs=21600)
-    """
+    """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values."""
     try:
         try:
             with _unlogged(), FakeTensorMode(allow_non_fake_inputs=True):

@@ -17,14 +17,7 @@ from ..models.torch.model import NetworkModel
 
 @dataclass(frozen=True)
 class PredictionCost:
-    """Measurements from several predictions.
-
-    Attributes:
-        seconds: shortest time for one pair, in seconds.
-        peak_bytes: peak memory in bytes: on a GPU, the memory of the tensors during a prediction; on a CPU, the memory
-            of the process since its start, including libraries and weights.
-        device: PyTorch's name of the device.
-    """
+    """Measurements from several predictions."""
 
     seconds: float
     peak_bytes: int
@@ -32,11 +25,7 @@ class PredictionCost:
 
 
 def measure_prediction(model: NetworkModel | TiledModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
-    """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first.
-
-    Raises:
-        UsageError: the number of repetitions is below 1.
-    """
+    """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first."""
     if repeat < 1:
         raise UsageError(f"the number of repetitions must be at least 1, not {repeat}")
     frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3)).astype(np.uint8)

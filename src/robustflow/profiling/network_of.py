@@ -13,11 +13,7 @@ from .counts import Counts, count
 
 
 def network_of(model: Any) -> NetworkModel:
-    """Return the adapter that contains a model's network, without the tiling wrapper.
-
-    Raises:
-        UsageError: the model does not contain a supported PyTorch network, or needs more than two frames.
-    """
+    """Return the adapter that contains a model's network, without the tiling wrapper."""
     while isinstance(model, TiledModel):
         model = model.model
     if isinstance(model, TorchClipModel):
@@ -33,12 +29,7 @@ def network_of(model: Any) -> NetworkModel:
 
 
 def count_prediction(model: Any, height: int, width: int) -> Counts:
-    """Count the cost of one prediction on frames of this size, over all tiles if the model predicts in tiles.
-
-    Raises:
-        UsageError: see `network_of`.
-        ModelError: the network fails at this size.
-    """
+    """Count the cost of one prediction on frames of this size, over all tiles if the model predicts in tiles."""
     network = network_of(model)
     tiles, size = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
     one = count(network.net, *network.convention.fitted_size(*size))

@@ -40,13 +40,7 @@ class EveryFlow(nn.Module):
 
 @dataclass(frozen=True)
 class Counted:
-    """One method from the paper's table, with costs counted by the paper's procedure.
-
-    Attributes:
-        method: name of the optical flow method in its paper.
-        size: input size (height, width) used for the count, in pixels.
-        counts: our counts; None if the model is not available here, in which case `missing` states the reason.
-    """
+    """One method from the paper's table, with costs counted by the paper's procedure."""
 
     method: str
     size: tuple[int, int]
@@ -55,12 +49,7 @@ class Counted:
 
 
 def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
-    """Count the costs of the methods, one method at a time.
-
-    Args:
-        published: methods in the catalogue, keyed by the names in their papers.
-        frames: height and width of the frames, in pixels.
-    """
+    """Count the costs of the methods, one method at a time."""
     names = {entry.method: name for name, entry in methods().items()}
     for method in published:
         name = names[method]

@@ -27,17 +27,7 @@ _REACH = SUPPORT // 2
 
 
 class Kernels(NamedTuple):
-    """The kernels of a PSF field for one image size.
-
-    Attributes:
-        spectra: kernels transformed along x and divided by T, in the layout that `convolve_rows` expects, float32
-            (columns of nodes, rows of nodes, 3, T / 2 + 1, L, 2).
-        firsts, weights: indices and weights of the rows of nodes for each chunk of image rows, starting at row `top`,
-            in the layout that `convolve_rows` expects.
-        top: index of the first image row at which a node below the centre has a non-zero weight.
-        reach_x, reach_y: largest lags at which any kernel is non-zero, in pixels.
-        length: length T of the transforms along x, in pixels.
-    """
+    """The kernels of a PSF field for one image size."""
 
     spectra: npt.NDArray[np.float32]
     firsts: npt.NDArray[np.int64]
@@ -79,23 +69,7 @@ CACHE = KernelCache(limit=320 * 2**20)
 
 
 def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
-    """Convolve an image with the PSF at each of its points.
-
-    The image centre is at field 0 and the corners are at field 1, regardless of the image size; the border is
-    reflect-101. Kernels sum to one, so a constant image remains constant to within 1e-4 grey levels.
-
-    Args:
-        frame: image of any size, RGB uint8 (H, W, 3).
-        field: PSFs of the lens over its field.
-
-    Returns:
-        The blurred image in grey levels, float32 (H, W, 3), not rounded; bit-identical on every machine.
-
-    >>> from robustflow.psf.shipped import shipped_field
-    >>> grey = blur(np.full((20, 30, 3), 77, np.uint8), shipped_field(1))
-    >>> bool(abs(grey - 77).max() < 1e-4)
-    True
-    """
+    """Convolve an image with the PSF at each of its points."""
     height, width = frame.shape[:2]
     kernels = CACHE.get((field.digest, height, width), lambda: _kernels(field, height, width))
     columns = Axis.of(width, grid_of(height, width))
@@ -117,20 +91,7 @@ def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
 def _blur_strip(
     plain: npt.NDArray[np.float32], mirrored: npt.NDArray[np.float32], kernels: Kernels, column: int, height: int
 ) -> npt.NDArray[np.float32]:
-    """Blur the part of an image that is affected by one column of nodes, and the same part of the mirrored image.
-
-    The two parts form the real and imaginary parts of a complex image, which is transformed along x, convolved along y
-    with kernels that vary from row to row, and transformed back.
-
-    Args:
-        plain, mirrored: image and mirrored image, starting at the first pixel of the transform, float32 (3, X, Y).
-        kernels: kernels of the PSF field for this image size.
-        column: index of the column of nodes.
-        height: number of rows of the image.
-
-    Returns:
-        The blurred part of both images, float32 (2, 3, T - 2 reach, H).
-    """
+    """Blur the part of an image that is affected by one column of nodes, and the same part of the mirrored image."""
     length, rows = kernels.length, height + 2 * kernels.reach_y
     work = np.empty((3, plain.shape[2] // BLOCK, length, 2, BLOCK), np.float32)
     for part, image in enumerate((plain, mirrored)):

@@ -16,25 +16,10 @@ SHAPE = (FIELDS, 3, SIZE, SIZE)
 
 
 class PsfField:
-    """Normalised PSFs over the field.
-
-    Attributes:
-        stack: PSFs by field (0 is the image centre, 63 the corner) and colour (R, G, B), float32 (64, 3, 61, 61); the
-            row index increases away from the image centre. Each PSF sums to 1.
-        digest: SHA-256 of the stack's bytes, used as the cache key.
-
-    >>> import numpy as np
-    >>> point = np.zeros((64, 3, 61, 61)); point[:, :, 30, 30] = 5
-    >>> float(PsfField(point).stack.max())
-    1.0
-    """
+    """Normalised PSFs over the field."""
 
     def __init__(self, stack: npt.NDArray[Any]) -> None:
-        """Build a field from a stack with arbitrary scaling; each PSF is divided by its sum.
-
-        Raises:
-            DataError: the stack has the wrong shape, non-finite values, or a PSF that sums to zero or less.
-        """
+        """Build a field from a stack with arbitrary scaling; each PSF is divided by its sum."""
         values = np.asarray(stack, np.float64)
         if values.shape != SHAPE:
             raise DataError(f"expected a PSF stack of shape {SHAPE}, got {values.shape}")

@@ -28,11 +28,7 @@ _MIDDLE = SIZE // 2
 
 @lru_cache(maxsize=len(SEVERITIES))
 def shipped_field(severity: int) -> PsfField:
-    """Return the rendered PSFs of the lens for a severity.
-
-    Raises:
-        DataError: the file is missing or its hash differs from the manifest.
-    """
+    """Return the rendered PSFs of the lens for a severity."""
     path = DATA / f"psf_s{check_severity(severity)}.npz"
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -66,10 +62,6 @@ def manifest() -> dict[str, str]:
 
 
 def check_digest(name: str, digest: str) -> None:
-    """Check that a digest matches the manifest.
-
-    Raises:
-        DataError: the digest differs from the manifest.
-    """
+    """Check that a digest matches the manifest."""
     if manifest().get(name) != digest:
         raise DataError(f"'{name}' in {DATA} is not the shipped file (its SHA-256 differs); reinstall robustflow")

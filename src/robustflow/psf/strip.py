@@ -56,23 +56,13 @@ def transform_length(least: int) -> int:
 
 @lru_cache(maxsize=16)
 def twiddles(length: int) -> npt.NDArray[np.float32]:
-    """Return the real and imaginary parts of exp(-2 pi i k / length) for all k < `length`, float32 (length, 2).
-
-    Math libraries differ in the last bit of double-precision sines and cosines. This does not affect the values rounded
-    to float32, as a test verifies for every supported length.
-    """
+    """Return the real and imaginary parts of exp(-2 pi i k / length) for all k < `length`, float32 (length, 2)."""
     angles = [2.0 * math.pi * k / length for k in range(length)]
     return np.array([(math.cos(angle), -math.sin(angle)) for angle in angles], np.float32)
 
 
 def transform(work: npt.NDArray[np.float32], roots: npt.NDArray[np.float32]) -> None:
-    """Fourier-transform the third axis in place, using Stockham's algorithm with radices 4, 3 and 2.
-
-    Args:
-        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK), contiguous. If the parts are swapped before and
-            after, the result is T times the inverse transform.
-        roots: roots of unity, `twiddles(T)`.
-    """
+    """Fourier-transform the third axis in place, using Stockham's algorithm with radices 4, 3 and 2."""
     blocks = work.reshape(-1, len(roots), 2 * BLOCK)
     _transform(blocks, np.empty(blocks.shape[1:], np.float32), roots)
 
@@ -144,14 +134,7 @@ def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
 
 @inner
 def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
-    """Interpolate the kernels u + iv of the nodes for each row of a chunk, and store u, u + v and v - u.
-
-    Args:
-        spectrum: kernels of the nodes at one frequency, real and imaginary parts, float32 (n, L, 2).
-        first: index of the first node with a non-zero weight in these rows.
-        weights: weights of the nodes starting at `first`, float32 (4 g * CHUNK,).
-        blended: output array for the three parts, float32 (L * 3 * CHUNK,).
-    """
+    """Interpolate the kernels u + iv of the nodes for each row of a chunk, and store u, u + v and v - u."""
     blended[:] = 0
     last = spectrum.shape[0] - 1
     for node in range(0, weights.size // CHUNK, 4):
@@ -173,15 +156,7 @@ def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
 
 @inner
 def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None:
-    """Convolve two lines with interpolated kernels, by summing products over the lags.
-
-    Args:
-        blended: interpolated kernels from `_blend`, float32 (L * 3 * CHUNK,).
-        lines: parts x + y, y and x of each complex line x + iy, float32 (2, 3, R).
-        begin: index along R of the first lag of the first row.
-        sums: work array, which is overwritten, float32 (2 * 3 * CHUNK,).
-        out: output array for the real and imaginary parts of each line, float32 (2, 2, CHUNK).
-    """
+    """Convolve two lines with interpolated kernels, by summing products over the lags."""
     sums[:] = 0
     for lag in range(0, blended.size // _LAG, UNROLL):
         for part in range(3):
@@ -205,24 +180,8 @@ def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None
 
 @njit(**_OPTIONS)
 def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: Any, top: Any, out: Any) -> None:
-    """Convolve an image along y; in the lower half, the kernel for each row is interpolated between the nearest nodes.
-
-    The upper half uses vertically flipped kernels, which is equivalent to convolving the flipped image. A kernel's
-    spectrum at frequency T - k is the complex conjugate of that at k, so at T - k, the image's spectrum and the result
-    are conjugated. With t = u (x + y), a complex product requires three multiplications:
-    (u + iv)(x + iy) = (t - (u + v) y) + i (t + (v - u) x).
-
-    Args:
-        spectra: kernels of n nodes transformed along x, real and imaginary parts, float32 (n, 3, T / 2 + 1, L, 2);
-            lags along y are in reverse order and zero-padded to L, a multiple of `UNROLL`.
-        image: image transformed along x, in blocks of rows, float32 (3, b, T, 2, BLOCK).
-        shape: number of valid rows of `image` and number of rows of the blurred image; half the difference is the
-            kernels' reach.
-        firsts: index of the first node with a non-zero weight for each of c chunks of rows, int64 (c,).
-        weights: weights of the nodes starting at that index, float32 (c, 4 g * CHUNK).
-        top: index of the row in the result at which the first chunk begins.
-        out: output array for the blurred rows, with the imaginary part before the real part, float32 (3, h, T, 2,
-            BLOCK).
+    """Convolve an image along y; in the lower half, the kernel for each row is interpolated between the nearest
+    nodes.
     """
     (rows, height), length, lags, count = shape, image.shape[2], spectra.shape[3], firsts.size * CHUNK
     blended, sums = np.empty(lags * _LAG, np.float32), np.empty(2 * _LAG, np.float32)

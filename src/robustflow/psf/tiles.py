@@ -31,29 +31,14 @@ proportional to the square of this number, and the run time increases with it; s
 
 
 def grid_of(height: int, width: int) -> int:
-    """Return the entry of `PITCHES` for an image size.
-
-    >>> grid_of(375, 1242), grid_of(2160, 4096)
-    (24, 34)
-    """
+    """Return the entry of `PITCHES` for an image size."""
     limit = math.sqrt(height * height + width * width) / 2.0 / FINENESS
     return next((pitch for pitch in PITCHES if pitch <= limit), PITCHES[-1])
 
 
 @dataclass(frozen=True)
 class Axis:
-    """The nodes along one image axis, from the centre to the last pixel; the other half is symmetric.
-
-    Attributes:
-        length: number of pixels along the axis.
-        pitch: distance between nodes in pixels.
-        offsets: distance of each node from the image centre in pixels, float64 (n,).
-        starts: first pixel of each node's window (may be outside the image).
-        windows: window weights of the pixels starting at `starts`, float64 (n, 2 x the largest pitch).
-
-    >>> Axis.of(375, 34).offsets[:2]
-    array([17., 51.])
-    """
+    """The nodes along one image axis, from the centre to the last pixel; the other half is symmetric."""
 
     length: int
     pitch: float
@@ -76,19 +61,7 @@ class Axis:
 
 @njit(cache=True, error_model="numpy")
 def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
-    """Compute the kernels at image points (dx, dy) pixels from the image centre.
-
-    Args:
-        stack: PSFs by field (0 is the centre, F - 1 the corner), (F, 3, 61, 61); the row index increases away from the
-            image centre.
-        dx, dy: offsets to the right and down in pixels, (P,).
-        corner: distance from centre to corner in pixels; points beyond it use the corner's kernel.
-        out: output array for the kernels in image orientation, each with sum 1, (P, 3, 61, 61).
-
-    PSFs at neighbouring fields are interpolated linearly in the distance from the centre and then rotated, with
-    bilinear sampling, so that the stack's rows point along (dx, dy). Only + - * / and sqrt are used, so the result is
-    bit-identical on every machine.
-    """
+    """Compute the kernels at image points (dx, dy) pixels from the image centre."""
     fields, colours, size, _ = stack.shape
     middle, margin = (size - 1) / 2.0, size // 4 + 1  # rotated corners are up to 0.21 times the size outside
     at_distance = np.zeros((size + 2 * margin, size + 2 * margin))

@@ -58,11 +58,7 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
 
 
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
-    """Find implausible frame digests.
-
-    A sample has different frames under different conditions, except for uniform frames, which no filter changes, and
-    streams without bit errors. Most digests of most samples must therefore differ.
-    """
+    """Find implausible frame digests."""
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
         return ["a frames_digest consists of zeros and cannot be the digest of any frames"]
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())

@@ -32,29 +32,14 @@ VERSION = 3
 
 @dataclass(frozen=True)
 class Added:
-    """The result of `add_records`.
-
-    Attributes:
-        copies: paths of the copies, including records that were already in the collection.
-        earlier: descriptions of the earlier records of the same models (by name) on the same benchmarks.
-    """
+    """The result of `add_records`."""
 
     copies: Sequence[Path]
     earlier: Sequence[str]
 
 
 def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
-    """Verify records and copy either all or none of them into a collection. A missing collection is created.
-
-    Args:
-        folder: path of the collection.
-        sources: paths of records or run folders; run folders are packed.
-        supersede: whether to remove the earlier records of the same models on the same benchmarks.
-
-    Raises:
-        RunError: a record fails verification, or a run cannot be packed; the collection is unchanged.
-        DataError: a record cannot be read, or the folder cannot be written.
-    """
+    """Verify records and copy either all or none of them into a collection. A missing collection is created."""
     before = _entries(folder)
     contents: dict[Path, bytes] = {}
     entries = {}
@@ -95,11 +80,7 @@ def is_collection(folder: Path) -> bool:
 
 
 def collected(folder: Path) -> list[Path]:
-    """Return the records of a collection.
-
-    Raises:
-        DataError: this version cannot read the list, or a listed file is missing or was replaced.
-    """
+    """Return the records of a collection."""
     paths = []
     for entry in _entries(folder):
         paths.append(folder / entry["file"])

@@ -26,19 +26,7 @@ def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 
 
 def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
-    """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote.
-
-    A record is verified first; its run is unpacked into a temporary folder, which is removed when the run is
-    garbage-collected.
-
-    Args:
-        path: path of the folder or record.
-        kind: class that reads the folder.
-
-    Raises:
-        RunError: the path contains no run, a run that this version cannot read, or a record that fails verification.
-        DataError: the file cannot be read.
-    """
+    """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote."""
     path = user_path(path)
     return _open_record(path, kind) if path.is_file() else kind(path)
 
@@ -46,9 +34,6 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
 def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
     """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, sorted by
     name.
-
-    Raises:
-        RunError: a folder contains no run or record.
     """
     found = []
     for path in (user_path(each) for each in paths):

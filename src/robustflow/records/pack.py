@@ -39,23 +39,6 @@ def pack(
 ) -> Path:
     """Write a run as a record; `docs/records.md` describes its contents. The same run and texts always produce the same
     bytes.
-
-    Args:
-        run: the run; neither it nor its folder is changed.
-        path: path of the output file; by default the name of the run's folder plus `.robustflow`, in the working
-            folder.
-        author, link, description: plain text shown with the run; the link must begin with https://.
-        partial: whether to pack an unfinished run; the record is marked as partial.
-        keep_paths: whether to keep manifest texts that contain paths on this machine.
-        overwrite: whether to replace an existing file that is not a record of this run.
-
-    Returns:
-        The path of the file, which is written completely or not at all.
-
-    Raises:
-        RunError: rows are missing, a text would publish a path, the record would fail verification, or the file exists
-            and is not a record of this run.
-        DataError: the file cannot be written, or a text is not allowed in a record.
     """
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
     target = user_path(path) if path is not None else Path(run.path.absolute().name + SUFFIX)

@@ -35,22 +35,7 @@ _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
 
 
 class Reader:
-    """Reader of one record. Every step returns a sentence that describes what it checked, or raises.
-
-    Args:
-        data: content of the file.
-        name: name of the file, for messages.
-
-    Attributes:
-        name, sha256: name and hash of the file.
-        entries: the bytes of each entry; set by `container`.
-        facts: the parsed `record.json`; set by `record`.
-        plan: the parsed `manifest.json`; set by `manifest`.
-        frame, summary: the rows and the parsed `summary.json`; set by `rows`.
-
-    Raises:
-        DataError, RunError: raised by each step if its check fails.
-    """
+    """Reader of one record. Every step returns a sentence that describes what it checked, or raises."""
 
     entries: dict[str, bytes]
     facts: Record
@@ -174,11 +159,7 @@ class Reader:
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
     def extract(self, folder: Path) -> None:
-        """Write the checked contents as a run folder, with fixed file names and the rows serialized again.
-
-        Raises:
-            DataError: the folder cannot be written.
-        """
+        """Write the checked contents as a run folder, with fixed file names and the rows serialized again."""
         make_folder(folder / "rows")
         write_json(folder / "manifest.json", sealed(self.plan.record()))
         for name in ("summary.json", PROFILE):

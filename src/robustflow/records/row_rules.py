@@ -34,12 +34,7 @@ _Expr = pl.Expr
 
 
 def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Yield, for each rule, a description of the violation and the rows that violate the rule.
-
-    Args:
-        rows: rows of one run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        attacks: names of the run's attacks.
-    """
+    """Yield, for each rule, a description of the violation and the rows that violate the rule."""
     rows = rows.with_columns(_attack=pl.col("corruption").is_in(list(attacks)))
     clean = rows.filter(corruption=CLEAN).unique("sample")
     both = rows.join(clean.select("sample", pl.exclude("sample").name.suffix(_BEFORE)), on="sample", how="left")
@@ -48,11 +43,7 @@ def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[
 
 
 def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Like `broken_rules`, but for the columns that only attack rows have.
-
-    Args:
-        rows: rows of one run's attacks (`Run.attack_rows`).
-    """
+    """Like `broken_rules`, but for the columns that only attack rows have."""
     attacks = rows.filter(pl.col("corruption") != CLEAN)
     cells = list(attacks.select("corruption", "severity").unique().iter_rows())
     linf, rms = (

@@ -20,24 +20,14 @@ _HEADING = (",".join(ROW_SCHEMA) + "\n").encode()
 
 
 def rows_to_text(rows: pl.DataFrame) -> bytes:
-    """Return a run's rows as CSV: a header, then one line per row in the order of `ROW_KEY`; null is an empty cell.
-
-    >>> from robustflow.metrics.rows import rows_frame
-    >>> rows_to_text(rows_frame([]))[:36]
-    b'sample,group,corruption,severity,tru'
-    """
+    """Return a run's rows as CSV: a header, then one line per row in the order of `ROW_KEY`; null is an empty cell."""
     out = io.StringIO(newline="")
     csv.writer(out, lineterminator="\n").writerows(rows.select(list(ROW_SCHEMA)).sort(ROW_KEY).iter_rows())
     return _HEADING + out.getvalue().encode()
 
 
 def rows_from_text(text: bytes) -> pl.DataFrame:
-    """Parse CSV text into rows with the columns and types of `ROW_SCHEMA`.
-
-    Raises:
-        DataError: the text differs from the output of `rows_to_text`: wrong columns, a cell of the wrong type, or a
-            different order.
-    """
+    """Parse CSV text into rows with the columns and types of `ROW_SCHEMA`."""
     if not text.startswith(_HEADING):
         raise DataError("rows.csv does not have the columns of this version; use the version that packed it")
     lines = text.count(b"\n") - 1

@@ -15,16 +15,7 @@ if TYPE_CHECKING:
 
 
 class Subject(Frozen):
-    """The model, data and scores of a record. Scores are recomputed from the rows, never read from the stored means.
-
-    Attributes:
-        model, benchmark: names of the model and the benchmark, safe to print.
-        truth: a remark about unusual ground truth, or "".
-        pairs, corruptions, severities: number of pairs, corruptions and severities evaluated.
-        uneven: whether not all of their combinations were evaluated, see `Manifest.uneven`.
-        setting: the setting that follows from the training sets: OOD, ID, LEAKED, ...
-        epe_clean, epe, cre, rcre: scores in pixels; None without ground truth. `crer` is a ratio.
-    """
+    """The model, data and scores of a record. Scores are recomputed from the rows, never read from the stored means."""
 
     model: str
     benchmark: str
@@ -41,13 +32,7 @@ class Subject(Frozen):
     rcre: float | None
 
     def sentence(self) -> str:
-        """Return all fields in one line.
-
-        >>> scores = {"epe_clean": 1.0, "epe": 3.0, "cre": 2.0, "crer": 2.0, "rcre": None}
-        >>> counts = {"pairs": 1, "corruptions": 2, "severities": 5}
-        >>> Subject(model="dis", benchmark="demo", setting="knowledge", **counts, **scores).sentence()
-        'dis on demo (knowledge), 1 pair x 2 corruptions x 5 severities: clean EPE 1.00, EPE 3.00, CRE 2.00, CREr 2.00'
-        """
+        """Return all fields in one line."""
         named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
         scores = ", ".join(f"{name} {value:.2f}" for name, value in named.items() if value is not None)
         on = f"{self.benchmark}, {self.truth}" if self.truth else self.benchmark

@@ -50,18 +50,7 @@ class Check(Frozen):
 
 
 class Verification(Frozen):
-    """The outcome of the checks of a record.
-
-    Attributes:
-        file: path of the file, as given.
-        sha256: hash of the file, by which a record can be cited; "" if the file could not be read.
-        facts: the parsed `record.json`, with the author, link and description exactly as submitted; None if it could
-            not be read.
-        checks: results of the checks, in the order of `VERIFICATION_CHECKS`; "frames" requires data, "predictions" also
-            a model, and "exported" exported files.
-        subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
-        unproven: claims that the checks cannot prove, as sentences.
-    """
+    """The outcome of the checks of a record."""
 
     file: str
     sha256: str
@@ -94,18 +83,6 @@ def verify(
 ) -> Verification:
     """Verify a record file. Its contents are never executed, written under a name from the file, or trusted before they
     are checked.
-
-    Args:
-        path: path of the file; any problem with the file is reported as a failed check.
-        frames: function that compares frames with local data (`robustflow.runner.recheck`); called if all earlier
-            checks pass.
-        predictions: function that repeats the prediction of some rows with a local model; called if the frames also
-            pass.
-        exported: function that compares exported files with the record (`robustflow.report.exchange.check`); called if
-            all earlier checks pass.
-
-    Returns:
-        The `Verification`.
     """
     given = zip(_ON_REQUEST, (frames, predictions, exported), strict=True)
     later = {name: compare for name, compare in given if compare is not None}
@@ -118,11 +95,7 @@ def verify(
 
 
 def verified(reader: Reader) -> Subject:
-    """Verify a record in memory and return its subject.
-
-    Raises:
-        RunError: a check failed.
-    """
+    """Verify a record in memory and return its subject."""
     verification = verify_read(reader)
     if not verification.ok or verification.subject is None:
         raise RunError(

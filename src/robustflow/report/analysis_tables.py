@@ -59,11 +59,7 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate `effective_robustness` for each set of comparable results.
-
-    Raises:
-        UsageError: too few models.
-    """
+    """Tabulate `effective_robustness` for each set of comparable results."""
     columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
     sections = []
     for setting, models in effective_robustness(results).items():

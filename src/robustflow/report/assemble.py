@@ -47,18 +47,7 @@ def tables_of(
     seed: int = 0,
     only_own: bool = False,
 ) -> list[Table]:
-    """Make the tables of runs.
-
-    Args:
-        runs: the runs; may be empty.
-        published: whether to include the paper's results.
-        wanted: table names from `ALL_TABLES`, or `ROW`; by default all tables for which these runs have data.
-        seed: random seed of the bootstrap for the intervals.
-        only_own: whether to omit the paper's models from effective robustness.
-
-    Raises:
-        UsageError: a table name is unknown, or a requested table would be empty.
-    """
+    """Make the tables of runs."""
     for name in wanted or ():
         if name not in (*ALL_TABLES, ROW):
             raise unknown_name("table", name, (*ALL_TABLES, ROW))

@@ -62,11 +62,7 @@ ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
 
 
 def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
-    """Make one of `ATTACK_TABLES`; "attacks" results in one table per run with attacks.
-
-    Raises:
-        UsageError: these runs lack the data for the table.
-    """
+    """Make one of `ATTACK_TABLES`; "attacks" results in one table per run with attacks."""
     if name == "attacks":
         each = [(title, attack_table(run)) for title, run in named_runs(runs).items()]
         tables = [replace(table, title=f"Attacks on {plain(title)}") for title, table in each if table is not None]
@@ -132,11 +128,7 @@ def _line(score: AttackScore) -> Line:
 
 
 def explained(warning: str) -> str:
-    """Return the text of a warning, or its key if this version does not know the warning.
-
-    >>> explained("gradient_zero")
-    'the gradient was zero everywhere: the model may be masking it'
-    """
+    """Return the text of a warning, or its key if this version does not know the warning."""
     return EXPLAINED.get(warning, warning)
 
 
@@ -157,9 +149,6 @@ def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
 def prediction_table(runs: Sequence[Run]) -> Table | None:
     """For each attack, tabulate the rank correlation over models between errors under the attack and under corruptions.
     Return None if fewer than two runs have both.
-
-    Raises:
-        RunError: the runs have no frames in common.
     """
     predicted = predictions(runs)
     if not predicted:

@@ -122,12 +122,7 @@ class Comparison:
 
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
-    """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`.
-
-    Args:
-        frame: non-empty output of `robustflow.analysis.uncertainty.compare_all` for one metric.
-        note: sentence about omitted data; may be empty.
-    """
+    """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
     metric, (blow_ups, about) = frame["metric"][0], _blow_ups(frame)
     lines = [
         Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric, bool(blow_ups)))

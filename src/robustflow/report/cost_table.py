@@ -25,17 +25,7 @@ _OTHER = 4
 
 
 def cost_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate CREr and cost.
-
-    The published models come first, with their printed CREr in both settings and ranks as in `analysis.ranking`. Other
-    models follow, each with the CREr of its setting but without ranks: a flow that is too short has a low CREr.
-
-    Args:
-        results: results from any source.
-
-    Raises:
-        UsageError: the results contain neither published costs nor a CREr.
-    """
+    """Tabulate CREr and cost."""
     sections = []
     if printed := _published_lines(results):
         sections.append(Section("Published", printed))

@@ -18,9 +18,6 @@ FLAT_AND_DEPTH = "flat-and-depth"
 def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
     """Tabulate rank correlations over models, and each model's differences, between 2D corruptions and their 3D
     counterparts.
-
-    Raises:
-        UsageError: no run has a 2D corruption and its 3D counterpart, or the runs have no frames in common.
     """
     try:
         found = twin_comparisons(runs, seed)

@@ -47,16 +47,7 @@ BOARD_METRICS = ("epe", "cre", "rcre")
 
 @dataclass(frozen=True, kw_only=True)
 class BoardColumn(Column):
-    """A column of a leaderboard.
-
-    Attributes:
-        key: a metric paired with a corruption, "clean", "average" or a family; or a key defined in this module.
-        explanation: short description of the column.
-        views: column selections that include the column (`OVERVIEW`, `CLASSES`, a family); empty for columns that only
-            appear in downloads.
-        metric: metric selection that includes the column; "" for all metrics.
-        unit: unit of its numbers.
-    """
+    """A column of a leaderboard."""
 
     key: ValueKey
     explanation: str = ""
@@ -69,12 +60,6 @@ class BoardColumn(Column):
 class Board(Table):
     """The leaderboard of a benchmark: one section per set of frames, with lines in the order of `by_error`. The remarks
     explain the formatting of the cells.
-
-    Attributes:
-        benchmark: name of the benchmark; `title` is the displayed name.
-        columns: all columns; columns that do not belong to any view come last.
-        views, metrics, settings: selectable options as (value, label) pairs; settings also have an explanation.
-        start: index of the initial sort column.
     """
 
     benchmark: str
@@ -111,12 +96,7 @@ _COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", A
 
 
 def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Board]:
-    """Build one board per benchmark, ordered by number of runs, then by number of models.
-
-    Args:
-        results: results from any source; the means over corruption classes, which the paper does not print, are added.
-        group_titles: heading for each sample set.
-    """
+    """Build one board per benchmark, ordered by number of runs, then by number of models."""
     of_benchmark: dict[str, dict[ModelResult, dict[ValueKey, TableCell]]] = {}
     for line, cells in _cells(results).items():
         of_benchmark.setdefault(line.benchmark, {})[line] = cells

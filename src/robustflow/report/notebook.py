@@ -53,24 +53,7 @@ def result_table(run: Run) -> Table:
 
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
-    """Draw a figure of one or more runs.
-
-    Args:
-        runs: runs that measured the same conditions. "severity" draws only the conditions that they have in common, and
-            "displacement" accepts runs on any frames.
-        kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by corruption class),
-            "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
-            "displacement" (distribution of flow magnitudes).
-        metric: metric for "severity": "epe", "cre", "crer" or "rcre".
-
-    Returns:
-        A matplotlib `Figure`, which notebooks display and `savefig` writes. For "severity", a warning states which rows
-        are not drawn and how the runs differ.
-
-    Raises:
-        UsageError: the kind or metric is unknown, the runs measured different conditions, or there is nothing to draw.
-        RunError: for "severity", the runs have no row in common.
-    """
+    """Draw a figure of one or more runs."""
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from . import figures
 

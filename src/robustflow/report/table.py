@@ -21,14 +21,7 @@ LONGEST_NOTE = 600
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
-
-    Attributes:
-        label: heading of the column.
-        group: heading shared with neighbouring columns; "" for none.
-        prose: whether the column contains sentences, which are wrapped over several lines.
-        strongest: value with the strongest colour on pages that shade cells by value; None for no shading.
-    """
+    """A column of a table."""
 
     label: str
     group: str = ""
@@ -38,14 +31,7 @@ class Column:
 
 @dataclass(frozen=True)
 class TableCell:
-    """A cell of a table.
-
-    Attributes:
-        text: printed text.
-        best: whether it is the smallest value of its column among comparable lines.
-        interval: confidence interval, shown in small print on pages.
-        derived: whether the number is computed because its source does not print it; shown in italics on pages.
-    """
+    """A cell of a table."""
 
     text: str
     best: bool = False
@@ -55,15 +41,7 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a table, which shows one model.
-
-    Attributes:
-        label: name of the model.
-        cells: one cell per column.
-        note: difference from the paper's measurement; "" for none.
-        best: whether the whole line is highlighted, as the paper shades the lines with the best average rank.
-        result: result that the cells were made from, for further details on pages.
-    """
+    """A line of a table, which shows one model."""
 
     label: str
     cells: tuple[TableCell, ...]
@@ -96,16 +74,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Table:
-    """A table. Its texts may come from files; renderers escape them.
-
-    Attributes:
-        name: a name in `tables.TABLES`, or the name of the table's source.
-        title: title of the table, for display.
-        columns: all columns except the first, which contains the line labels.
-        sections: sections in the paper's order.
-        remarks: sentences below the table.
-        row_header: heading of the first column.
-    """
+    """A table. Its texts may come from files; renderers escape them."""
 
     name: str
     title: str
@@ -121,12 +90,7 @@ class Table:
 
     @property
     def notes(self) -> dict[str, int]:
-        """The notes on the lines, each with its number, from 1; lines with equal notes share a number.
-
-        >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))
-        >>> Table("x", "t", (), (Section("s", lines),)).notes
-        {'3 pairs': 1}
-        """
+        """The notes on the lines, each with its number, from 1; lines with equal notes share a number."""
         notes = dict.fromkeys(line.note for line in self.lines if line.note)
         return {note: number for number, note in enumerate(notes, 1)}
 
@@ -181,13 +145,7 @@ def spread_text(values: Sequence[float | None]) -> str:
 
 
 def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Line:
-    """Return the line with the means and standard deviations over the seeds of a group.
-
-    Args:
-        group: runs that differ only in the seed.
-        values: (sample set, name) of each run -> its numbers, one per column.
-        excluded: reason why the model is not ranked; "" for a ranked model.
-    """
+    """Return the line with the means and standard deviations over the seeds of a group."""
     columns = zip(*(values[run] for run in group.runs), strict=True)
     return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
@@ -206,9 +164,5 @@ def interval_text(ends: tuple[float, float] | None, decimals: int = 2) -> str:
 
 
 def number_text(value: float | None, decimals: int | None = None) -> str:
-    """Format a number as printed in its source, or with two decimals.
-
-    >>> number_text(4.2, 2), number_text(1.23456), number_text(None)
-    ('4.20', '1.23', '-')
-    """
+    """Format a number as printed in its source, or with two decimals."""
     return DASH if value is None else Value(value, decimals).text

@@ -45,26 +45,7 @@ def build_table(
     results: Sequence[ModelResult],
     seeds: Sequence[SeedGroup] = (),
 ) -> Table:
-    """Build one of the paper's tables from any results.
-
-    Args:
-        name: "epe" (Tab. 2), "cre" (Tab. 7), "rcre" (Tab. 8), "gopro-rcre" (Tab. 4) or "cost" (Tab. 3).
-        results: published results, results of runs, or both concatenated. A footnote explains why a model is not
-            ranked; a separate column gives the share of predicted pixels if a model did not predict all of them.
-        seeds: groups of runs that differ in the seed; a row with their mean and standard deviation follows the last
-            run of each group if the section contains all of them.
-
-    Raises:
-        UsageError: the table is unknown, or the results have no values for it.
-
-    >>> from robustflow.analysis.published.tables import published_results
-    >>> table = build_table("epe", published_results())
-    >>> [section.title for section in table.sections]
-    ['Knowledge-driven', 'Out-of-domain (OOD)', 'In-domain (ID)']
-    >>> line = next(line for line in table.sections[1].lines if line.label == "SAMFlow-H")
-    >>> line.cells[0].text, line.cells[0].best
-    ('3.78', True)
-    """
+    """Build one of the paper's tables from any results."""
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)
     if name == "cost":

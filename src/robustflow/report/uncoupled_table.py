@@ -35,9 +35,6 @@ _REMARK = (
 def uncoupled_table(results: Sequence[ModelResult]) -> Table:
     """Tabulate `uncoupled` for runs. With five or more ranked models on the same frames, add the correlations of CRE
     and log ratio with accuracy.
-
-    Raises:
-        UsageError: no run has ground truth.
     """
     lines = []
     same_frames: dict[str, list[tuple[float, float, float]]] = {}

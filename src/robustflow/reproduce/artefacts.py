@@ -14,18 +14,7 @@ ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
 
 @dataclass(frozen=True)
 class Artefact:
-    """A table or a figure in the paper.
-
-    Attributes:
-        name: name such as "tab2" or "fig4", numbered as in the paper and its appendix.
-        title: title of the table or figure.
-        benchmark: name of the benchmark; "" if the table or figure contains no measurements.
-        columns: the kind of comparison.
-        table: name in `robustflow.report.tables`; "" for a figure.
-        figure: name in `robustflow.report.figures`; "" for a table.
-        instead: for a table or figure that does not compare models, the command that shows the same content, or the
-            reason why there is none.
-    """
+    """A table or a figure in the paper."""
 
     name: str
     title: str
@@ -80,9 +69,6 @@ ARTEFACTS = {artefact.name: artefact for artefact in _ALL}
 
 def artefact_of(name: str) -> Artefact:
     """Return a table or figure by name.
-
-    Raises:
-        UsageError: the paper has no table or figure with this name.
 
     >>> artefact_of("tab2").title
     'EPE on KITTI-FC'

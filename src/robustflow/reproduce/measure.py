@@ -20,21 +20,7 @@ def measure_variants(
     device: str | None = None,
     **options: Any,
 ) -> Iterator[tuple[Runnable, Result] | Missing]:
-    """Evaluate the available variants, or resume their evaluation, in the order of `choices`.
-
-    The result also contains the missing variants, in the same order.
-
-    A model with random weights represents a method in both settings and is evaluated only once. A variant that fails
-    counts as missing, with the reason; the remaining variants still run.
-
-    Args:
-        artefact: table or figure to reproduce.
-        choices: result of `plan.choose`.
-        output: folder with one subfolder per benchmark, which contains one folder per model and weights; tables and
-            figures of the same benchmark share these runs.
-        device: device of the learned models.
-        options: keyword options of `robustflow.evaluate`.
-    """
+    """Evaluate the available variants, or resume their evaluation, in the order of `choices`."""
     done: dict[str, Result] = {}
     for choice in choices:
         if isinstance(choice, Missing):

@@ -27,14 +27,7 @@ _GREY = "OpenCV's DIS on grey frames; the paper ran the RGB version, dis_rgb"
 
 @dataclass(frozen=True)
 class Runnable:
-    """A variant that can be run.
-
-    Attributes:
-        variant: the paper's variant.
-        spec: specification of the model to run.
-        weights: description of the weights for the table; "" for a method without weights.
-        folder: name of the run's folder inside the benchmark's folder; always the same for the same weights.
-    """
+    """A variant that can be run."""
 
     variant: Variant
     spec: ModelSpec
@@ -60,19 +53,7 @@ class Missing:
 def choose(
     variants: Sequence[Variant], benchmark: str, weights: Sequence[FoundWeights], *, random: bool = False
 ) -> list[Runnable | Missing]:
-    """Choose weights for each variant.
-
-    A file named after the variant ("raft-ood.pth", or "raft-ood/last.pth" from a training run) takes precedence over
-    checkpoints of the catalogue. A catalogue checkpoint must have the variant's setting: a checkpoint trained on the
-    evaluated pairs never replaces one that was not. Among several checkpoints, the one whose training sets are closest
-    to the paper's is chosen.
-
-    Args:
-        variants: the paper's variants.
-        benchmark: name of the benchmark to evaluate on.
-        weights: files in the checkpoint folders.
-        random: whether random weights may replace missing ones.
-    """
+    """Choose weights for each variant."""
     return [_runnable_or_missing(variant, benchmark, weights, random) for variant in variants]
 
 

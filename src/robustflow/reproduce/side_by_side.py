@@ -37,15 +37,7 @@ MetricValues = Mapping[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class SideBySide:
-    """The published values of a variant and, if it was evaluated here, our values.
-
-    Attributes:
-        variant: the paper's variant.
-        published: the paper's values, over the corruptions of `here` if there is a run.
-        here: values measured here; empty without a run.
-        note: caveats of the comparison: pairs, weights, setting.
-        random: whether the run used random weights.
-    """
+    """The published values of a variant and, if it was evaluated here, our values."""
 
     variant: Variant
     published: MetricValues

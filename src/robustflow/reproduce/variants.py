@@ -16,13 +16,7 @@ images (docs/dis-rgb.md)."""
 
 @dataclass(frozen=True)
 class Variant:
-    """A method from the paper in one setting.
-
-    Attributes:
-        method: name of the method in the paper.
-        setting: the paper's setting: "knowledge", "OOD" or "ID".
-        model: name of the corresponding registered model.
-    """
+    """A method from the paper in one setting."""
 
     method: str
     setting: str
@@ -30,30 +24,12 @@ class Variant:
 
     @property
     def slug(self) -> str:
-        """Return the file name of the variant's weights in a checkpoint folder, without the extension.
-
-        >>> Variant("FlowFormer++", "OOD", "flowformer_pp").slug
-        'flowformer_pp-ood'
-        """
+        """Return the file name of the variant's weights in a checkpoint folder, without the extension."""
         return self.model if self.setting == "knowledge" else f"{self.model}-{self.setting.lower()}"
 
 
 def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[Variant]:
-    """Return the variants with published values on a benchmark, in the paper's order.
-
-    Args:
-        benchmark: name of the benchmark: "kitti-fc" or "gopro-fc".
-        wanted: models to include, by the paper's names ("RAFT") or registered names ("raft"). `dis` is OpenCV's
-            implementation and replaces the RGB version that the paper ran.
-
-    Raises:
-        UsageError: the paper has no values for a wanted model.
-
-    >>> len(paper_variants("kitti-fc")), len(paper_variants("gopro-fc"))
-    (29, 11)
-    >>> [variant.model for variant in paper_variants("kitti-fc", ["dis", "RAFT"])]
-    ['dis', 'raft', 'raft']
-    """
+    """Return the variants with published values on a benchmark, in the paper's order."""
     lines = [line for line in published_results() if line.benchmark == benchmark]
     known = {entry.method: name for name, entry in methods().items()} | _RUN_AS
     every = [Variant(line.name, line.setting, known[line.name]) for line in lines]

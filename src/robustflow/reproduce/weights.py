@@ -19,15 +19,7 @@ _TRAINED = "last"
 
 @dataclass(frozen=True)
 class FoundWeights:
-    """A file in a checkpoint folder.
-
-    Attributes:
-        path: path of the file.
-        sha256: first eight hexadecimal digits of the file's hash.
-        entry: catalogue entry with this hash; None for an unknown file.
-        claim: variant suggested by the file name, such as "raft-ood"; compared with `Variant.slug`.
-        altered: catalogue entry with this file name but a different hash, or None.
-    """
+    """A file in a checkpoint folder."""
 
     path: Path
     sha256: str
@@ -37,14 +29,7 @@ class FoundWeights:
 
 
 def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
-    """Return the possible checkpoint files in folders and their subfolders, sorted by path.
-
-    Every file is hashed, because a checkpoint of the catalogue is identified by its content, not its name. Files are
-    never unpickled.
-
-    Raises:
-        DataError: a folder does not exist, or a file cannot be read.
-    """
+    """Return the possible checkpoint files in folders and their subfolders, sorted by path."""
     known = {entry.sha256: entry for entry in checkpoints()}
     by_name = {entry.file: entry for entry in checkpoints()}
     weights = []

@@ -24,14 +24,7 @@ from .seconds import Seconds, timed
 
 
 class AttackStage:
-    """Attack samples.
-
-    Args:
-        model: loaded model.
-        options: options of the run.
-        seconds: counters; the time spent on attacks is added to "attack".
-        on_predict: callback that receives a description of the attack before it starts and None when it ends.
-    """
+    """Attack samples."""
 
     def __init__(
         self,
@@ -56,13 +49,6 @@ class AttackStage:
     def attack(self, targets: Sequence[tuple[Sample, Flow, Cell]]) -> list[Attacked]:
         """Return the attacked pairs for the cells of one attack, as computed by `robustflow.attack` with the run's seed
         and the sample's key.
-
-        Args:
-            targets: one tuple per cell: the sample with its clean frames and ground truth; the flow between the clean
-                frames, float32 (H, W, 2), in pixels; and the cell (sample key, attack, severity).
-
-        Raises:
-            ModelError: the attack needs gradients, but the model does not provide any.
         """
         cells = [cell for _, _, cell in targets]
         name = cells[0][1]
@@ -93,16 +79,7 @@ class AttackStage:
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
-    """Check that all requested attacks work with a model.
-
-    Returns:
-        For each attack that is not fully defined by its name, a digest of its source (`Attack.source`) and the digests
-        of its training samples, separated by spaces.
-
-    Raises:
-        UsageError: the model needs more than two frames or reads precomputed flows, or no attack supports the variant.
-        ModelError: an attack needs gradients, but the model does not provide any.
-    """
+    """Check that all requested attacks work with a model."""
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
         raise UsageError("attacks require a two-frame model; omit --attacks")

@@ -29,15 +29,7 @@ def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
 
 
 def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
-    """Return the training samples of an attack, none of which is measured.
-
-    If the attack specifies a number of samples, they are drawn at random, with the given seed, from those that are not
-    measured; otherwise they are listed in the attack's file.
-
-    Raises:
-        UsageError: too few samples are left, or a sample listed in the file is measured.
-        DataError: the file cannot be read, or does not list any samples.
-    """
+    """Return the training samples of an attack, none of which is measured."""
     every, measured = benchmark.dataset.keys(), set(benchmark.keys)
     if attack.trains.isdecimal():
         left = [key for key in every if key not in measured]
@@ -66,10 +58,6 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
     """Return the trained perturbations that the given units need. Each one is read from the run folder and verified
     against its digest, or else trained in batches of `batch_size` pairs and stored there.
-
-    Raises:
-        DataError: a sample cannot be read.
-        ModelError: the model fails.
     """
     options = plan.options
     attacks = attacks_in_run(options.attacks, options.variant)

@@ -24,11 +24,7 @@ KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTI
 
 
 def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the clean rows that a run already has for these samples, by sample and with only the columns in `KEPT`.
-
-    Raises:
-        RunError: a shard cannot be read.
-    """
+    """Return the clean rows that a run already has for these samples, by sample and with only the columns in `KEPT`."""
     samples = set(keys)
     if not samples:
         return {}
@@ -37,15 +33,7 @@ def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[
 
 
 def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare the columns that depend on frames and ground truth.
-
-    Args:
-        before: row stored in the run.
-        now: same row, measured again with any model.
-
-    Raises:
-        RunError: the rows differ.
-    """
+    """Compare the columns that depend on frames and ground truth."""
     if any(before[column] != now[column] for column in _FRAMES):
         raise _data_differ(before["sample"], "frames")
     if before["truth_digest"] != now["truth_digest"]:
@@ -53,15 +41,7 @@ def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
 
 
 def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare the columns that depend on the model.
-
-    Args:
-        before: row stored in the run.
-        now: same row, measured again.
-
-    Raises:
-        RunError: the rows differ by more than rounding error.
-    """
+    """Compare the columns that depend on the model."""
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(
             f"the model predicts a different flow on sample '{before['sample']}' than when this run measured it, "

@@ -26,20 +26,7 @@ from .setup import Setup
 
 
 def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
-    """Compute and write the planned units that do not exist yet.
-
-    Args:
-        folder: run folder, locked by this process.
-        setup: setup of the run.
-        engine: engine that computes the units.
-        batch_size: number of severities predicted in one call.
-        progress: notified of the size of the run and of every unit written to disk.
-
-    Raises:
-        RunError: the folder contains a different run.
-        DataError: a file cannot be read, or changed during the run; the rows of a changed sample are removed.
-        ModelError: the model fails. Finished units are kept.
-    """
+    """Compute and write the planned units that do not exist yet."""
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
     before = folder.manifest()

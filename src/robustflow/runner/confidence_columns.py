@@ -14,14 +14,7 @@ from ..sample import Flow, Sample
 
 
 def confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict[str, Any]:
-    """Return the confidence columns of `robustflow.metrics.rows` for a flow; empty if the flow has no confidence.
-
-    Args:
-        answer: model output with the backward flow or the model's confidence; see `robustflow.models.confidence`.
-        clean_flow: flow between the clean frames, float32 (H, W, 2), in pixels; only pixels that are finite in both
-            flows are measured.
-        sample: sample, with ground truth if available.
-    """
+    """Return the confidence columns of `robustflow.metrics.rows` for a flow; empty if the flow has no confidence."""
     if answer.shape[2] == 2:
         return {}
     flow = flow_of(answer)

@@ -12,18 +12,7 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored.
-
-    The cost is known only for this project's PyTorch networks; nothing is stored for other models. No flow is
-    predicted, so this takes about a second.
-
-    Args:
-        run: run whose folder this process has locked or just finished.
-        model: loaded model of the run.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
+    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored."""
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
         # if PyTorch is not loaded, the model cannot be a network; importing it would take longer than a small run
         return

@@ -26,12 +26,7 @@ def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None =
 
 
 def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
-    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited.
-
-    Args:
-        folder: `default_folder` of the run.
-        plan: plan of the run.
-    """
+    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited."""
     identity = plan.identity()
     if folder.exists() or not identity.frames.corruptions:
         return

@@ -29,25 +29,7 @@ def displacement_histogram(
     progress: Callable[[int], None] = lambda done: None,
     digests: Mapping[str, str] | None = None,
 ) -> pl.DataFrame:
-    """Count pixels by flow magnitude over all samples of a benchmark, with one sample in memory at a time.
-
-    Args:
-        benchmark: benchmark whose clean pairs are measured.
-        model: model whose flow is measured; None for the ground truth.
-        source: name of the model in the table; by default the name of its class.
-        progress: callback that receives the number of measured samples after each one.
-        digests: `frames_digest` of each sample's clean row, for a histogram that belongs to a run.
-
-    Returns:
-        One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
-        (a count), `share` (of all valid pixels; the shares add up to 1).
-
-    Raises:
-        DataError: ground truth was requested, but the benchmark has none.
-        UsageError: the model needs more than two frames.
-        ModelError: the model failed, or returned a flow that is not finite.
-        RunError: the digest of the frames differs.
-    """
+    """Count pixels by flow magnitude over all samples of a benchmark, with one sample in memory at a time."""
     if model is None and not benchmark.dataset.has_flow:
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
@@ -58,20 +40,7 @@ def displacement_histogram(
 
 
 def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
-    """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks.
-
-    Args:
-        flows: flow, float32 (H, W, 2), in pixels, and valid mask, bool (H, W), of each sample.
-        edges: ascending bin edges in pixels, starting at 0; a bin includes its lower edge.
-
-    Raises:
-        UsageError: the edges are not ascending or do not start at 0.
-
-    >>> flow = np.zeros((1, 4, 2), np.float32)
-    >>> flow[0, :, 0] = 0, 1, 3, -9
-    >>> histogram([(flow, np.array([[True, True, True, False]]))], [0, 2, 4, 8])["pixels"].to_list()
-    [2, 1, 0]
-    """
+    """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks."""
     if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
         raise UsageError(f"histogram edges must be ascending and start at 0; got {list(edges)[:5]}...")
     counts = np.zeros(len(edges) - 1, np.int64)
@@ -96,12 +65,6 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     """Store the histogram of a run's ground truth in the run folder for its pages, unless it exists already or there is
     no ground truth.
-
-    This adds one pass over the clean pairs; the run itself makes about a hundred.
-
-    Args:
-        result: the finished run.
-        benchmark: benchmark of the run.
     """
     if not benchmark.dataset.has_flow:
         return

@@ -26,19 +26,7 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 
 
 def write_examples(run: Run, setup: Setup) -> bool:
-    """Draw the examples of a complete run into its folder, unless they already exist.
-
-    Args:
-        run: run whose folder this process has locked.
-        setup: setup of the run.
-
-    Returns:
-        Whether the examples were drawn.
-
-    Raises:
-        RunError: the run is incomplete or has no measured pixel, or the frames or flows differ from those of the run.
-        DataError: the images cannot be written.
-    """
+    """Draw the examples of a complete run into its folder, unless they already exist."""
     if run.summary.missing:
         raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
@@ -67,17 +55,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
 
 
 def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
-    """Draw any cell of a run as a PNG, with the scores from the run.
-
-    Args:
-        run: a run.
-        setup: setup of the run.
-        key, corruption, severity: cell to draw.
-
-    Raises:
-        UsageError: the run does not have this cell.
-        RunError: the frames or flows differ from those of the run.
-    """
+    """Draw any cell of a run as a PNG, with the scores from the run."""
     known = run.rows["corruption"].unique().sort()
     if corruption not in known:
         raise unknown_name("corruption of this run", corruption, known)

@@ -31,13 +31,7 @@ from .slider_pictures import keep_picture
 
 @dataclass(frozen=True)
 class Loaded:
-    """A sample, with values that are computed once per sample.
-
-    Attributes:
-        sample: sample with its clean frames: the pair first, then the frames around it.
-        regions: regions of the ground truth; None without ground truth.
-        clean_flow_key: run, key and digest of the frames from which the clean flow is computed.
-    """
+    """A sample, with values that are computed once per sample."""
 
     sample: Sample
     regions: Regions | None
@@ -49,13 +43,7 @@ class Loaded:
 
 
 class FrameStage:
-    """Prepare the frames of cells.
-
-    Args:
-        dataset: source of the samples.
-        options: options of the run.
-        seconds: counters; the time is added to "load" and "corrupt".
-    """
+    """Prepare the frames of cells."""
 
     def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:
         self._dataset = dataset
@@ -73,12 +61,7 @@ class FrameStage:
         self._last_depth: tuple[str, SceneDepth] | None = None
 
     def load(self, key: str) -> Loaded:
-        """Read a sample.
-
-        Raises:
-            DataError: a file is damaged, or the ground truth has no valid pixel.
-            UsageError: see `load_checked`.
-        """
+        """Read a sample."""
         with timed(self._seconds, "load"):
             sample = load_checked(self._dataset, key)
             if self._context is not None:

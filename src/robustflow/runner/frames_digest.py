@@ -11,15 +11,7 @@ from ..sample import Frame
 
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
-    """Return a digest of the bytes and sizes of frames, as 32 hexadecimal digits.
-
-    Args:
-        frames: RGB frames, each uint8 (H, W, 3).
-
-    >>> frame = np.zeros((2, 3, 3), np.uint8)
-    >>> frames_digest((frame, frame))
-    '0fb9c46e6d3903b609cd4df90c033d46'
-    """
+    """Return a digest of the bytes and sizes of frames, as 32 hexadecimal digits."""
     return quick_digest_of_bytes(*_content(frames))
 
 

@@ -27,15 +27,7 @@ from .seconds import Seconds, timed
 
 
 class MeasureStage:
-    """Compute rows, and store clean flows for the remaining cells of their samples.
-
-    Args:
-        options: options of the run.
-        clean_path: function from a sample's key to the file in which its clean flow is stored between units; None to
-            store nothing.
-        kept: clean rows measured earlier, by sample (see `clean_row_check`).
-        seconds: counters; the time is added to "measure".
-    """
+    """Compute rows, and store clean flows for the remaining cells of their samples."""
 
     def __init__(
         self,
@@ -52,11 +44,7 @@ class MeasureStage:
         self._seconds = seconds
 
     def stored_clean(self, loaded: Loaded) -> Answer | None:
-        """Return the clean flow stored by an earlier unit of the sample; None if it has to be predicted.
-
-        Raises:
-            RunError: see `keep_clean`.
-        """
+        """Return the clean flow stored by an earlier unit of the sample; None if it has to be predicted."""
         if self._clean_path is None:
             return None
         clean = read_array(self._clean_path(loaded.sample.key), loaded.clean_flow_key)
@@ -65,28 +53,13 @@ class MeasureStage:
         return clean
 
     def keep_clean(self, loaded: Loaded, clean: Answer) -> None:
-        """Store a newly predicted clean flow.
-
-        Raises:
-            RunError: the run's clean row of the sample was measured with different frames, ground truth or a different
-                model.
-        """
+        """Store a newly predicted clean flow."""
         if self._clean_path is not None:
             write_array(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
 
     def row(self, loaded: Loaded, clean: Answer, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
-        """Measure one row.
-
-        Args:
-            loaded: the loaded sample.
-            clean, answer: model outputs on the clean frames and on the frames of the cell; see `models.confidence`.
-            digest: digest of the frames of the cell, from `digest`.
-            cell: cell to measure, (sample key, corruption, severity).
-
-        Raises:
-            ModelError: the flow has pixels that are not finite, but the run does not allow them.
-        """
+        """Measure one row."""
         _, corruption, severity = cell
         truth = self.truth(corruption)
         loaded = loaded.under(truth)

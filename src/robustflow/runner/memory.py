@@ -12,14 +12,7 @@ from ..errors import RunError, first_line
 
 @contextmanager
 def memory_errors_named(doing: str) -> Iterator[None]:
-    """Within the block, convert NumPy's and OpenCV's errors about lack of memory.
-
-    Args:
-        doing: what is computed in the block, for the message.
-
-    Raises:
-        RunError: there is not enough memory.
-    """
+    """Within the block, convert NumPy's and OpenCV's errors about lack of memory."""
     try:
         yield
     except (MemoryError, cv2.error) as error:

@@ -17,15 +17,7 @@ from ..models.provenance import DECLARED, Training, training_of
 
 @dataclass(frozen=True)
 class NamedModel:
-    """A loaded model.
-
-    Attributes:
-        spec: name and options of the model; None for a Python object, which has no name.
-        model: loaded model.
-        identity: the model's part of a run's identity.
-        declared: training sets declared by the user; None if they are not declared.
-        name: name that a user's model defines for itself; None for registered models.
-    """
+    """A loaded model."""
 
     spec: ModelSpec | None
     model: AnyModel
@@ -39,11 +31,7 @@ class NamedModel:
         return training_of(self.identity, self.declared)
 
     def check_batch_size(self, size: int) -> None:
-        """Raise if the model does not support a batch size.
-
-        Raises:
-            UsageError: the batch size is below 1, or above 1 for a model that predicts one pair or clip at a time.
-        """
+        """Raise if the model does not support a batch size."""
         check_count("--batch-size", size)
         if size > 1 and isinstance(self.model, ClipModel):
             raise UsageError("a multi-frame model predicts one clip at a time; omit --batch-size")
@@ -54,12 +42,7 @@ class NamedModel:
 
 
 def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
-    """Load a model by name, path or spec, or wrap a model object.
-
-    Raises:
-        UsageError: the name or an option is unknown.
-        ModelError: the model cannot be loaded, or is not a model.
-    """
+    """Load a model by name, path or spec, or wrap a model object."""
     if isinstance(model, str | Path):
         model = ModelSpec(str(model))
     if isinstance(model, ModelSpec):
@@ -72,11 +55,7 @@ def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) ->
 
 
 def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
-    """Load a model as `name_model` does, and check that it can predict the flow of new frames.
-
-    Raises:
-        UsageError, ModelError: see `name_model`; or the model is a folder of flow files.
-    """
+    """Load a model as `name_model` does, and check that it can predict the flow of new frames."""
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
         raise UsageError("flow files cannot be used to predict new frames; specify a model")

@@ -39,15 +39,7 @@ _WHEEL_SAYS = "direction and length of the flow, as colours"
 
 @dataclass(frozen=True)
 class Panel:
-    """The contents of a panel.
-
-    Attributes:
-        sample: sample with its clean frames, and ground truth if available.
-        frames: corrupted RGB frames, each uint8 (H, W, 3); the first two are shown.
-        flow, clean_flow: model flow on the corrupted and on the clean frames, float32 (H, W, 2), in pixels.
-        title: one line with the cell and the reason why it is shown.
-        numbers: one line with EPE, CRE and RCRE.
-    """
+    """The contents of a panel."""
 
     sample: Sample
     frames: tuple[Frame, ...]
@@ -59,12 +51,7 @@ class Panel:
 
 @default_style()
 def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
-    """Return a panel as the content of an image file; the same panel always yields the same bytes.
-
-    All flows share one radius (that of the ground truth if available, otherwise that of the clean flow), so equal
-    colours mean equal vectors. The error map shows the end-point error; without ground truth, it shows the distance
-    between the flows on the corrupted and on the clean frames.
-    """
+    """Return a panel as the content of an image file; the same panel always yields the same bytes."""
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
     if truth is not None and not truth.any() and np.array_equal(sample.frames[0], sample.frames[1]):
@@ -167,11 +154,7 @@ def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> st
 
 
 def panel_title(key: str, corruption: str, severity: int, why: str = "") -> str:
-    """Return the title of a panel; names come from files, so they are sanitised.
-
-    >>> panel_title("000010", "fog", 3, "worst")
-    'worst: 000010, fog severity 3'
-    """
+    """Return the title of a panel; names come from files, so they are sanitised."""
     what = f"{name_text(key)}, {name_text(corruption)} severity {severity}"
     return f"{why}: {what}" if why else what
 

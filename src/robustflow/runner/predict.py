@@ -39,13 +39,7 @@ class _Images(PairDataset):
 
 @dataclass(frozen=True)
 class Predicted:
-    """One finished pair.
-
-    Attributes:
-        key: key of the pair.
-        flow: path of the flow file.
-        radius: 99th percentile of the vectors' lengths, in pixels.
-    """
+    """One finished pair."""
 
     key: str
     flow: Path
@@ -53,12 +47,7 @@ class Predicted:
 
 
 def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
-    """Open two or more images in the given order, a folder of images, or a video, as pairs of adjacent frames.
-
-    Raises:
-        UsageError: only one image is given, or options are given for images.
-        DataError: the frames cannot be read.
-    """
+    """Open two or more images in the given order, a folder of images, or a video, as pairs of adjacent frames."""
     if len(paths) == 1:
         if paths[0].is_file() and _is_picture(paths[0]):
             raise UsageError(f"{paths[0]} is a single frame; give two or more, a folder of frames, or a video")
@@ -80,20 +69,7 @@ def predict_flows(
     suffix: str = "flo",
     overwrite: bool = False,
 ) -> Iterator[Predicted]:
-    """Write the flow of every pair as FOLDER/KEY.SUFFIX, and yield each result. Each file is complete or absent.
-
-    Args:
-        model: name or path of a model, or any other model that `evaluate` accepts.
-        dataset: dataset with the frames, from `frames_of` for example.
-        folder: output folder, created if it does not exist.
-        suffix: format of the flow files, one of `FLOW_FORMATS`.
-        overwrite: whether to replace existing files.
-
-    Raises:
-        UsageError: the format is unknown, or a file already exists; nothing is predicted.
-        ModelError: the model cannot be loaded, or does not return a flow.
-        DataError: a frame cannot be read, or a file cannot be written.
-    """
+    """Write the flow of every pair as FOLDER/KEY.SUFFIX, and yield each result. Each file is complete or absent."""
     if suffix not in FLOW_FORMATS:
         raise UsageError(f"unknown format '{suffix}': choose {', '.join(FLOW_FORMATS)}")
     keys = dataset.keys()
@@ -108,12 +84,7 @@ def predict_flows(
 
 
 def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
-    """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a dataset.
-
-    Raises:
-        ModelError: the model does not return a flow.
-        DataError: a frame cannot be read.
-    """
+    """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a dataset."""
     options = RunOptions(allow_invalid=True, window=window_on(model, dataset))
     with temporary_worker(dataset, model, options) as worker:
         for key in keys:
@@ -131,11 +102,7 @@ def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
 
 
 def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius: float, fps: float) -> None:
-    """Write an MP4 (H.264) that shows the first frame of each pair above its colour-coded flow.
-
-    Raises:
-        DataError: the frames have different sizes, or the file cannot be written.
-    """
+    """Write an MP4 (H.264) that shows the first frame of each pair above its colour-coded flow."""
     height, width = dataset.load(predicted[0].key).shape
 
     def pictures() -> Iterator[I420]:

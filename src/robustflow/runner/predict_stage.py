@@ -39,14 +39,7 @@ if TYPE_CHECKING:  # a process that only predicts does not import the modules th
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """A request for the flow of one cell.
-
-    Attributes:
-        cell: cell of the frames, (sample key, corruption, severity).
-        frames: RGB frames, each uint8 (H, W, 3): the pair, or the clip in temporal order, for each draw in turn.
-        index: index of frame 1 in the clip; None for a two-frame model.
-        draws: number of draws of the corruption, each with one pair or clip in `frames`.
-    """
+    """A request for the flow of one cell."""
 
     cell: Cell
     frames: tuple[Frame, ...]
@@ -55,16 +48,7 @@ class PredictionRequest:
 
 
 class PredictStage:
-    """Call a model, and check that it returns flows.
-
-    Args:
-        model: loaded model.
-        confidence: confidence to predict in addition to the flow, one of `models.confidence.CONFIDENCES`; None for flow
-            only.
-        seconds: counters; the time is added to "predict".
-        on_predict: callback for monitoring the time; receives a description before each call of the model and None
-            after it.
-    """
+    """Call a model, and check that it returns flows."""
 
     def __init__(
         self,
@@ -79,12 +63,7 @@ class PredictStage:
         self._on_predict = on_predict
 
     def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
-        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`.
-
-        Raises:
-            ModelError: the model raised an error, did not return a confidence, or returned a flow that is not a float
-                array (H, W, 2).
-        """
+        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`."""
         with timed(self._seconds, "predict"):
             if requests[0].draws > 1:
                 answers = list(map(self._predict_draws, requests))

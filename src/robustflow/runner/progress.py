@@ -37,12 +37,7 @@ class Silent:
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress]:
-    """Return the progress object for a call of `evaluate`.
-
-    Args:
-        progress: the caller's progress object; True for a bar, or plain lines without a terminal; False for no
-            progress; None for a bar if standard error is a terminal or a notebook, and no progress otherwise.
-    """
+    """Return the progress object for a call of `evaluate`."""
     if progress is None:
         console = Console(stderr=True)
         progress = console.is_terminal or console.is_jupyter

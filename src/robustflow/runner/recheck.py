@@ -45,24 +45,6 @@ def recheck(
 ) -> str:
     """Recompute the frames of some rows of a run, and compare their digests and the columns that depend on ground
     truth.
-
-    With a model, also predict the flows again, and compare the mean error and the mean change of each row.
-
-    Args:
-        identity: identity of the run, from which benchmark, seed, variant and scale are read.
-        rows: rows of the run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        data, options: data and options of the benchmark, as for `evaluate`; never read from the run.
-        model: the model named in the run, loaded on this machine and never from the run; None to check only the frames.
-        count: number of rows to check, drawn at random; all rows if there are fewer.
-        seed: seed of the random choice of rows; by default a new one for each call, so that the choice is
-            unpredictable.
-
-    Returns:
-        One sentence that describes what was compared.
-
-    Raises:
-        RunError: a row does not match the data or the model, or these are not the run's data.
-        UsageError, DataError: the data are missing.
     """
     if count < 1:
         raise UsageError(f"the number of rows to check must be at least 1; got {count}")

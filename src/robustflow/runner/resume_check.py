@@ -25,16 +25,7 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 
 def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
-    """Measure one clean row of a run again and compare it; do nothing if there is no row yet.
-
-    Args:
-        folder: folder of the run.
-        job: job that continues the run.
-        plan: plan of the job.
-
-    Raises:
-        RunError: the frames, ground truth or predictions differ.
-    """
+    """Measure one clean row of a run again and compare it; do nothing if there is no row yet."""
     stored = stored_clean_rows(folder, plan.benchmark.keys)
     if not stored:
         return
@@ -50,12 +41,8 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
 
 
 def is_named_by_content(identity: dict[str, Any]) -> bool:
-    """Return whether a model's identity includes the SHA-256 of its weights or files, and the model has no user code.
-
-    >>> is_named_by_content({"name": "raft", "checkpoint": "ab" * 32})
-    True
-    >>> is_named_by_content({"spec": "mine:Net", "source": "ab" * 16, "checkpoint": "ab" * 32})
-    False
+    """Return whether a model's identity includes the SHA-256 of its weights or files, and the model has no user
+    code.
     """
     users = "source" in identity or "object" in identity
     return not users and any(isinstance(value, str) and _HASH.fullmatch(value) for value in identity.values())

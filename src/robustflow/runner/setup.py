@@ -66,18 +66,7 @@ def set_up(
     draws: int = 1,
     name: str | None = None,
 ) -> Setup:
-    """Set up a run from a request: check the request and load the model, without computing anything.
-
-    Args:
-        model: model to run, see `robustflow.evaluate`.
-        benchmark: benchmark from `open_benchmark`, restricted to the requested samples and conditions.
-        seed, variant, severity_scale, allow_invalid, common_draws, confidence, draws, name: options of the run, see
-            `robustflow.evaluate`.
-
-    Raises:
-        UsageError: the options contradict each other, or there is nothing to run.
-        ModelError: the model cannot be loaded.
-    """
+    """Set up a run from a request: check the request and load the model, without computing anything."""
     seed = check_seed(seed)
     for corruption in benchmark.corruptions:
         if not benchmark.closed or on_disk(corruption) is None:
@@ -133,12 +122,7 @@ def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> No
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:
-    """Set up a finished run again from its manifest, with the model and the data named in `source`.
-
-    Raises:
-        RunError: the model can no longer be loaded, or is not the model of the run.
-        UsageError, DataError: the dataset is missing.
-    """
+    """Set up a finished run again from its manifest, with the model and the data named in `source`."""
     identity = run.manifest.identity
     benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
     if source.model is None:
@@ -166,12 +150,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
 def set_up_frames(
     identity: Identity, data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
-    """Return the dataset and options needed to recompute the frames of a run without its model.
-
-    Raises:
-        RunError: the data, the severities or the user's files differ from those of the run.
-        UsageError, DataError: the dataset is missing.
-    """
+    """Return the dataset and options needed to recompute the frames of a run without its model."""
     benchmark = _benchmark_of(identity.frames, data, data_options)
     # invalid pixels depend on a model, which is not used here
     options = replace(_options_of(identity, benchmark), allow_invalid=True)
@@ -217,9 +196,6 @@ def open_benchmark(
 ) -> Benchmark:
     """Open a benchmark by name, or use a benchmark object. Optionally, set the variant of corruptions that are applied
     to clips, or use the frames without motion (`Benchmark.still`).
-
-    Raises:
-        UsageError, DataError: see `load_benchmark`, `check_keys` and `Benchmark.still`.
     """
     if still and isinstance(benchmark, str):
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes

@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 
 
 def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
-    """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two.
-
-    Args:
-        frames, clean: corrupted and clean RGB frames, each uint8 (H, W, 3).
-    """
+    """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two."""
     changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
     return jpeg_bytes(shrunk((changed or frames)[0], SLIDER_WIDTH))
 
@@ -36,9 +32,6 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
     """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
     show is already known.
-
-    The sample is known if the run has only one sample. Otherwise it is chosen at the end, because storing the pictures
-    of all samples would cost more than making them again.
     """
     if len(setup.plan.benchmark.keys) > 1:
         yield setup

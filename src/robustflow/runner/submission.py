@@ -35,13 +35,7 @@ _LARGEST = 1 << 20
 
 @dataclass(frozen=True)
 class ConditionPairs:
-    """The pairs of one condition in one temporal direction.
-
-    Attributes:
-        condition: "clean", or a corruption of RobustSpring.
-        pairs: dataset with the frames of the condition.
-        keys: keys of the pairs to predict.
-    """
+    """The pairs of one condition in one temporal direction."""
 
     condition: str
     pairs: Condition
@@ -51,11 +45,6 @@ class ConditionPairs:
 class Robustness(NamedTuple):
     """The difference between a corrupted and the clean flow, over all pixels, as computed by RobustSpring's server
     (`compute_flow_errors` in springeval/management/commands/evaluation.py of cv-stuttgart/springwebsite at bbfabe8).
-
-    Attributes:
-        epe: mean distance in pixels, called R_EPE by RobustSpring and RCRE by this project.
-        fl: percentage of pixels whose flow changed by more than 3 px and more than 5 % of the clean flow's length.
-        px1: percentage of pixels whose flow changed by more than 1 px.
     """
 
     epe: float
@@ -65,15 +54,7 @@ class Robustness(NamedTuple):
 
 @dataclass(frozen=True)
 class Submitted:
-    """One flow file of a submission.
-
-    Attributes:
-        condition: "clean", or a corruption of RobustSpring.
-        key: key of the pair.
-        fresh: whether the flow was predicted by this call rather than by an earlier one.
-        frames: digest of the files of the two frames.
-        moved: difference from the pair's clean flow; None for the clean flow itself.
-    """
+    """One flow file of a submission."""
 
     condition: str
     key: str
@@ -83,13 +64,7 @@ class Submitted:
 
 
 def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
-    """Load the model of a run again.
-
-    Raises:
-        RunError: the run's model was a Python object, or the loaded model is a different one.
-        UsageError: the run used flow files, which cannot be used for different frames.
-        ModelError: the model cannot be loaded.
-    """
+    """Load the model of a run again."""
     if spec is None:
         raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
     named = load_predictor(spec)
@@ -103,17 +78,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
 
 
 def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
-    """Return the conditions of a submission, clean first; every condition has the same pairs.
-
-    Args:
-        root: folder of RobustSpring's frames.
-        corruptions: corruptions to include; the clean frames are always included.
-        limit: number of pairs, spread evenly, for a trial; None for all.
-
-    Raises:
-        UsageError: a corruption is unknown, or the limit is below 1.
-        DataError: frames are missing.
-    """
+    """Return the conditions of a submission, clean first; every condition has the same pairs."""
     if limit is not None and limit < 1:
         raise UsageError(f"the limit must be at least 1; got {limit}")
     clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
@@ -136,20 +101,6 @@ def write_submission(
 ) -> Iterator[Submitted]:
     """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; the model's existing
     files are kept.
-
-    Args:
-        run: run of the model.
-        model: model from `model_of`.
-        conditions: conditions from `condition_pairs`.
-        folder: output folder, created if it does not exist.
-
-    Yields:
-        Each flow, once its file is complete.
-
-    Raises:
-        UsageError: the folder contains flows of a different model or size.
-        DataError: a frame cannot be read, or a file cannot be written.
-        ModelError: the model does not return a finite flow at every pixel.
     """
     _claim(folder, run.manifest.identity.model.settings)
     for each in conditions:

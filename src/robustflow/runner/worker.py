@@ -28,14 +28,7 @@ from .seconds import no_seconds
 
 @dataclass(frozen=True)
 class View:
-    """One computed cell: the frames, the predicted flow and the measured row.
-
-    Attributes:
-        sample: sample with its clean frames and what the corruption leaves of its ground truth.
-        frames: corrupted RGB frames, each uint8 (H, W, 3); the first two are the pair.
-        flow, clean_flow: flow on the corrupted and on the clean frames, float32 (H, W, 2), in pixels.
-        row: measured row, see `robustflow.metrics.rows`.
-    """
+    """One computed cell: the frames, the predicted flow and the measured row."""
 
     sample: Sample
     frames: tuple[Frame, ...]
@@ -45,18 +38,7 @@ class View:
 
 
 class Worker:
-    """Compute units of one run, keeping the latest sample and its clean flow in memory.
-
-    Args:
-        clean_path: function from a sample's key to the file in which its clean flow is stored between units; None to
-            store nothing.
-        on_predict: callback that receives a description before each prediction and None after it; the processes engine
-            uses it to enforce the timeout.
-        batch_size: number of severities of a unit predicted, or of pairs attacked, in one call, if the model supports
-            batches.
-        kept: clean rows measured earlier, by sample (see `clean_row_check`); for these samples, changed frames, ground
-            truth or predictions raise an error.
-    """
+    """Compute units of one run, keeping the latest sample and its clean flow in memory."""
 
     def __init__(
         self,

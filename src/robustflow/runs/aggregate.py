@@ -52,25 +52,7 @@ def summarize(
     *,
     paper: Collection[str] = IMAGE_PAIR,
 ) -> Summary:
-    """Compute the means of a run.
-
-    Args:
-        rows: rows with the columns of `ROW_SCHEMA`, in any order; lazy rows are read a few columns at a time.
-        averaging: "image" (the paper's averaging) or "pixel" (one mean over the pixels of all images).
-        planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default,
-            every sample in the rows, clean and at every (corruption, severity) in the rows.
-        paper: corruptions over which the paper averages on the benchmark.
-
-    Returns:
-        A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
-        and pixels where both flows are predicted. Overall means are over every corruption in the rows,
-        including user-defined corruptions and stacks ("a+b"), except those that leave no ground truth
-        (`Corruption.truth`) if there are others; `Summary.paper` is the paper's mean.
-
-    Raises:
-        RunError: columns or sums are missing, or a (sample, corruption, severity) occurs twice.
-        UsageError: the averaging is unknown.
-    """
+    """Compute the means of a run."""
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
     lazy = rows.lazy()

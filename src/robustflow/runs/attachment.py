@@ -17,12 +17,7 @@ if TYPE_CHECKING:
 
 
 class RunAttachment(Untrusted):
-    """The fields that every such file contains.
-
-    Attributes:
-        version: version of the file format.
-        run: digest of the run's identity.
-    """
+    """The fields that every such file contains."""
 
     version: Annotated[int, Field(ge=1, le=1)] = 1
     run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
@@ -32,17 +27,7 @@ Attachment = TypeVar("Attachment", bound=RunAttachment)
 
 
 def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: str) -> Attachment:
-    """Parse the contents of such a file.
-
-    Args:
-        kind: class of the contents.
-        data: bytes of the file.
-        name: name of the file, for messages.
-        command: the `robustflow` command that recreates it.
-
-    Raises:
-        RunError: the file is damaged, or its fields are invalid; the message names the first one.
-    """
+    """Parse the contents of such a file."""
     content = unsealed(data)
     if content is None:
         raise RunError(
@@ -56,18 +41,7 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
 
 
 def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
-    """Read such a file from a run's folder; None if it does not exist.
-
-    Args:
-        kind: class of the contents.
-        run: run whose folder contains the file.
-        file: name of the file.
-        largest: maximum size of the file, in bytes.
-        command: the `robustflow` command that recreates it.
-
-    Raises:
-        RunError: the file is damaged, or belongs to a different run.
-    """
+    """Read such a file from a run's folder; None if it does not exist."""
     path = run.path / file
     if not path.is_file():
         return None  # only regular files, because reading a pipe could block
@@ -83,11 +57,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
 
 
 def write_attachment(run: Run, file: str, content: RunAttachment) -> Path:
-    """Store such a file in a run's folder, and return its path.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
+    """Store such a file in a run's folder, and return its path."""
     path: Path = run.path / file
     write_json(path, sealed(content.model_dump()))
     return path

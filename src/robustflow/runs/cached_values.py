@@ -18,13 +18,7 @@ _LARGEST = 2**24
 
 
 class CachedValues:
-    """Cached values by name, read once and computed if missing.
-
-    Args:
-        folder: folder of the run.
-        source: digest of the data from which the values are computed (`staleness.source_digest`); values with a
-            different digest are ignored.
-    """
+    """Cached values by name, read once and computed if missing."""
 
     def __init__(self, folder: Path, source: str) -> None:
         self._folder, self._source = folder, source
@@ -46,11 +40,7 @@ class CachedValues:
         return value
 
     def write(self) -> None:
-        """Store the values computed since the file was read.
-
-        Raises:
-            DataError: the folder cannot be written.
-        """
+        """Store the values computed since the file was read."""
         if self._new:
             write_made(self._folder, CACHED_VALUES_FILE, json_bytes(self._known), self._source)
             self._new = False

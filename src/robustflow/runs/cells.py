@@ -37,12 +37,7 @@ Levels = Annotated[
 
 
 class Cells(Untrusted):
-    """Some samples, each measured on the clean frames and under the same conditions.
-
-    Attributes:
-        samples: keys of the samples.
-        corruptions, attacks: severities by corruption and by attack.
-    """
+    """Some samples, each measured on the clean frames and under the same conditions."""
 
     samples: tuple[Text, ...]
     corruptions: dict[Text, Levels] = {}
@@ -78,12 +73,7 @@ class Cells(Untrusted):
 
 
 def union(every: Iterable[Cells]) -> tuple[Cells, ...]:
-    """Return the same cells, with every sample in exactly one of the parts, and no two parts with equal conditions.
-
-    >>> union([Cells(samples=("a", "b"), corruptions={"fog": (3,)}), Cells(samples=("b",), corruptions={"fog": (1,)})])
-    (Cells(samples=('a',), corruptions={'fog': (3,)}, attacks={}), \
-Cells(samples=('b',), corruptions={'fog': (1, 3)}, attacks={}))
-    """
+    """Return the same cells, with every sample in exactly one of the parts, and no two parts with equal conditions."""
     parts: list[Cells] = []
     for asked in every:
         new, known = set(asked.samples), {key for part in parts for key in part.samples}

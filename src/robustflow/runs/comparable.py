@@ -38,9 +38,6 @@ _DIGITS = 6
 def sample_set(run: Run) -> str:
     """Return a name that identifies what a run measured, regardless of its model: the means of runs with the same name
     may be compared.
-
-    The name depends on all parts of the identity that determine the frames, on every row with a pixel to measure (pair,
-    corruption, severity, digests of frames and ground truth), and on the missing rows.
     """
 
     def made() -> str:
@@ -69,15 +66,6 @@ def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
     """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
     rows ("" if there are none).
-
-    Pairs whose clean rows differ, and corruptions for which any frames differ, are omitted entirely.
-
-    Args:
-        rows: rows of each run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        names: names of the runs.
-
-    Raises:
-        RunError: the runs have no rows in common on the same frames and ground truth.
     """
     parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
     shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
@@ -131,23 +119,14 @@ def _no_common_rows_message(names: Sequence[str], same: pl.DataFrame) -> str:
 
 @dataclass(frozen=True)
 class CommonRows:
-    """The rows of several runs that may be compared.
-
-    Attributes:
-        rows: rows by name of the run, with the same cells in each.
-        remark: description of omitted rows and of differences between the runs; "" if there are none.
-    """
+    """The rows of several runs that may be compared."""
 
     rows: Mapping[str, pl.DataFrame]
     remark: str = ""
 
 
 def common_to(runs: Mapping[str, Run]) -> CommonRows:
-    """Return the comparable rows of several runs, by name, and a description of all differences.
-
-    Raises:
-        RunError: no rows may be compared; the message describes how the runs differ.
-    """
+    """Return the comparable rows of several runs, by name, and a description of all differences."""
     try:
         rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
     except RunError as error:

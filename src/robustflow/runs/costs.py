@@ -32,19 +32,7 @@ _Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
 class RunCost(RunAttachment):
-    """The cost of one prediction of a run's model.
-
-    Attributes:
-        version, run: fields of `RunAttachment`.
-        height, width: size of the frames for which the cost was counted, in pixels; 432 x 720 in the paper.
-        iterations: number of iterations of the model; None if it has none.
-        parameters: number of learned parameters.
-        macs: number of multiply-accumulates according to PyTorch's counter.
-        thop_parameters, thop_macs: parameters and multiply-accumulates counted by thop, as in the paper's table.
-        seconds: shortest time for one pair over several measurements; None if it was not timed.
-        peak_bytes: peak memory in bytes; None if it was not measured.
-        device: PyTorch's name for the device on which the time was measured.
-    """
+    """The cost of one prediction of a run's model."""
 
     height: Annotated[int, Field(ge=1, le=10**5)]
     width: Annotated[int, Field(ge=1, le=10**5)]
@@ -69,29 +57,17 @@ class RunCost(RunAttachment):
 
 
 def parse_cost(data: bytes, name: str) -> RunCost:
-    """Parse a cost from its file.
-
-    Raises:
-        RunError: the file has invalid fields.
-    """
+    """Parse a cost from its file."""
     return parse_attachment(RunCost, data, name, _COMMAND)
 
 
 def read_cost(run: Run) -> RunCost | None:
-    """Return the cost stored in a run's folder; None if it was not measured.
-
-    Raises:
-        RunError: the file is damaged, or belongs to a different run.
-    """
+    """Return the cost stored in a run's folder; None if it was not measured."""
     return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
 def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
-    """Check that a model has the identity of a run's model, ignoring weights and execution settings.
-
-    Raises:
-        UsageError: the model or its settings differ.
-    """
+    """Check that a model has the identity of a run's model, ignoring weights and execution settings."""
     ran = run.manifest.identity.model.settings
     for key in sorted((ran.keys() | model.keys()) - _NOT_COMPARED):
         before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
@@ -103,9 +79,5 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:
-    """Store a cost in the folder of its run.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
+    """Store a cost in the folder of its run."""
     return write_attachment(run, PROFILE, cost)

@@ -23,15 +23,7 @@ _MOST_BINS = 10_000
 
 
 class DisplacementFile(RunAttachment):
-    """The contents of `RUN/displacement.json`.
-
-    Attributes:
-        version, run: fields of `RunAttachment`.
-        samples: number of measured samples.
-        source: "ground truth", or the name of the model that predicted the flow.
-        low: lower edges of the bins in pixels, starting at 0; the last bin is open.
-        pixels: number of pixels in each bin.
-    """
+    """The contents of `RUN/displacement.json`."""
 
     samples: Annotated[int, Field(ge=1)]
     source: Annotated[str, Field(min_length=1, max_length=500)]
@@ -56,20 +48,13 @@ class DisplacementFile(RunAttachment):
 def read_displacement(run: Run) -> DisplacementFile | None:
     """Return the histogram stored in a run's folder; None if it does not exist, or if the run now has different
     samples.
-
-    Raises:
-        RunError: the file is damaged, or belongs to a different run.
     """
     displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "reproduce displacement --into RUN")
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
 def write_displacement(run: Run, table: pl.DataFrame) -> Path:
-    """Store the table of `displacement_histogram` for a run's samples in the run's folder.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
+    """Store the table of `displacement_histogram` for a run's samples in the run's folder."""
     content = DisplacementFile(
         run=run.manifest.identity_digest,
         samples=len(run.manifest.samples),

@@ -46,11 +46,7 @@ class ExampleCell:
 
 
 def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
-    """Find the worst cell of the worst sample and the median cell of the median sample in a run's rows.
-
-    For an even number of samples, the lower median is used. Ties are resolved by the order of keys, corruptions and
-    severities. The result is empty if nothing was measured.
-    """
+    """Find the worst cell of the worst sample and the median cell of the median sample in a run's rows."""
     cells = (
         averaged_rows(rows)
         .filter(pl.col("corruption") != CLEAN)

@@ -25,9 +25,6 @@ def grouped_by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
 def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, float]:
     """Return the CREr of each family: the mean CRE of its measured corruptions, divided by the clean EPE; empty if the
     clean EPE is 0 or unknown.
-
-    >>> family_crer({"snow": 2.0, "fog": 1.0}, 0.5)
-    {'weather': 3.0}
     """
     return {family: mean / clean for family, mean in family_means(cre).items()} if clean else {}
 

@@ -30,35 +30,14 @@ _LINE = re.compile(r"([0-9a-f]{16})  ([^\\\n]+)")
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
-    """Return the digests of each sample's files in order, 16 hexadecimal digits each; each file is read once.
-
-    Args:
-        files: files of each sample, by key.
-
-    Raises:
-        RunError: a path cannot be read, or is not a file.
-
-    >>> from tempfile import mkdtemp
-    >>> path = Path(mkdtemp()) / "a.flo"
-    >>> _ = path.write_bytes(b"flow")
-    >>> file_digests({"a": [path]})
-    {'a': ['197022cced1f7f35']}
-    """
+    """Return the digests of each sample's files in order, 16 hexadecimal digits each; each file is read once."""
     listed = {key: list(paths) for key, paths in files.items()}
     digests = dict(_digests(path for paths in listed.values() for path in paths))
     return {key: [digests[path] for path in paths] for key, paths in listed.items()}
 
 
 def check_listed(files: Mapping[Path, str | None]) -> None:
-    """Compare files with the digests in the nearest `DIGEST_LIST` in a parent folder; files without a list pass.
-
-    Args:
-        files: digest of each file; None for a file that has not been read, which is read only if it is listed.
-
-    Raises:
-        DataError: a file differs from its listed digest, or a list is damaged.
-        RunError: a file cannot be read.
-    """
+    """Compare files with the digests in the nearest `DIGEST_LIST` in a parent folder; files without a list pass."""
     nearest: dict[Path, Path | None] = {}
     lists: dict[Path, dict[str, str]] = {}
     wanted: dict[Path, str] = {}
@@ -101,9 +80,6 @@ def is_under_a_list(folder: Path) -> bool:
 def listed_files(folder: Path) -> list[str]:
     """Return the relative names of all files in a folder and its subfolders, sorted, without hidden files and the list
     itself.
-
-    Raises:
-        DataError: a file name contains a line break or a backslash.
     """
     names = [path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))]
     for name in names:
@@ -113,11 +89,7 @@ def listed_files(folder: Path) -> list[str]:
 
 
 def digests_in(folder: Path, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield the name and digest of some files of a folder, in order.
-
-    Raises:
-        RunError: a file cannot be read.
-    """
+    """Yield the name and digest of some files of a folder, in order."""
     return ((path.relative_to(folder).as_posix(), digest) for path, digest in _digests(map(folder.joinpath, names)))
 
 
@@ -129,11 +101,7 @@ def write_list(folder: Path, digests: Mapping[str, str]) -> Path:
 
 
 def read_list(folder: Path) -> dict[str, str]:
-    """Read the digests in the `DIGEST_LIST` of a folder, by file name.
-
-    Raises:
-        DataError: the file cannot be read, or is not a list of digests.
-    """
+    """Read the digests in the `DIGEST_LIST` of a folder, by file name."""
     path = folder / DIGEST_LIST
     try:
         if path.stat().st_size > _LARGEST_LIST:

@@ -39,21 +39,6 @@ class _IdentityPart(Untrusted):
 class FrameIdentity(_IdentityPart):
     """Everything that determines the frames and the ground truth, except the choice of samples, corruptions and
     severities.
-
-    Attributes:
-        benchmark, dataset: names of the benchmark and its dataset.
-        protocol: everything else that determines which frames and ground truth are read.
-        seed: seed of all random draws.
-        variant: variant of the corruptions.
-        streams: version of the random streams.
-        attacks: version of the attacks.
-        severity_scale: calibrated scale and its digest; None for the paper's scale.
-        common_draws: whether the severities of a pair share one draw.
-        psf: point spread functions of the user's lenses; None for those of the package.
-        depth: digest of the user's depth maps and focal length; None for the dataset's depth.
-        corruptions: digests of the source of the user's corruptions and those of installed packages, by name.
-        attack_sources: digests, by attack, of everything except its name that determines its frames, such as a second
-            model.
     """
 
     benchmark: Text
@@ -164,10 +149,6 @@ def checked_name(name: str) -> str:
 
     >>> checked_name(" My model ")
     'My model'
-
-    Raises:
-        UsageError: the name is empty, has more than `LONGEST_NAME` characters, or contains characters that cannot be
-            printed.
     """
     name = name.strip()
     if not name or len(name) > LONGEST_NAME or not name.isprintable():

@@ -40,23 +40,7 @@ class Clip(Untrusted):
 
 
 class Manifest(Untrusted):
-    """The description of a run.
-
-    Attributes:
-        identity: everything that changes a row's numbers.
-        identity_digest: digest of the identity.
-        samples: name and size in bytes of each file, by sample key.
-        file_digests: digest of each file, by sample key.
-        provenance: training data of the model.
-        planned: cells that some call asked for; every sample is in exactly one part.
-        left_out: requested severities that do not exist on the severity scale, by corruption.
-        name: name of the model in tables and figures, if one was given.
-        started, finished: start and end times in UTC; `finished` is None until the run is finished.
-        seconds: time in seconds, by kind of work.
-        environment: versions and machine.
-        places: number of units that each machine of a cluster computed; not in a record.
-        clips: effects of the video corruptions on each clip.
-    """
+    """The description of a run."""
 
     identity: Identity
     identity_digest: _Digest
@@ -115,9 +99,6 @@ class Manifest(Untrusted):
     def read(cls, content: dict[str, Any]) -> Manifest:
         """Parse a manifest from the content of a file. The caller has to check the schema and the digest of the
         identity.
-
-        Raises:
-            ValidationError: the content has missing or invalid fields.
         """
         body = {name: value for name, value in content.items() if name not in ("schema", "digest")}
         return cls.model_validate_json(json.dumps(body))
@@ -170,11 +151,7 @@ def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """Read the manifest in a file; None if there is no such file.
-
-    Raises:
-        RunError: the file cannot be read, has a different schema, or has invalid fields. Nothing is repaired.
-    """
+    """Read the manifest in a file; None if there is no such file."""
     try:
         with open(path, encoding="utf-8") as file:
             content = json.load(file)

@@ -35,13 +35,7 @@ Places = np.ndarray[Any, np.dtype[np.int32]]
 
 @dataclass(frozen=True)
 class RowPlaces:
-    """The row numbers of each sample and condition.
-
-    Attributes:
-        samples: keys of the samples, sorted.
-        sample_of: index of each row's sample in `samples`.
-        places: row numbers by (corruption, severity); clean rows under ("clean", 0).
-    """
+    """The row numbers of each sample and condition."""
 
     samples: list[str]
     sample_of: Places
@@ -95,16 +89,7 @@ def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
 def scores_by_condition(
     rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Compute the scores on the clean frames, and at each (corruption, severity).
-
-    One column is read at a time: a run of a million rows would not fit into memory as Python floats.
-
-    Args:
-        rows: rows, always read in the same order.
-        where: row numbers of the samples and conditions in these rows.
-        columns: columns of each metric; must include "epe".
-        averaging: averaging as for `summarize`.
-    """
+    """Compute the scores on the clean frames, and at each (corruption, severity)."""
     means = {metric: _means(rows, where.places, sums, averaging) for metric, sums in columns.items()}
     total, count, factor = columns["epe"]
     seen, with_clean = _array(rows, count) > 0, np.zeros(len(where.samples), bool)

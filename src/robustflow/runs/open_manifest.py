@@ -23,10 +23,7 @@ from .store import RunFolder
 
 
 def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
-    """Return the folder's manifest, updated with a plan; raise a RunError if they do not match.
-
-    The manifest of a run that ended before its first row is ignored.
-    """
+    """Return the folder's manifest, updated with a plan; raise a RunError if they do not match."""
     identity = plan.identity()
     old = folder.manifest()
     if old and old.identity != identity and folder.rows().is_empty():
@@ -86,9 +83,6 @@ def _empty_manifest(plan: Plan, identity: Identity) -> Manifest:
 def _unplanned_samples(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
     """Return the samples of a run that are not in the plan, if the data can be recognised only by their files, because
     the frames of all clips have the same names.
-
-    Raises:
-        RunError: the data do not contain one of these samples.
     """
     if moving_name(plan.benchmark.name) != OWN_FRAMES:
         return []

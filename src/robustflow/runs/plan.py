@@ -80,11 +80,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the options of the run, and the identity of the model.
-
-    `provenance` is the manifest's information about the model's training. It does not affect results, so it is not part
-    of the identity: a run can be continued after its model's training sets are declared.
-    """
+    """A benchmark, the options of the run, and the identity of the model."""
 
     benchmark: Benchmark
     options: RunOptions

@@ -14,15 +14,7 @@ from .identity import Text
 
 
 class Provenance(Untrusted):
-    """The training data of a model.
-
-    Attributes:
-        setting: relation of the training data to the benchmark, see `robustflow.benchmarks.setting.setting_of`.
-        trained_on: names of the sets of its flow training; None if unknown.
-        backbone: pre-trained network in the model, with "?" if its pre-training data were not checked; "" for none.
-        basis: source of this information.
-        note: remark about uncertainties.
-    """
+    """The training data of a model."""
 
     setting: Setting
     trained_on: Annotated[tuple[Text, ...], Field(max_length=100)] | None
@@ -38,12 +30,7 @@ class Provenance(Untrusted):
         keys: Collection[str] | None = None,
         protocol: Mapping[str, Any] | None = None,
     ) -> Provenance:
-        """Return the provenance of a model on a benchmark; arguments as for `setting_of`.
-
-        >>> mine = Training(("flyingchairs", "kitti2015:train"), "declared")
-        >>> Provenance.of(mine, "kitti-fc").setting, Provenance.of(mine, "kitti-fc", ["000002"]).setting
-        ('ID', 'LEAKED')
-        """
+        """Return the provenance of a model on a benchmark; arguments as for `setting_of`."""
         setting, notes = judge(training, benchmark, keys, protocol or {})
         note = "; ".join(filter(None, (training.note, *notes)))
         backbone = training.backbone

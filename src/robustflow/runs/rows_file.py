@@ -15,16 +15,7 @@ ROWS_FORMATS = ("csv", "parquet")
 
 
 def rows_bytes(run: Run, format: str) -> bytes:
-    """Return the rows of a run, sorted by sample, corruption and severity, as a file.
-
-    Args:
-        run: a run.
-        format: "csv" (UTF-8, with a header, empty for null; text that a spreadsheet would evaluate is prefixed with an
-            apostrophe) or "parquet" (the metadata contain the run and the version of the columns).
-
-    Raises:
-        UsageError: the format is unknown.
-    """
+    """Return the rows of a run, sorted by sample, corruption and severity, as a file."""
     rows = run.rows.sort("sample", "corruption", "severity")
     out = io.BytesIO()
     if format == "csv":

@@ -33,19 +33,7 @@ Cached = TypeVar("Cached")
 
 
 class Run:
-    """The results of a run, finished or not.
-
-    Args:
-        folder: path of the run's folder.
-        asked: manifest of the part of the run that one call asked for (`Manifest.restricted`); by default,
-            the results are those of everything in the folder.
-
-    Attributes:
-        record: SHA-256 of the verified record from which the folder was unpacked; "" if the folder was not.
-
-    Raises:
-        RunError: the folder contains no run, or a run that this version cannot read.
-    """
+    """The results of a run, finished or not."""
 
     record = ""
 
@@ -96,10 +84,7 @@ class Run:
 
     @cached_property
     def summary(self) -> Summary:
-        """Return the means over the corruptions of this run, the paper's means, and the missing cells.
-
-        The summary is read from `summary.json` if that file was made from these rows, and otherwise computed.
-        """
+        """Return the means over the corruptions of this run, the paper's means, and the missing cells."""
         return self._stored_means() or self._means
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
@@ -198,12 +183,8 @@ class Run:
             write_made(self.path, SUMMARY, json_bytes(self.document()), self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """Return a value that is costly to compute, from the cache if the cached value was computed from the same rows.
-
-        Args:
-            name: name of the value.
-            kind: type of the value, which JSON must support.
-            make: function that computes the value.
+        """Return a value that is costly to compute, from the cache if the cached value was computed from the same
+        rows.
         """
         return self._cached.get(name, kind, make)
 

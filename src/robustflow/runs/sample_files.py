@@ -11,17 +11,7 @@ from ..target import called
 
 
 def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
-    """Return the files from which a sample is read; files used only for depth come last.
-
-    Args:
-        dataset: dataset that contains the sample.
-        key: key of the sample.
-        window: window of frames that a multi-frame model receives; None for a two-frame model.
-        depths: source of the depth; None if depth is not read.
-
-    Raises:
-        UsageError: a user's dataset raised an exception.
-    """
+    """Return the files from which a sample is read; files used only for depth come last."""
     files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
     if window is not None:
         assert isinstance(dataset, Clips)

@@ -19,13 +19,7 @@ Array = npt.NDArray[np.float32]
 
 
 def write_array(path: Path, array: Array, made_of: str) -> None:
-    """Store an array.
-
-    Args:
-        path: path of the file.
-        array: float32 array of any shape.
-        made_of: description of the inputs from which the array was computed, such as the digest of the frames.
-    """
+    """Store an array."""
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(array, np.float32), allow_pickle=False)
     write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a lost array is recomputed

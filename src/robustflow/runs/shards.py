@@ -33,11 +33,7 @@ _DIGEST = re.compile(r"\.([0-9a-f]{32})$")
 
 
 def list_shards(folder: Path) -> list[Path]:
-    """Return the shards of a folder, by name.
-
-    A process that merges shards writes the merged one before it removes the parts; a listing taken in between may miss
-    both. So the folder is listed until two consecutive listings agree.
-    """
+    """Return the shards of a folder, by name."""
     before: list[Path] | None = None
     for _ in range(20):
         now = sorted(path for path in folder.glob(f"*{_SUFFIX}") if not path.name.startswith("."))
@@ -48,11 +44,7 @@ def list_shards(folder: Path) -> list[Path]:
 
 
 def shard_name(path: Path) -> str:
-    """Return the name of a shard's content: its file name without digest and suffix.
-
-    >>> shard_name(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet"))
-    'a-0011.fog-2233.13'
-    """
+    """Return the name of a shard's content: its file name without digest and suffix."""
     return _DIGEST.sub("", path.name.removesuffix(_SUFFIX))
 
 
@@ -67,12 +59,7 @@ def write_shard(folder: Path, name: str, rows: pl.DataFrame) -> Path:
 
 
 def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
-    """Read the rows of one shard, or some of their columns.
-
-    Raises:
-        RunError: the shard is damaged, or its columns differ from those that this version writes.
-        FileNotFoundError: the shard was removed because it was merged.
-    """
+    """Read the rows of one shard, or some of their columns."""
     data = _checked_bytes(path)
     try:
         rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
@@ -101,18 +88,7 @@ def _check_schema(path: Path, schema: Mapping[str, Any], columns: Sequence[str] 
 def read_shards(
     paths: Iterable[Path], columns: Sequence[str] | None = None, corruption: str | None = None
 ) -> pl.DataFrame:
-    """Read the rows of some shards, without duplicates, sorted by their keys.
-
-    Args:
-        paths: paths of the shards; rows that occur in two of them, as after a crash during merging, count once.
-        columns: columns to read, including those of `ROW_KEY`; all by default.
-        corruption: corruption whose rows are read; all by default. Rows of other corruptions are discarded shard by
-            shard.
-
-    Raises:
-        RunError: a shard cannot be read, or two shards contain different rows of the same cell.
-        FileNotFoundError: a shard was removed because it was merged.
-    """
+    """Read the rows of some shards, without duplicates, sorted by their keys."""
     paths = list(paths)
     parts = []
     for path in paths:
@@ -130,11 +106,6 @@ def read_shards(
 def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
     """Scan the rows of some shards lazily, a few columns at a time. Rows that are in two shards occur twice; the order
     is that of the shards.
-
-    Raises:
-        RunError: a shard cannot be read, or has a different schema. Damage that the digest does not show raises a
-            polars error when the rows are read.
-        FileNotFoundError: a shard was removed because it was merged.
     """
     for path in paths:
         _check_schema(path, pl.read_parquet_schema(io.BytesIO(_checked_bytes(path))))
@@ -142,12 +113,7 @@ def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
 
 
 def shards_digest(paths: Iterable[Path]) -> str:
-    """Return a hash of the bytes of some shards, in the given order.
-
-    Raises:
-        RunError: a shard cannot be read.
-        FileNotFoundError: a shard was removed because it was merged.
-    """
+    """Return a hash of the bytes of some shards, in the given order."""
     return digest_of_value([digest_of_bytes(_bytes(path)) for path in paths], size=16)
 
 
@@ -173,9 +139,6 @@ def merge_shards(paths: Sequence[Path], name: str) -> Path:
 def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
     """Return the cells of some shards, and the shards that share a cell with another shard after a crash during
     merging.
-
-    Raises:
-        RunError: a shard cannot be read.
     """
     if not paths:
         return set(), []

@@ -31,13 +31,7 @@ FILE = "source.json"
 
 @dataclass(frozen=True)
 class RunSource:
-    """The model and data needed to set up a run again.
-
-    Attributes:
-        model: name and options of the model; None for a Python object, which has no name.
-        data: path of the dataset; None if it needs none.
-        data_options: options of the dataset.
-    """
+    """The model and data needed to set up a run again."""
 
     model: ModelSpec | None = None
     data: Path | None = None
@@ -52,11 +46,7 @@ class RunSource:
 
     @classmethod
     def read(cls, folder: Path) -> RunSource:
-        """Read the source of a run; return an empty source if there is no file.
-
-        Raises:
-            RunError: the file is damaged.
-        """
+        """Read the source of a run; return an empty source if there is no file."""
         try:
             source = json.loads((folder / FILE).read_text(encoding="utf-8"))
             spec, data = source["model"], source["data"]
@@ -70,9 +60,6 @@ class RunSource:
     def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
         """Return the recorded model with the options that the user gives now; None for a Python object, which has no
         name.
-
-        Raises:
-            RunError: the source names code or a file, which the user has to name.
         """
         if self.model is None:
             return None

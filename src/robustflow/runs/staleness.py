@@ -28,14 +28,7 @@ _LARGEST = 2**28
 
 
 def source_digest(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
-    """Return a hash of everything from which a file of a run is made.
-
-    Args:
-        folder: folder of the run.
-        rows: hash of the shards, from `RunFolder.digest`.
-        manifest: manifest of the run.
-        beside: whether the file also shows data stored with the rows: pictures, costs, displacements.
-    """
+    """Return a hash of everything from which a file of a run is made."""
     files = list(_files(folder)) if beside else []
     return digest_of_value([rows, digest_of_value(manifest.record(), size=16), files, code_digest()], size=16)
 

@@ -80,9 +80,6 @@ class RunFolder:
     def lock(self) -> None:
         """Create the folder and lock it until this process ends, even if it is killed; remove half-written files of a
         killed run.
-
-        Raises:
-            RunError: the folder is locked by another process, cannot be written, or contains a link.
         """
         refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
@@ -114,11 +111,7 @@ class RunFolder:
             self._lock = None
 
     def _check_lock(self) -> None:
-        """Raise if this path has become a different folder, to which a different run may write.
-
-        Raises:
-            RunError: the folder or its lock was moved or deleted.
-        """
+        """Raise if this path has become a different folder, to which a different run may write."""
         if _inode(self.lock_path) != self._lock_inode:
             raise RunError(
                 f"{self.path} is no longer locked: it was moved or deleted, or its .lock was; nothing more is written "
@@ -126,12 +119,7 @@ class RunFolder:
             )
 
     def manifest(self) -> Manifest | None:
-        """Read the manifest; None if the folder has no manifest yet.
-
-        Raises:
-            RunError: the file is not the manifest of a run, is damaged or has a different schema, or the folder
-                contains a link.
-        """
+        """Read the manifest; None if the folder has no manifest yet."""
         if os.path.lexists(self.manifest_path):
             refuse_links(self.path, *_INSIDE)
         return read_manifest(self.manifest_path)
@@ -147,11 +135,7 @@ class RunFolder:
         write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
-        """Merge the shards of a finished sample into one, and delete its clean flow.
-
-        Reading one file per unit is slow and needs a lot of memory. One file per sample is also too many for large
-        runs; `record pack` merges those.
-        """
+        """Merge the shards of a finished sample into one, and delete its clean flow."""
         name = _slug(key)
         shards = list_shards(self.rows_folder)
         parts = [path for path in shards if shard_name(path) == name or shard_name(path).startswith(f"{name}.")]
@@ -187,9 +171,6 @@ class RunFolder:
     def tidy(self) -> set[Cell]:
         """Return the existing cells. Remove rows that occur twice because a run was killed between merging shards and
         removing the parts.
-
-        Raises:
-            RunError: a shard cannot be read, or two shards contradict each other.
         """
         shards = list_shards(self.rows_folder)
         cells, twice = cells_of(shards)
@@ -200,11 +181,6 @@ class RunFolder:
     def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
         """Clean up after a killed run: merge the shards of finished samples and remove clean flows that are no longer
         needed.
-
-        Args:
-            samples: keys of all samples of the run.
-            unfinished: keys of the samples with missing rows.
-            cells: cells of the existing rows.
         """
         in_parts = {
             shard_name(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in shard_name(path)
@@ -222,15 +198,7 @@ class RunFolder:
                 path.unlink(missing_ok=True)
 
     def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
-        """Read all rows, sorted by sample, corruption and severity; empty if no unit is finished.
-
-        Args:
-            columns: columns to read, including sample, corruption and severity; all by default.
-            corruption: corruption whose rows are read; all by default.
-
-        Raises:
-            RunError: a shard is damaged, or has a different schema.
-        """
+        """Read all rows, sorted by sample, corruption and severity; empty if no unit is finished."""
         return self._read(lambda shards: read_shards(shards, columns, corruption))
 
     def scan(self) -> pl.LazyFrame:
@@ -238,11 +206,7 @@ class RunFolder:
         return scan_shards(list_shards(self.rows_folder))
 
     def digest(self) -> str:
-        """Return a hash of the shards on disk: equal digests mean equal rows. No row is decoded.
-
-        Raises:
-            RunError: a shard cannot be read.
-        """
+        """Return a hash of the shards on disk: equal digests mean equal rows. No row is decoded."""
         return self._read(shards_digest)
 
     def _read(self, read: Callable[[list[Path]], T]) -> T:

@@ -23,28 +23,7 @@ def displacement(
     seed: int = 0,
     depth: SceneDepth | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Measure how far content moves, with frames whose grey values code the position.
-
-    The codes are waves with a period of 64 pixels, in four phases, along x and along y. One draw corrupts all of them.
-    The phase at a pixel is the position from which its content comes, whatever happens to brightness and contrast.
-
-    Args:
-        corruption: corruption, from `load_corruption`.
-        severity: severity, 1 to 5.
-        shape: size (H, W) of the frames, in pixels: multiples of 64, because a mean over the frame must be the same in
-            all phases.
-        index: frame of the pair, 0 or 1.
-        seed: seed of the draw.
-        depth: depth of the pair, for a corruption that needs it.
-
-    Returns:
-        float64 (H // 16, W // 16, 2), in pixels: the mean (x, y) from a pixel to the origin of its content, over blocks
-        of 16x16 pixels; NaN where the waves cannot be read.
-
-    >>> from robustflow.corruptions import load_corruption
-    >>> bool(np.abs(displacement(load_corruption("gaussian_blur"), 1, (64, 96))[1:-1, 1:-1]).max() < 0.05)
-    True
-    """
+    """Measure how far content moves, with frames whose grey values code the position."""
     state = corruption.draw_with_depth(stream_for(corruption, severity, seed, "displacement"), severity, shape, depth)
     found = []
     for places in np.indices(shape)[::-1]:
@@ -64,13 +43,6 @@ def displacement(
 def distortion(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64]) -> float:
     """Return by how many pixels two frames are distorted: the mean deviation from the shift common to both, or 0 if no
     waves can be read.
-
-    Args:
-        first, second: displacement of the two frames, from `displacement`.
-
-    >>> still = np.zeros((2, 2, 2))
-    >>> distortion(still + 5.0, still + 5.0), distortion(still, still + [6.0, 8.0])
-    (0.0, 5.0)
     """
     both = np.stack([first, second]).reshape(-1, 2)
     both = both[np.isfinite(both).all(axis=1)]

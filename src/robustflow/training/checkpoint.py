@@ -31,15 +31,7 @@ _STATE = ("model", "optimizer", "scaler")
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """The progress of a training run.
-
-    Attributes:
-        updates: number of updates so far.
-        identity: everything that determines the weights: recipe, seed and data.
-        best: smallest validation error so far, in pixels; None before the first validation.
-        best_on: name that identifies the pairs of the validation with this error.
-        validated: number of updates before the last validation.
-    """
+    """The progress of a training run."""
 
     updates: int
     identity: dict[str, Any]
@@ -49,11 +41,7 @@ class TrainingProgress:
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
-    """Write weights and their provenance atomically.
-
-    Raises:
-        DataError: the folder cannot be written, or the disk is full.
-    """
+    """Write weights and their provenance atomically."""
     write_with(path, lambda file: _save(_content(weights, about, trained_on), file))
 
 
@@ -71,12 +59,7 @@ def save_training(
 
 
 def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
-    """Read a file written by `save_training`; return its entire content and the progress.
-
-    Raises:
-        RunError: the file does not exist, or was not written by a training run.
-        ModelError: the file is damaged.
-    """
+    """Read a file written by `save_training`; return its entire content and the progress."""
     if not path.exists():
         raise RunError(f"{path.parent}: no training run to resume ({path.name} not found); start one without --resume")
     content, _ = read_content(path)
@@ -113,11 +96,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _encoded(value: Any) -> Iterator[bytes | memoryview]:
-    """Encode a value as a unique byte string.
-
-    Raises:
-        TypeError: a part has a type that checkpoints cannot store.
-    """
+    """Encode a value as a unique byte string."""
     if isinstance(value, Tensor):
         yield f"{value.dtype}{tuple(value.shape)}".encode()
         if value.numel():

@@ -14,10 +14,6 @@ _FEATURES = 128
 class Corrector(ResidualEncoder):
     """Predict colour offsets for an image from the image, the second image warped to it by the flow, and a visibility
     mask.
-
-    The network consists of the flow network's encoder on seven channels, a three-channel head at 1/8 resolution,
-    and convex upsampling. After the prefix `corrector.`, parameter names match the authors' files: the encoder's, then
-    `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
     """
 
     def __init__(self) -> None:
@@ -28,12 +24,7 @@ class Corrector(ResidualEncoder):
         self.mask = mask_layers()
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return colour offsets (N, 3, H, W), -1..1 as fractions of the image's range.
-
-        Args:
-            image: input, float (N, 7, H, W): the image and the warped image, both in -1..1, and a mask that is 1 where
-                the pixel is visible in the warped image.
-        """
+        """Return colour offsets (N, 3, H, W), -1..1 as fractions of the image's range."""
         features = super().forward(image)
         offsets = torch.tanh(self.offset_head["conv2"](torch.relu(self.offset_head["conv1"](features))))
         return convex_upsample(offsets / 8, 0.25 * self.mask(features), 8)

@@ -17,15 +17,7 @@ DENOISING_STEPS = 1000
 
 
 def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """Add the random draws of a recipe to a batch.
-
-    Args:
-        batch: pairs of one step, or a process's share of them.
-        recipe: recipe, which determines whether to add noise to the frames, and whether to denoise ground truth.
-        seed: seed of the training run.
-        step: index of the step, from 0.
-        positions: positions of the batch's pairs, see `Share`.
-    """
+    """Add the random draws of a recipe to a batch."""
     return _with_denoising(_noisy(batch, recipe, seed, step, positions), recipe, seed, step, positions)
 
 

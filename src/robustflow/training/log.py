@@ -17,14 +17,7 @@ _VALIDATION = '"validation_epe"'
 
 
 class MetricsLog:
-    """A context manager that appends to `metrics.jsonl`.
-
-    Args:
-        folder: folder of the training run.
-        first: number of the next update; existing lines from this update on, which a killed run wrote after its last
-            checkpoint, are removed.
-        validates: whether the run first validates again; if so, the line of the validation before `first` is removed.
-    """
+    """A context manager that appends to `metrics.jsonl`."""
 
     def __init__(self, folder: Path, first: int, validates: bool = False) -> None:
         self._path = folder / METRICS_FILE
@@ -56,9 +49,6 @@ class MetricsLog:
     def write(self, update: int, values: dict[str, float]) -> None:
         """Write one line for an update, or for a validation after it. Values that are NaN or infinite, such as the EPE
         of pairs without valid pixels, are null, because JSON has no such numbers.
-
-        Raises:
-            DataError: the disk is full.
         """
         try:
             numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}

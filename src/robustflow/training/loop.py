@@ -39,16 +39,7 @@ from .validate import ValidationScores
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """Everything that the loop needs, except the state that changes during training.
-
-    Attributes:
-        request: the user's request.
-        folder: folder for checkpoints and the log.
-        trained_on: names of all training sets of the final weights; None if unknown.
-        pairs: training pairs.
-        validate: function that takes the number of updates and validates the network; None for no validation.
-        stop: function called after each update; training stops if it returns True.
-    """
+    """Everything that the loop needs, except the state that changes during training."""
 
     request: Request
     folder: Path
@@ -69,13 +60,7 @@ class TrainingState:
 
 
 def train(training: TrainingSetup, state: TrainingState, process: Process, progress: ProgressBar) -> None:
-    """Perform the remaining updates.
-
-    Raises:
-        ModelError: loss or gradients are not finite; the last checkpoint is kept.
-        RunError: a process that reads training pairs was killed.
-        DataError: a pair cannot be read, or a file cannot be written.
-    """
+    """Perform the remaining updates."""
     request, network = training.request, state.network
     recipe, checkpoints = request.recipe, request.checkpoints
     called: nn.Module = NetworkWithLoss(network, recipe)

@@ -18,13 +18,6 @@ _BYTES = 4
 def expected_memory(recipe: Recipe) -> float | None:
     """Return the memory, in GiB, for weights, gradients, moments and the values kept for the backward pass, with the
     entire batch on one device in single precision; None for a network that was not measured.
-
-    Mixed precision needs less. The workspaces of convolutions and the memory of GPU libraries are not included.
-
-    >>> from robustflow.training.recipe import load_recipe
-    >>> recipe = load_recipe("raft", "ood")
-    >>> 13 < expected_memory(recipe) < 15, expected_memory(recipe.changed(batch=1)) < 2.6
-    (True, True)
     """
     row = _table().get(recipe.method)
     if row is None:

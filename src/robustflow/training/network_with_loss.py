@@ -21,15 +21,7 @@ from .unsupervised.upflow import Upflow
 
 
 class NetworkWithLoss(nn.Module):
-    """A module that computes the loss. `DistributedDataParallel` wraps this module, so it supports any loss.
-
-    Args:
-        network: network to train.
-        recipe: recipe, which defines precision and loss.
-
-    Raises:
-        UsageError: a method that learns without labels does not support the crop.
-    """
+    """A module that computes the loss. `DistributedDataParallel` wraps this module, so it supports any loss."""
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe) -> None:
         super().__init__()
@@ -50,11 +42,7 @@ class NetworkWithLoss(nn.Module):
 
 
 def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
-    """Return the module that computes the loss of a recipe without labels.
-
-    Raises:
-        UsageError: the method does not support the crop.
-    """
+    """Return the module that computes the loss of a recipe without labels."""
     settings = recipe.objective
     if isinstance(settings, ArflowObjective):
         return Arflow(network, recipe, settings)
@@ -71,16 +59,7 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
 
 
 def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
-    """Return the loss to be minimised, and values for the log (EPE of the last prediction, in pixels).
-
-    Args:
-        network: network being trained; its method `loss` is used if defined.
-        batch: batch on the network's device.
-        recipe: recipe, which defines precision and loss.
-
-    Raises:
-        UsageError: the network does not support the loss.
-    """
+    """Return the loss to be minimised, and values for the log (EPE of the last prediction, in pixels)."""
     matching: Tensor | None = None
     with mixed_precision(batch.image1, recipe):
         if network.has_own_loss:

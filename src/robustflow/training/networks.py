@@ -38,16 +38,7 @@ _CORRECTOR = "corrector."
 
 
 class TrainedNetwork(nn.Module):
-    """A network in the form used by the loop: it maps RGB images in 0..255 to the flow after every iteration.
-
-    Args:
-        model: model whose network is trained; it always predicts with the current weights.
-        recipe: recipe, which defines the mode of the normalisation layers.
-        seed: seed of the random weights of BrightFlow's corrector, which checkpoints of `run` do not contain.
-
-    Raises:
-        UsageError: the network lacks the method that the recipe's loss needs.
-    """
+    """A network in the form used by the loop: it maps RGB images in 0..255 to the flow after every iteration."""
 
     def __init__(self, model: NetworkModel, recipe: Recipe, seed: int = 0) -> None:
         super().__init__()
@@ -124,16 +115,7 @@ class TrainedNetwork(nn.Module):
         return isinstance(self.net, ModuleNet) and callable(getattr(self.net.module, "loss", None))
 
     def own_loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
-        """Return the loss computed by the user's module.
-
-        Args:
-            batch: batch, passed to the module as a dictionary: `image1` and `image2`, float (N, 3, H, W) in the
-                module's declared image format, `flow` (N, 2, H, W) in pixels, and `valid` (N, H, W), 1 where the flow
-                is known.
-
-        Raises:
-            UsageError: the module returned no loss, or does not support this crop.
-        """
+        """Return the loss computed by the user's module."""
         first, second = self._exact(batch.image1, batch.image2)
         module: Any = self._network
         return checked_loss(module.loss({"image1": first, "image2": second, "flow": batch.flow, "valid": batch.valid}))
@@ -179,9 +161,6 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
     """Check the return value of a network's `loss`: a scalar tensor, or a scalar tensor and a dictionary of values for
     the log.
 
-    Raises:
-        UsageError: the value has any other form.
-
     >>> checked_loss((torch.ones(()), {"photometric": torch.tensor(2.0)}))
     (tensor(1.), {'photometric': 2.0})
     """
@@ -215,17 +194,6 @@ def load_network(
 ) -> tuple[Any, TrainedNetwork]:
     """Return the model of a recipe with its initial weights, which predicts as in a run (in tiles, if it does so by
     default), and its network ready for training.
-
-    Args:
-        recipe: recipe, which defines the method and its iterations.
-        start: checkpoint as for `run --checkpoint`, or "random".
-        device: device as for `run --device`.
-        options: additional options of the model.
-        seed: seed of random weights.
-
-    Raises:
-        ModelError: the checkpoint does not exist, or belongs to a different network.
-        UsageError: the model cannot be trained.
     """
     given = {**(options or {}), "device": device}
     if recipe.iterations is not None and takes_iterations(recipe.method):

@@ -41,10 +41,6 @@ def group_batchnorm(network: nn.Module, groups: int) -> None:
 class GroupedBatchNorm2d(nn.BatchNorm2d):
     """BatchNorm that normalises each of `groups` parts of a batch separately; only the first part updates the running
     statistics.
-
-    Args:
-        norm: layer from which weights, statistics and settings are copied.
-        groups: number of parts of a batch; fewer if the batch cannot be split evenly.
     """
 
     def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:

@@ -15,14 +15,7 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """Changes to the frames' colours for ARFlow's second pass, applied in this order.
-
-    Attributes:
-        brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
-        blur: maximum radius of a Gaussian blur in pixels; the radius is drawn uniformly between 0 and this
-            value, and the blur has probability 1/2.
-        gamma: range of the gamma exponent; None for no gamma correction.
-    """
+    """Changes to the frames' colours for ARFlow's second pass, applied in this order."""
 
     brightness: float = Field(default=0.5, ge=0)
     contrast: float = Field(default=0.0, ge=0)
@@ -32,16 +25,7 @@ class Appearance(Frozen):
 
 
 class Spatial(Frozen):
-    """Motion of the frames for ARFlow's second pass. `relative_*` is additional motion of the second frame.
-
-    Attributes:
-        translation: range of the translation, as a fraction of the frame size.
-        zoom, squeeze: ranges of factors; a squeeze stretches x and shrinks y by the same factor.
-        rotation: range of the rotation in radians.
-        constant_rotation: whether the relative rotation is always the lower bound, as in the original code (a bug).
-        horizontal, vertical: whether to flip, with probability 1/2 each.
-        noise: maximum standard deviation of the added noise, for values in 0..1.
-    """
+    """Motion of the frames for ARFlow's second pass. `relative_*` is additional motion of the second frame."""
 
     translation: float = Field(default=0.04, ge=0)
     zoom: Range = (1.0, 1.4)
@@ -58,16 +42,7 @@ class Spatial(Frozen):
 
 
 class ArflowObjective(Frozen):
-    """ARFlow's objective (Liu et al., CVPR 2020).
-
-    Attributes:
-        census_from: fraction of the training run after which the ternary census and the forward-backward check replace
-            L1, SSIM and the splatting check.
-        smooth: weight of the smoothness.
-        second_order: whether the smoothness uses second differences (KITTI) instead of first differences (Sintel).
-        self_supervision: weight of the second, transformed pass; 0 for none.
-        appearance, spatial: transforms of the second pass.
-    """
+    """ARFlow's objective (Liu et al., CVPR 2020)."""
 
     kind: Literal["arflow"]
     census_from: float = Field(0.05, ge=0, le=1)
@@ -79,13 +54,7 @@ class ArflowObjective(Frozen):
 
 
 class UpflowObjective(Frozen):
-    """UPFlow's objective (Luo et al., CVPR 2021).
-
-    Attributes:
-        photometric, census, smooth, distillation: weights of the terms.
-        exponent: exponent q of the robust penalty (|x| + 0.01)^q.
-        radius: radius of the census window, in pixels.
-    """
+    """UPFlow's objective (Luo et al., CVPR 2021)."""
 
     kind: Literal["upflow"]
     photometric: float = Field(1.0, ge=0)
@@ -97,22 +66,7 @@ class UpflowObjective(Frozen):
 
 
 class BrightflowObjective(Frozen):
-    """BrightFlow's objective (Marsal et al., WACV 2023).
-
-    Attributes:
-        census: weight of the census term, which uses 7x7 windows.
-        smooth: weight of the smoothness.
-        second_order: whether the smoothness uses second differences (KITTI) instead of first differences (Sintel,
-            Chairs).
-        occlusion: "brox", the forward-backward check, or "wang", splatting.
-        self_supervision: final weight of the self-supervision term.
-        self_supervision_from, self_supervision_to: fractions of the training run between which this weight increases
-            from 0.
-        border: width of the border removed from the student's frames on each side, in pixels.
-        corrector: weight of the brightness corrector's loss.
-        corrector_from: fraction of the training run after which the corrector is trained.
-        corrected_from: fraction of the training run after which the photometric loss uses the corrector.
-    """
+    """BrightFlow's objective (Marsal et al., WACV 2023)."""
 
     kind: Literal["brightflow"]
     census: float = Field(0.5, ge=0)

@@ -9,11 +9,7 @@ from .recipe import Recipe
 
 
 def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
-    """Create the recipe's optimiser for all trained parameters.
-
-    In the RAFT family, AdamW applies weight decay to every parameter, including norms and biases; a recipe with
-    `decay_biases = false` (ARFlow) exempts biases.
-    """
+    """Create the recipe's optimiser for all trained parameters."""
     settings = recipe.optimizer
     learning = [(name, value) for name, value in network.named_parameters() if value.requires_grad]
     biases = [value for name, value in learning if name.endswith("bias") and not settings.decay_biases]

@@ -15,14 +15,6 @@ from .request import DataPlan
 def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) -> str:
     """Describe the recipe, the available and missing data and their proportions, the length of the run, and deviations
     from the original recipe.
-
-    Args:
-        recipe: recipe with the user's changes.
-        data: data to read.
-        original: recipe without the user's changes; None if there are no changes.
-
-    Raises:
-        UsageError: a corruption is unknown, or the probability is invalid.
     """
     lines = [
         f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",

@@ -17,13 +17,7 @@ from ..models.torch.model import find_device
 
 @dataclass(frozen=True)
 class Process:
-    """This process's place among the processes of a training run.
-
-    Attributes:
-        rank: rank of the process; process 0 writes files and shows progress.
-        world: number of processes.
-        device: device of this process's copy of the network.
-    """
+    """This process's place among the processes of a training run."""
 
     rank: int
     world: int
@@ -40,14 +34,7 @@ class Process:
 
 @contextmanager
 def this_process(device: str) -> Iterator[Process]:
-    """Join the other processes of a training run, if `torchrun` started several.
-
-    Args:
-        device: device as for `run --device`; with several processes, "cuda" is the GPU of this process.
-
-    Raises:
-        UsageError, ModelError: as for `find_device`.
-    """
+    """Join the other processes of a training run, if `torchrun` started several."""
     world, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
     if world == 1:
         yield Process(0, 1, find_device(device))

@@ -47,20 +47,7 @@ class Optimizer(Frozen):
 
 
 class Part(Frozen):
-    """A dataset's part in a mix.
-
-    Attributes:
-        data: registered name of the dataset.
-        options: options of the dataset.
-        keys: "all", or "training" for the training part of the project's split.
-        times: number of times that each pair occurs in an epoch.
-        augmentation: "dense" or "sparse" (see `augmentation/`), "stretched" to the crop's size, or "cropped"; the last
-            two swap the frames of half of the pairs in training without labels.
-        log2_scale: range of the base-2 logarithm of the scale, for "dense" and "sparse".
-        flip: whether frames are flipped.
-        eraser: whether rectangles in the second frame are erased; for "dense" and "sparse".
-        margin: width of the border excluded from "cropped" frames, in pixels.
-    """
+    """A dataset's part in a mix."""
 
     data: str
     options: dict[str, str | int] = Field(default_factory=dict)
@@ -74,36 +61,7 @@ class Part(Frozen):
 
 
 class Recipe(Frozen):
-    """One stage of one method.
-
-    Attributes:
-        method: registered name of the model.
-        stage: "chairs", "things", "sintel" or "kitti" from the original code, "ood" or "id" from the paper;
-            "unsupervised" and additional stages for methods that learn without labels.
-        start: source of the initial weights: "random", or a stage.
-        mix: name of a mix in `recipes/mixes.toml`, or a file in the same format.
-        steps: number of batches, as given in the source.
-        extra_update: whether the original code makes one more update than `steps`.
-        batch: number of pairs per step, over all devices.
-        accumulate: number of steps for one update of the weights.
-        devices: number of devices in the original training, which determines the part of a batch that BatchNorm uses.
-        schedule_ahead: number of updates by which the schedule is ahead of training; 1 if the first update uses the
-            second learning rate of the schedule.
-        crop: size (H, W) of the crop, in pixels.
-        iterations: number of iterations of a recurrent network; None ("none" in a file) for other networks.
-        loss: "sequence"; "sequence+matching", with GMFlowNet's matching loss; or "denoising", the sequence loss of
-            flows denoised from ground truth (FlowDiffuser).
-        gamma: factor between the weights of successive predictions in the sequence loss.
-        objective: objective of a method that learns without labels; replaces the sequence loss.
-        noise: maximum standard deviation, in grey levels, of the noise added to both frames; 0 for none.
-        frozen_norms: "none", "batchnorm" (running statistics are fixed) or "all".
-        frozen: prefixes of the names of parameters that are not trained.
-        unused: prefixes of the names of parameters that are unused, as in the original code, and have no gradient.
-        precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
-        source: source of the recipe.
-        unverified: values that could not be verified.
-        differs: differences between the paper, the original code and this recipe, and which one is followed.
-    """
+    """One stage of one method."""
 
     method: str
     stage: str
@@ -148,13 +106,7 @@ class Recipe(Frozen):
         return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
-        """Replace values of this recipe and check it again; values of None are ignored.
-
-        If `steps` changes, the extra update of the original code is omitted.
-
-        Raises:
-            UsageError: a value is invalid.
-        """
+        """Replace values of this recipe and check it again; values of None are ignored."""
         set_values = {key: value for key, value in changes.items() if value is not None}
         if "steps" in set_values:
             set_values.setdefault("extra_update", False)
@@ -162,15 +114,7 @@ class Recipe(Frozen):
 
 
 def load_recipe(method: str, stage: str) -> Recipe:
-    """Return the recipe of a method's stage.
-
-    Raises:
-        UsageError: there is no recipe for the method, or the recipe does not have the stage.
-
-    >>> recipe = load_recipe("raft", "ood")
-    >>> recipe.steps, recipe.batch, recipe.crop, recipe.updates
-    (100000, 6, (368, 768), 100001)
-    """
+    """Return the recipe of a method's stage."""
     stages = recipes_of(method)
     if stage not in stages:
         raise unknown_name(f"recipe of {method}", stage, list(stages))
@@ -181,9 +125,6 @@ def load_recipe(method: str, stage: str) -> Recipe:
 def recipes_of(method: str) -> dict[str, Recipe]:
     """Return every stage of a method, in file order. The file may name the model (`method`), or a different
     method with the same stages (`same_as`).
-
-    Raises:
-        UsageError: there is no recipe for the method.
     """
     if method not in trained_methods():
         raise unknown_name("trainable method", method, trained_methods())
@@ -221,12 +162,6 @@ def takes_iterations(method: str) -> bool:
 def mix_parts(name: str) -> tuple[Part, ...]:
     """Return the parts of a mix given by name or as a user's TOML file with `parts` in the format of
     `recipes/mixes.toml`.
-
-    Raises:
-        UsageError: the mix does not exist, or the file is not a valid mix.
-
-    >>> [(part.data, part.times) for part in mix_parts("ood")]
-    [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
     """
     if name.endswith(".toml"):
         return _parts_of_mix_file(user_path(name))

@@ -18,15 +18,7 @@ PAIRS_OF_VALIDATION = 20
 
 @dataclass(frozen=True)
 class DataPlan:
-    """The data of a training run, and how they are read.
-
-    Attributes:
-        sources: folders of data, see `open_part`.
-        corruptions: names of corruptions applied to training frames.
-        probability: probability that a pair is corrupted, 0..1.
-        skip_bad: whether to replace unreadable pairs, see `TrainingPairs`.
-        loaders: number of processes that prepare batches in advance.
-    """
+    """The data of a training run, and how they are read."""
 
     sources: Sequence[str | Path] = ()
     corruptions: Sequence[str] = ()
@@ -38,11 +30,7 @@ class DataPlan:
         _check_minimum(0, loaders=self.loaders)
 
     def corruption(self, seed: int) -> CorruptionTransform | None:
-        """Return the corruption of the training frames; None for none.
-
-        Raises:
-            UsageError: a corruption is unknown or leaves no ground truth, or the probability is invalid.
-        """
+        """Return the corruption of the training frames; None for none."""
         if not self.corruptions:
             return None
         transform = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
@@ -53,12 +41,7 @@ class DataPlan:
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """The intervals at which weights are saved.
-
-    Attributes:
-        every: number of updates between checkpoints, each of which replaces the previous one.
-        keep_every: number of updates between files of weights that are kept; None to keep none.
-    """
+    """The intervals at which weights are saved."""
 
     every: int = 1000
     keep_every: int | None = None
@@ -69,15 +52,7 @@ class Checkpoints:
 
 @dataclass(frozen=True)
 class Validation:
-    """The evaluation of the network during training.
-
-    Attributes:
-        benchmark: name of the benchmark.
-        data: data of the benchmark, see `robustflow.evaluate`.
-        every: number of updates between validations; None for one at each checkpoint.
-        corruptions: corruptions to evaluate in addition to the clean frames.
-        limit: number of pairs to use, spread evenly; None for all.
-    """
+    """The evaluation of the network during training."""
 
     benchmark: str
     data: str | Path | None = None
@@ -91,21 +66,7 @@ class Validation:
 
 @dataclass(frozen=True)
 class Request:
-    """A training run requested by the user.
-
-    Attributes:
-        recipe: recipe with the user's changes.
-        data: data to read.
-        output: output folder of the training run.
-        start: initial checkpoint, or "random"; None for the recipe's default.
-        start_trained_on: training sets of the initial weights, if their file does not contain this information.
-        resume: whether to continue from `last.pth`.
-        seed: seed of all random draws.
-        device: device as for `run --device`.
-        options: options of the model.
-        checkpoints: intervals at which weights are saved.
-        validation: validation during training; None for none.
-    """
+    """A training run requested by the user."""
 
     recipe: Recipe
     data: DataPlan

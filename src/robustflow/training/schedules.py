@@ -14,14 +14,6 @@ _FIRST_DIVISOR, _LAST_DIVISOR = 25.0, 1e4
 def one_cycle(update: int, steps: int, highest: float) -> float:
     """Return the learning rate of an update: linear `torch.optim.lr_scheduler.OneCycleLR` over `steps` + 100 updates,
     increasing during the first 5 %, as in RAFT and its successors.
-
-    Args:
-        update: index of the update, from 0.
-        steps: number of updates of the training run.
-        highest: maximum learning rate.
-
-    >>> [round(one_cycle(update, 100_000, 1.25e-4), 9) for update in (0, 5004, 99_999)]
-    [5e-06, 0.000125, 1.32e-07]
     """
     total = steps + _EXTRA_UPDATES
     if not 0 <= update < total:

@@ -33,18 +33,7 @@ from .validate import validator
 
 
 def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> Path:
-    """Train from the start or from the last checkpoint, and return the path of the new last checkpoint.
-
-    Args:
-        request: request that describes the training run.
-        stop: function called after each update; training stops with a checkpoint if it returns True.
-
-    Raises:
-        UsageError: the options contradict each other, or the folder contains a different training run.
-        DataError: data are missing or cannot be read, or the folder cannot be written.
-        ModelError: weights cannot be loaded, or the loss is not finite.
-        RunError: there is no training run to resume, it is not the requested one, or the folder is locked.
-    """
+    """Train from the start or from the last checkpoint, and return the path of the new last checkpoint."""
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data.sources, recipe.objective is None) for part in mix_parts(recipe.mix)]
     order = Order(sum(map(len, parts)), recipe.batch * recipe.accumulate, request.seed)
@@ -118,11 +107,7 @@ def _load_state(
     optimizer: torch.optim.Optimizer,
     scaler: torch.amp.GradScaler,
 ) -> None:
-    """Load the last checkpoint's content.
-
-    Raises:
-        ModelError: the content does not match the network or the optimiser.
-    """
+    """Load the last checkpoint's content."""
     try:
         network.load_weights(content["model"])
         optimizer.load_state_dict(content["optimizer"])

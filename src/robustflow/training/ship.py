@@ -13,17 +13,7 @@ from .checkpoint import read_progress
 
 
 def ship_weights(checkpoint: Path, target: Path, command: str, commit: str) -> None:
-    """Write weights as safetensors, with the settings that determine them.
-
-    Args:
-        checkpoint: file `last.pth` of a training run.
-        target: path of the file to write.
-        command: command of the training run.
-        commit: commit of this project with which the weights were trained.
-
-    Raises:
-        RunError, ModelError: the checkpoint is missing or damaged.
-    """
+    """Write weights as safetensors, with the settings that determine them."""
     content, about = read_progress(checkpoint)
     record = {
         "made_by": command,

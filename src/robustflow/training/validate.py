@@ -47,26 +47,14 @@ class _AtUpdate:
 
 
 class ValidationScores(NamedTuple):
-    """The result of a validation.
-
-    Attributes:
-        numbers: `epe` on clean frames, and `cre` and `rcre` if corruptions are given, in pixels.
-        pairs: name that identifies the clean pairs; errors on different pairs are not compared.
-    """
+    """The result of a validation."""
 
     numbers: dict[str, float]
     pairs: str
 
 
 def validator(model: FlowModel, folder: Path, validation: Validation) -> Callable[[int], ValidationScores]:
-    """Return a function that takes the number of updates and measures the model on a benchmark.
-
-    Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation is
-    restarted.
-
-    Raises:
-        UsageError, DataError: as for `robustflow.evaluate`.
-    """
+    """Return a function that takes the number of updates and measures the model on a benchmark."""
     corruptions, limit = validation.corruptions, validation.limit
     chosen = open_benchmark(validation.benchmark, validation.data)
     chosen = chosen.narrowed(corruptions or None, None, limit)

@@ -21,34 +21,14 @@ _DIGEST = ".digest"
 
 
 class FolderCache:
-    """A cache of named folders in `root`, at most `limit` bytes in total, shared between processes.
-
-    Entries are created by renaming, so each entry is either complete or absent. Each entry contains a hash of its
-    files; damaged entries are recreated. If two processes need the same entry, it is created only once.
-
-    >>> from tempfile import mkdtemp
-    >>> cache = FolderCache(Path(mkdtemp()), limit=10)
-    >>> def make(folder):
-    ...     folder.mkdir()
-    ...     (folder / "a").write_text("made")
-    >>> cache.use("x", make, lambda folder: (folder / "a").read_text())
-    'made'
-    """
+    """A cache of named folders in `root`, at most `limit` bytes in total, shared between processes."""
 
     def __init__(self, root: Path, limit: int) -> None:
         self.root = root
         self.limit = limit
 
     def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
-        """Read the entry `name`; create it first if it does not exist.
-
-        Args:
-            make: function that creates and fills the folder at the given path.
-            read: function called with the entry's folder; nothing is evicted during the call.
-
-        Raises:
-            DataError: the cache folder cannot be written.
-        """
+        """Read the entry `name`; create it first if it does not exist."""
         make_folder(self.root)
         entry = self.root / name
         while True:
@@ -92,11 +72,7 @@ class FolderCache:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock on a file while the context is active; wait while another process holds it.
-
-    Raises:
-        DataError: the file cannot be written.
-    """
+    """Hold a lock on a file while the context is active; wait while another process holds it."""
     try:
         # The operating system releases this lock when the process dies, whereas a plain lock file remains after a kill.
         lock = FileLock(path, fallback_to_soft=False)

@@ -38,13 +38,7 @@ class ClipFile:
 def write_clip(
     path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, encoding: Encoding
 ) -> ClipFile:
-    """Encode I420 frames as an MP4 file, using constant memory.
-
-    Args:
-        path: path of the MP4 file, which is created only when it is complete.
-        size: size (H, W) of the frames before padding, in pixels.
-        fps: frames per second.
-    """
+    """Encode I420 frames as an MP4 file, using constant memory."""
     temporary = path.with_name(f".{path.name}.part")
     height, width = even_size(*size)
     count = 0
@@ -83,11 +77,7 @@ def read_packets(clip: ClipFile, start: int = 0) -> Iterator[Packet]:
 
 
 def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
-    """Yield every frame in order, starting at index `start`.
-
-    Raises:
-        DataError: some frames are missing from the file.
-    """
+    """Yield every frame in order, starting at index `start`."""
     decoder = Decoder(read_header(clip), *clip.stored_size)
     expected = start
     for index, picture in decoder.decode(read_packets(clip, start)):
@@ -102,11 +92,7 @@ def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
 
 
 class ClipReader:
-    """Random access to the frames of a clip. Reading forwards decodes each frame once; reading backwards seeks.
-
-    The last `keep` frames are cached, so overlapping windows are not decoded twice. The file is opened on first use and
-    reopened if the reader is sent to a different process.
-    """
+    """Random access to the frames of a clip. Reading forwards decodes each frame once; reading backwards seeks."""
 
     def __init__(self, clip: ClipFile, keep: int = 64) -> None:
         self.clip = clip

@@ -47,10 +47,7 @@ PRESETS = (
 
 
 def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
-    """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow).
-
-    With `every_frame`, all frames are intra-coded.
-    """
+    """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow)."""
     if preset not in PRESETS:
         raise unknown_name("x264 preset", preset, PRESETS)
     options = [("crf", "0"), ("preset", preset)]
@@ -87,11 +84,7 @@ def abr(rate: int) -> Encoding:
 
 
 def check_size(height: int, width: int) -> None:
-    """Check that frames of a size can be encoded.
-
-    Raises:
-        DataError: a side exceeds the encoder's limit.
-    """
+    """Check that frames of a size can be encoded."""
     if max(height, width) > _LONGEST_SIDE:
         raise DataError(
             f"H.264 encodes at most {_LONGEST_SIDE} pixels per side, but the frames are {width}x{height}; scale them "
@@ -117,14 +110,7 @@ def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
 
 
 class Encoder:
-    """Encodes the I420 frames of one clip as a stream of packets, in coded order.
-
-    Args:
-        height, width: size of the frames in pixels, both even.
-        fps: frames per second, used by the rate control.
-
-    `header` contains the parameter sets required by a decoder.
-    """
+    """Encodes the I420 frames of one clip as a stream of packets, in coded order."""
 
     def __init__(self, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
         self._context: Any = av.CodecContext.create("libx264", "w")
@@ -155,11 +141,7 @@ class DecodeLog:
 
 
 class Decoder:
-    """Decodes the packets of one clip to (display index, frame) pairs, in the output order of the decoder.
-
-    Packets that cannot be decoded are counted in `log` and skipped, as in the reference code. The output is identical
-    to that of FFmpeg's decoder with one thread and default error concealment.
-    """
+    """Decodes the packets of one clip to (display index, frame) pairs, in the output order of the decoder."""
 
     def __init__(self, header: bytes, height: int, width: int) -> None:
         self._context: Any = av.CodecContext.create("h264", "r")

@@ -21,21 +21,12 @@ I420 = npt.NDArray[np.uint8]
 
 
 def even_size(height: int, width: int) -> tuple[int, int]:
-    """Round both sides up to even numbers, as required by 4:2:0.
-
-    >>> even_size(375, 1242)
-    (376, 1242)
-    """
+    """Round both sides up to even numbers, as required by 4:2:0."""
     return height + height % 2, width + width % 2
 
 
 def rgb_to_i420(frame: Frame) -> I420:
-    """Convert RGB uint8 (H, W, 3) to I420 uint8; odd sizes are padded by repeating the last row or column.
-
-    >>> import numpy as np
-    >>> int(rgb_to_i420(np.full((2, 2, 3), 255, np.uint8))[0, 0])
-    235
-    """
+    """Convert RGB uint8 (H, W, 3) to I420 uint8; odd sizes are padded by repeating the last row or column."""
     height, width = frame.shape[:2]
     rows, columns = even_size(height, width)
     if (rows, columns) != (height, width):
@@ -47,13 +38,7 @@ def rgb_to_i420(frame: Frame) -> I420:
 
 
 def i420_to_rgb(picture: I420, height: int, width: int) -> Frame:
-    """Convert I420 to RGB uint8 (height, width, 3), cropping off the padding of odd sizes.
-
-    >>> import numpy as np
-    >>> grey = np.full((5, 3, 3), 128, np.uint8)
-    >>> bool((i420_to_rgb(rgb_to_i420(grey), 5, 3) == grey).all())
-    True
-    """
+    """Convert I420 to RGB uint8 (height, width, 3), cropping off the padding of odd sizes."""
     rows, columns = even_size(height, width)
     if picture.shape != (rows * 3 // 2, columns):
         raise ValueError(f"I420 for {height}x{width} has the shape {(rows * 3 // 2, columns)}, not {picture.shape}")

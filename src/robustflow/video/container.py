@@ -40,12 +40,7 @@ _CUT = "copy or download it again"
 
 
 def open_video(path: Path) -> Any:
-    """Open a container with its video stream set to strict decoding in one thread.
-
-    Raises:
-        DataError: the file does not exist, is not a video, uses an unsupported container, or its length differs from
-            the declared length.
-    """
+    """Open a container with its video stream set to strict decoding in one thread."""
     if not path.is_file():
         raise DataError(f"{path}: no such file; check the path")
     try:
@@ -73,9 +68,6 @@ def open_video(path: Path) -> Any:
 def upright(picture: Any, path: Path) -> Frame:
     """Convert a decoded frame to RGB uint8 (H, W, 3), rotated and mirrored as in video players: phones store a display
     matrix instead of turning the frames.
-
-    Raises:
-        DataError: the rotation is not a multiple of 90 degrees.
     """
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
@@ -95,11 +87,7 @@ def _is_mirrored(picture: Any) -> bool:
 
 
 def check_stated_length(path: Path, kind: str) -> None:
-    """Check that the length of a file equals the length declared by its container, if any.
-
-    Args:
-        kind: FFmpeg's name of the container.
-    """
+    """Check that the length of a file equals the length declared by its container, if any."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         if "matroska" in kind:

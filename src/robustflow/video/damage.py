@@ -29,12 +29,7 @@ class Damage:
 
 
 class NoiseFilter:
-    """The filter state for one stream; packets must be passed in file order.
-
-    >>> noise = NoiseFilter(3)
-    >>> noise(bytes([1, 0, 2]))  # state 2, 3 (hit: becomes 3), 6 (hit: becomes 6)
-    (b'\\x01\\x03\\x06', 2)
-    """
+    """The filter state for one stream; packets must be passed in file order."""
 
     def __init__(self, amount: int) -> None:
         if isinstance(amount, bool) or not isinstance(amount, int) or not 1 <= amount < 2**31:

@@ -52,13 +52,7 @@ class DiskEstimate:
 def estimate_disk(
     sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
-    """Estimate the disk space from the first `PROBE` frames of every clip, always using the interpolator "flow".
-
-    These frames are encoded with a fast preset and start with an intra-coded frame, so the estimate is too high.
-
-    Raises:
-        DataError: a clip is too short or unreadable.
-    """
+    """Estimate the disk space from the first `PROBE` frames of every clip, always using the interpolator "flow"."""
     masters, key_frames, segments, variants = 0, 0, [0], 0
     for source in sources:
         timing = clip_timing(source, preparation)
@@ -72,11 +66,7 @@ def estimate_disk(
 
 
 def check_room(estimate: DiskEstimate, output: Path) -> None:
-    """Check that there is enough disk space.
-
-    Raises:
-        DataError: there is not enough free space for masters, key frames and temporary files.
-    """
+    """Check that there is enough disk space."""
     if estimate.kept + estimate.temporary > estimate.free:
         raise DataError(f"{output}: not enough disk space: {estimate}; choose a different --output or fewer clips")
 

@@ -20,14 +20,7 @@ REORDER = 32
 
 @dataclass
 class Fill:
-    """A record of the lost frames of a clip and their replacements.
-
-    Attributes:
-        count: number of frames in the clip.
-        lost: runs of lost frames, `(first, last, source)`: frames `first` to `last` are replaced with decoded frame
-            `source`.
-        dropped: number of unused frames: decoded twice, too late, or with a time outside the clip.
-    """
+    """A record of the lost frames of a clip and their replacements."""
 
     count: int
     lost: list[tuple[int, int, int]] = field(default_factory=list)
@@ -40,10 +33,7 @@ class Fill:
 
 
 def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield frames by ascending index without duplicates, using a bounded buffer.
-
-    Frames that arrive too late are counted as dropped.
-    """
+    """Yield frames by ascending index without duplicates, using a bounded buffer."""
     waiting: list[tuple[int, int, I420]] = []
     last = -1
     for arrival, (index, picture) in enumerate(decoded):
@@ -60,19 +50,7 @@ def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterat
 
 
 def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield exactly `fill.count` frames with indices 0, 1, 2, ...; replace lost frames and record them in `fill`.
-
-    Raises:
-        DataError: no frame could be decoded.
-
-    >>> import numpy as np
-    >>> picture = [np.full((3, 2), i, np.uint8) for i in range(6)]
-    >>> fill = Fill(6)
-    >>> [int(shown[0, 0]) for _, shown in fill_lost([(1, picture[1]), (4, picture[4])], fill)]
-    [1, 1, 1, 1, 4, 4]
-    >>> fill.lost
-    [(0, 0, 1), (2, 3, 1), (5, 5, 4)]
-    """
+    """Yield exactly `fill.count` frames with indices 0, 1, 2, ...; replace lost frames and record them in `fill`."""
     previous: tuple[int, I420] | None = None
     next_index = 0
     for index, picture in pictures_in_order(decoded, fill):

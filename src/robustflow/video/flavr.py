@@ -27,10 +27,7 @@ class Gate(nn.Module):
 
 
 class BasicBlock(nn.Module):
-    """A residual block of two 3 x 3 x 3 convolutions and a gate. Keys: `conv1.0 conv2.0 fg` and `downsample.0`.
-
-    The temporal stride is always 1.
-    """
+    """A residual block of two 3 x 3 x 3 convolutions and a gate. Keys: `conv1.0 conv2.0 fg` and `downsample.0`."""
 
     def __init__(self, inputs: int, outputs: int, stride: int, bias: bool) -> None:
         super().__init__()
@@ -105,13 +102,7 @@ class Fuse(nn.Module):
 
 
 class FLAVR(nn.Module):
-    """A flow-free 3D U-Net that predicts `n_outputs` frames between the second and third of four input frames.
-
-    The state dict keys are those in the authors' files without `module.`.
-
-    Args:
-        n_outputs: number of predicted frames: 1, 3 or 7, for 2, 4 or 8 times the frame rate.
-    """
+    """A flow-free 3D U-Net that predicts `n_outputs` frames between the second and third of four input frames."""
 
     def __init__(self, n_outputs: int = 3) -> None:
         super().__init__()
@@ -122,18 +113,7 @@ class FLAVR(nn.Module):
         self.outconv = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(64, 3 * n_outputs, 7))
 
     def forward(self, frames: Sequence[Tensor]) -> list[Tensor]:
-        """Predict the frames between the middle two of four frames.
-
-        Args:
-            frames: four frames in temporal order, RGB float (N, 3, H, W) in [0, 1]; H and W are multiples of 8.
-
-        Returns:
-            `n_outputs` frames in temporal order, float (N, 3, H, W), roughly in [0, 1] but not clamped.
-
-        >>> between = FLAVR(n_outputs=1).eval()([torch.rand(1, 3, 16, 24)] * 4)
-        >>> len(between), between[0].shape
-        (1, torch.Size([1, 3, 16, 24]))
-        """
+        """Predict the frames between the middle two of four frames."""
         clip = torch.stack(tuple(frames), dim=2)
         mean = clip.mean(dim=(2, 3, 4), keepdim=True)
         *skips, x = self.encoder(clip - mean)
@@ -146,15 +126,7 @@ class FLAVR(nn.Module):
 
 
 def load_flavr(checkpoint: str | Path, device: str = "cpu") -> FLAVR:
-    """Load the 4x network with the authors' weights, in evaluation mode.
-
-    Args:
-        checkpoint: path of the authors' file.
-        device: device name; see `find_device`.
-
-    Raises:
-        ModelError: the file does not contain these weights, or the device does not exist.
-    """
+    """Load the 4x network with the authors' weights, in evaluation mode."""
     net = FLAVR()
     load_weights(net, read_checkpoint(checkpoint), "flavr (4x)")
     return net.to(find_device(device)).eval().requires_grad_(False)

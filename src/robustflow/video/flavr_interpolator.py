@@ -19,15 +19,7 @@ again.
 
 
 class FlavrInterpolator:
-    """The interpolator "flavr", 4x (Kalluri et al., WACV 2023; used in the paper). Requires the extra `torch`.
-
-    Frames are not split into tiles, because the network's gates average over the entire frame, and tiling would change
-    the result.
-
-    Args:
-        checkpoint: path of the official 4x weights.
-        device: device name: "cpu", "cuda", "cuda:0", ...
-    """
+    """The interpolator "flavr", 4x (Kalluri et al., WACV 2023; used in the paper). Requires the extra `torch`."""
 
     name = "flavr"
 
@@ -39,11 +31,7 @@ class FlavrInterpolator:
         self._sha256 = sha256_of_file(checkpoint)
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """Return the three frames between the middle two frames of the window.
-
-        Raises:
-            UsageError: the factor is not 4.
-        """
+        """Return the three frames between the middle two frames of the window."""
         if factor != 4:
             raise UsageError(
                 f"FLAVR's 4x weights do not support a factor of {factor}: use --factor 4 or --interpolator flow"

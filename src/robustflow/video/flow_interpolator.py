@@ -73,10 +73,7 @@ def _length(u: Any, v: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first: Any, second: Any, time: Any) -> Any:
-    """Return the flow from frame 1 to frame 2 at `time`, float32 (H, W, 2), and the visibility of each point.
-
-    The visibility is 0 if the point is visible in both frames, 1 if only in frame 1, and 2 if only in frame 2.
-    """
+    """Return the flow from frame 1 to frame 2 at `time`, float32 (H, W, 2), and the visibility of each point."""
     height, width = forward.shape[:2]
     flow = np.zeros((height, width, 2), np.float32)
     sight = np.zeros((height, width), np.uint8)
@@ -144,10 +141,7 @@ def _fill_holes(flow: Any, cost: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
-    """Sample both frames along the flow and blend them by time.
-
-    Where a point is visible in only one frame, only that frame is used.
-    """
+    """Sample both frames along the flow and blend them by time."""
     height, width = flow.shape[:2]
     out = np.empty((height, width, 3), np.uint8)
     for y in range(height):

@@ -16,24 +16,12 @@ FLAVR.
 
 
 class Interpolator(Protocol):
-    """Interpolates frames between two frames.
-
-    Attributes:
-        name: name of the interpolator for `--interpolator` and in manifests.
-    """
+    """Interpolates frames between two frames."""
 
     name: str
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """Return the `factor - 1` evenly spaced frames between `window[1]` and `window[2]`.
-
-        Args:
-            window: four consecutive frames, RGB uint8 (H, W, 3).
-            factor: ratio of the new to the old frame rate.
-
-        Raises:
-            UsageError: the interpolator does not support the factor.
-        """
+        """Return the `factor - 1` evenly spaced frames between `window[1]` and `window[2]`."""
 
     def describe(self) -> dict[str, Any]:
         """Return everything that affects the output (method, checkpoint hash, versions), for the manifest."""
@@ -42,12 +30,7 @@ class Interpolator(Protocol):
 def load_interpolator(
     name: str | None, factor: int, checkpoint: Path | None, device: str = "cpu"
 ) -> Interpolator | None:
-    """Return the requested interpolator, or None if the factor is 1.
-
-    Raises:
-        UsageError: the factor is greater than 1 and no interpolator is specified, or its name is unknown.
-        AssetError: FLAVR was requested without a checkpoint.
-    """
+    """Return the requested interpolator, or None if the factor is 1."""
     if factor == 1:
         return None
     if name == "flow":
@@ -71,20 +54,12 @@ def load_interpolator(
 
 
 def interpolated_count(count: int, factor: int) -> int:
-    """Return the number of frames that `interpolate` produces from `count` frames.
-
-    >>> interpolated_count(100, 4), interpolated_count(100, 1)
-    (389, 100)
-    """
+    """Return the number of frames that `interpolate` produces from `count` frames."""
     return count if factor == 1 else max(0, (count - WINDOW + 1) * factor + 1)
 
 
 def interpolate(frames: Iterable[Frame], interpolator: Interpolator, factor: int) -> Iterator[Frame]:
-    """Yield all frames except the first and the last, with `factor - 1` new frames in every gap.
-
-    The first and last frames of the clip are used only as neighbours, as in FLAVR's script, so frame 0 of the result is
-    frame 1 of the source for every interpolator. At most four frames are kept in memory.
-    """
+    """Yield all frames except the first and the last, with `factor - 1` new frames in every gap."""
     return fill_gaps(windows(frames), interpolator, factor)
 
 

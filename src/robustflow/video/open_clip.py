@@ -35,13 +35,7 @@ _AROUND: dict[str, _Make] = {"object_motion_blur": mean_of_windows, "rolling_shu
 
 
 class OpenClip:
-    """Readers for the master of a clip and for the key frames of each variant.
-
-    Args:
-        clip: prepared clip, from `prepared.read_folder`.
-        cache: cache for transcoded variants.
-        parameters: dict from corruption name to its parameters at the five severities.
-    """
+    """Readers for the master of a clip and for the key frames of each variant."""
 
     def __init__(self, clip: PreparedClip, cache: FolderCache, parameters: Mapping[str, tuple[int, ...]]) -> None:
         self.clip = clip
@@ -51,10 +45,7 @@ class OpenClip:
         self._variants: dict[tuple[str, int], ClipReader] = {}
 
     def corrupted(self, index: int, corruption: str, parameter: int) -> Frame:
-        """Return a corrupted key frame, RGB uint8 (H, W, 3); video corruptions transcode the clip on first use.
-
-        Issues a `UserWarning` after transcoding if bit errors changed nothing or frames were lost.
-        """
+        """Return a corrupted key frame, RGB uint8 (H, W, 3); video corruptions transcode the clip on first use."""
         if corruption not in self._around:
             return self._transcoded(index, corruption, parameter)
         check_master(self.clip)
@@ -99,10 +90,8 @@ class OpenClip:
 
 
 def check_master(clip: PreparedClip) -> None:
-    """Verify the hash of a clip's master; this is done once per process because it takes about a second per gigabyte.
-
-    Raises:
-        DataError: the master cannot be read or is damaged.
+    """Verify the hash of a clip's master; this is done once per process because it takes about a second per
+    gigabyte.
     """
     path = clip.master.path
     try:
@@ -120,11 +109,7 @@ def _sha256(path: Path, changed: int, size: int) -> str:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of how a variant was created.
-
-    Raises:
-        DataError: the record is damaged.
-    """
+    """Read the record of how a variant was created."""
     content = unsealed(path.read_bytes())
     if content is None:
         raise DataError(

@@ -52,16 +52,7 @@ Progress = Callable[[str, str, int, int], None]
 
 @dataclass(frozen=True)
 class Preparation:
-    """Settings for preparing clips.
-
-    Attributes:
-        fps: frames per second of the source; None to use the rate declared by the source.
-        factor: ratio of the master's frame rate to that of the source; the paper uses 4 (240 -> 960).
-        step: distance between key frames in master frames; None for 30 pairs per second.
-        interpolator: name of the interpolator, "flavr" or "flow"; required if `factor` is greater than 1.
-        checkpoint, device: path of FLAVR's weights and device on which FLAVR runs.
-        preset: x264 preset for the master; affects the file, and thus the effect of bit errors, but not the pixels.
-    """
+    """Settings for preparing clips."""
 
     fps: Fraction | None = None
     factor: int = 4
@@ -83,12 +74,7 @@ class ClipTiming:
 
 
 def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
-    """Compute the timing of one clip.
-
-    Raises:
-        UsageError: the frame rate is unknown, or the factor or step is less than 1.
-        DataError: the source is too short for a single pair, or its frames are too large.
-    """
+    """Compute the timing of one clip."""
     check_size(*source.size)
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
@@ -117,11 +103,8 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
 def prepare_clip(
     source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
-    """Prepare one clip in `folder`; resume if an earlier call was interrupted, and wait if another process prepares it.
-
-    Raises:
-        DataError: the source cannot be read to its end, or the folder contains the same clip prepared with different
-            settings.
+    """Prepare one clip in `folder`; resume if an earlier call was interrupted, and wait if another process prepares
+    it.
     """
     timing = clip_timing(source, preparation)
     interpolator = load_interpolator(
@@ -173,10 +156,7 @@ def _write_clip(
 
 
 def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
-    """Return the clip if it exists and has the same settings.
-
-    The encoder versions may differ, since they do not affect pixels.
-    """
+    """Return the clip if it exists and has the same settings."""
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None

@@ -41,17 +41,7 @@ PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
 
 
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
-    """Return the clips in `data`: the five GoPro sequences, one video, or one or more folders of images.
-
-    Args:
-        data: path of a video, of a folder of images, of a folder that contains such folders, or of the downloaded GoPro
-            dataset (GoPro_Large_all, with or without train/ and test/).
-        evenly: whether to treat a video's frames as evenly spaced, at a frame rate specified by the user.
-
-    Raises:
-        DataError: no clips are found, some of the five sequences are missing, or the folder is GoPro_Large, whose
-            frames are 7 to 13 camera frames apart.
-    """
+    """Return the clips in `data`: the five GoPro sequences, one video, or one or more folders of images."""
     if data.is_file():
         return [VideoFile(data, evenly=evenly)]
     if not data.is_dir():
@@ -81,20 +71,7 @@ def prepare_folder(
     progress: Progress = lambda clip, what, done, total: None,
     prepare_all: PrepareAll | None = None,
 ) -> list[PreparedClip]:
-    """Prepare all clips in `output`. The number of workers and the machine do not affect the files.
-
-    Args:
-        sources: clips to prepare, from `find_sources`.
-        output: path of the output folder, which is created.
-        preparation: settings for preparing the clips.
-        workers: number of processes; ignored if `prepare_all` is specified.
-        cache_limit: size limit in bytes of the cache for transcoded variants.
-        progress: function called with progress updates.
-        prepare_all: function that prepares the clips instead, e.g. on a cluster.
-
-    Raises:
-        DataError: `output` already contains different clips, or a source cannot be prepared.
-    """
+    """Prepare all clips in `output`. The number of workers and the machine do not affect the files."""
     if workers < 1:
         raise UsageError(f"--workers {workers}: must be at least 1")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
@@ -117,8 +94,6 @@ def prepare_folder(
 def prepare_video(path: Path) -> Path:
     """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart; show
     progress.
-
-    Returns the prepared folder, which is created by the first call and reused by later calls.
     """
     sources = find_sources(path)
     output = cache_folder("clips") / f"{sources[0].name}-{sha256_of_file(path)[:12]}-v{VERSION}"

@@ -37,10 +37,7 @@ ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
 
 
 class ClipManifest(Frozen):
-    """The content of `clip.json`.
-
-    Frame numbers refer to the master, starting at 0; `fps` is the master's frame rate as a fraction.
-    """
+    """The content of `clip.json`."""
 
     version: int
     name: ClipName
@@ -99,23 +96,15 @@ class PreparedClip:
 
 
 def choose_key_frames(count: int, step: int) -> list[int]:
-    """Return the indices of every `step`-th frame except the first and the last of them (paper appendix, "GoPro-FC").
-
-    Frames closer than `REACH` to either end are also excluded, which matters only for steps smaller than 16.
-
-    >>> choose_key_frames(161, 32)
-    [32, 64, 96, 128]
+    """Return the indices of every `step`-th frame except the first and the last of them (paper appendix, "GoPro-
+    FC").
     """
     inner = range(0, count, step)[1:-1]
     return [index for index in inner if REACH <= index < count - REACH]
 
 
 def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
-    """Read the clips of a prepared folder.
-
-    Raises:
-        DataError: the folder does not exist, was not prepared, or contains an unfinished clip.
-    """
+    """Read the clips of a prepared folder."""
     manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
     clips = []
     for name in manifest.clips:

@@ -29,13 +29,7 @@ _KEYS_BACK = 2
 
 
 class VideoReader:
-    """Random access to the frames of a file's first video stream, rotated as specified by its metadata.
-
-    One decoded frame and the open file are kept. Readers can be pickled and forked; the copy reopens the file.
-
-    Raises:
-        DataError: the file is not a video, is damaged or truncated, or has no video stream.
-    """
+    """Random access to the frames of a file's first video stream, rotated as specified by its metadata."""
 
     _container: Any
     _frames: Iterator[Any] | None
@@ -56,11 +50,7 @@ class VideoReader:
         return self._count
 
     def frame(self, index: int) -> Frame:
-        """Return frame `index`, RGB uint8 (H, W, 3).
-
-        Raises:
-            DataError: the frame cannot be decoded.
-        """
+        """Return frame `index`, RGB uint8 (H, W, 3)."""
         if not 0 <= index < self._count:
             raise IndexError(f"{self._path} has frames 0 to {self._count - 1}, but no frame {index}")
         if self._pid != os.getpid():
@@ -70,13 +60,7 @@ class VideoReader:
         return self._image.copy()
 
     def index_at(self, seconds: float) -> int:
-        """Return the index of the first frame displayed at or after a time.
-
-        The time is relative to the first frame; variable frame rates are supported.
-
-        Raises:
-            DataError: the video has no usable time stamps.
-        """
+        """Return the index of the first frame displayed at or after a time."""
         if not self._stamps:
             raise DataError(f"{self._path}: its frames have no usable time stamps; use frame numbers, not seconds")
         return bisect_left(self._stamps, self._stamps[0] + round(seconds / self._tick))

@@ -11,20 +11,7 @@ from ..sample import Frame
 
 
 def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
-    """Compute a key frame for several readout times, in one pass over the longest readout.
-
-    Args:
-        frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3); called in ascending order.
-        centre: index of the key frame; the middle row is read at its time.
-        readouts: readout times from the first to the last row, in master frames, each at least 0.
-
-    Returns:
-        A dict from readout time to RGB uint8 (H, W, 3).
-
-    >>> frames = rolling_frames(lambda index: np.full((4, 1, 3), index, np.uint8), 10, [0, 4])
-    >>> {readout: frame[:, 0, 0].tolist() for readout, frame in frames.items()}
-    {0: [10, 10, 10, 10], 4: [9, 10, 11, 12]}
-    """
+    """Compute a key frame for several readout times, in one pass over the longest readout."""
     if not readouts or min(readouts) < 0:
         raise UsageError(f"invalid rolling shutter readout times: {list(readouts)} frames")
     reach = (max(readouts) + 1) // 2
@@ -38,11 +25,5 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
 
 
 def row_offsets(height: int, readout: int) -> np.ndarray:
-    """Return the master frame for each row relative to the key frame, int (height,).
-
-    This is readout ((y + 1/2) / height - 1/2), rounded.
-
-    >>> row_offsets(6, 4).tolist()
-    [-2, -1, 0, 0, 1, 2]
-    """
+    """Return the master frame for each row relative to the key frame, int (height,)."""
     return (readout * (2 * np.arange(height) + 1 - height) + height) // (2 * height)

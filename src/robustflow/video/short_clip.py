@@ -21,13 +21,7 @@ DEFAULT_RATE = Fraction(30)
 
 
 def frame_rate(path: Path) -> Fraction:
-    """Return the mean frame rate of a video file.
-
-    For a folder of images, or if the file does not declare a rate, the result is `DEFAULT_RATE`.
-
-    Raises:
-        DataError: the file is not a readable video.
-    """
+    """Return the mean frame rate of a video file."""
     if path.is_dir():
         return DEFAULT_RATE
     with open_video(path) as container:
@@ -36,19 +30,7 @@ def frame_rate(path: Path) -> Fraction:
 
 
 class ShortClip:
-    """A part of a clip, losslessly encoded once, like the benchmark's master, in constant memory.
-
-    Unlike prepared clips, it is not interpolated in time, and it is encoded with a faster preset: bit errors are about
-    as frequent, since their rate is per byte, but affect different bytes.
-
-    Args:
-        frames: frames in order, RGB uint8 (H, W, 3).
-        rate: frames per second, used by the rate control.
-        folder: path of an empty folder for the encoded clip.
-
-    Raises:
-        DataError: there are no frames, or their sizes differ.
-    """
+    """A part of a clip, losslessly encoded once, like the benchmark's master, in constant memory."""
 
     def __init__(self, frames: Iterable[Frame], rate: Fraction, folder: Path) -> None:
         rest = iter(frames)
@@ -69,17 +51,7 @@ class ShortClip:
         self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))
 
     def corrupted(self, corruption: str, parameter: int, wanted: range) -> tuple[list[Frame], bool]:
-        """Corrupt the entire part and return some of its frames.
-
-        Args:
-            corruption: "h264_crf", "h264_abr" or "bit_error".
-            parameter: CRF, bit/s, or N of the noise filter.
-            wanted: indices of the frames, ascending.
-
-        Returns:
-            The frames, RGB uint8 (H, W, 3), and whether the stream was changed before the end of the last one;
-            bit errors change nothing if the stream is too short for their rate.
-        """
+        """Corrupt the entire part and return some of its frames."""
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)
         frames = []

@@ -68,13 +68,8 @@ class PictureFolder:
 
 
 class VideoFile:
-    """The video stream of a file; audio is ignored, rotation is applied, and higher bit depths are reduced to 8 bits.
-
-    Args:
-        evenly: whether to treat frames as evenly spaced and ignore their time stamps (for variable frame rates).
-
-    Raises:
-        DataError: the file does not exist, is not a video, is truncated, or has a variable frame rate without `evenly`.
+    """The video stream of a file; audio is ignored, rotation is applied, and higher bit depths are reduced to 8
+    bits.
     """
 
     def __init__(self, path: Path, evenly: bool = False) -> None:
@@ -103,11 +98,7 @@ class VideoFile:
         self.size = (first.shape[0], first.shape[1])
 
     def frames(self) -> Iterator[Frame]:
-        """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata.
-
-        Raises:
-            DataError: a frame cannot be decoded, or the file ends early.
-        """
+        """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata."""
         size: tuple[int, ...] | None = None
         read = 0
         with open_video(self.path) as container:
@@ -155,9 +146,9 @@ class VideoFile:
 
 
 def clip_name(stem: str) -> str:
-    """Return the name of a clip, which is also that of its folder, from the name of its file or folder without suffix.
+    r"""Return the name of a clip, which is also that of its folder, from the name of its file or folder without suffix.
 
-    >>> clip_name(".walk"), clip_name("..."), clip_name("a\\\\b"), len(clip_name("x" * 250))
+    >>> clip_name(".walk"), clip_name("..."), clip_name("a\\b"), len(clip_name("x" * 250))
     ('walk', 'clip', 'a_b', 160)
     """
     name = stem.lstrip(".").replace("\\", "_")

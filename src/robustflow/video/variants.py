@@ -36,12 +36,7 @@ class Stream:
 
 
 def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Stream:
-    """Yield all frames of the master after a video corruption, in order and without gaps.
-
-    Args:
-        corruption: "h264_crf", "h264_abr" or "bit_error".
-        parameter: CRF, bit/s, or N of the noise filter.
-    """
+    """Yield all frames of the master after a video corruption, in order and without gaps."""
     height, width = master.stored_size
     fill = Fill(master.count)
     if corruption == "bit_error":

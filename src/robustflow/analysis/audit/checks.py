@@ -163,10 +163,7 @@ def _changes_in_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tup
 
 
 def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Check that, among the models of one setting, exactly the smallest number in each column is marked.
-
-    Settings without marks (the paper's knowledge-driven methods) are not checked.
-    """
+    """Check that, among the models of one setting, exactly the smallest number in each column is marked."""
     count, findings = 0, []
     for metric, peers in _settings(results):
         for corruption in dict.fromkeys(name for line in peers for name in _marked_columns(line, metric)):

@@ -22,17 +22,7 @@ AUDIT_CHECKS = {
 
 
 class Finding(FrozenFinite):
-    """A number that differs from the value computed from other numbers by more than rounding can explain.
-
-    Attributes:
-        check: key of `AUDIT_CHECKS`.
-        source: table or file that contains the number.
-        setting, model, metric, corruption: where the number appears; "" if not applicable.
-        given: number as printed.
-        recomputed: number computed from the other numbers.
-        tolerance: largest difference between the two that rounding alone can cause.
-        message: description of the finding.
-    """
+    """A number that differs from the value computed from other numbers by more than rounding can explain."""
 
     check: str
     source: str
@@ -47,13 +37,7 @@ class Finding(FrozenFinite):
 
 
 class Audit(Frozen):
-    """All findings, and the number of values that each check compared.
-
-    Attributes:
-        audited: name of the audited table or file.
-        checked: check -> number of values compared.
-        findings: findings in the order of the checks.
-    """
+    """All findings, and the number of values that each check compared."""
 
     audited: str
     checked: dict[str, int]

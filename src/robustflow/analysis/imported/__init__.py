@@ -19,18 +19,7 @@ __all__ = ["NOTE", "read_imported"]
 
 
 def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
-    """Read JSON result files of the paper's reference code and of FlowBench, distinguished by their content.
-
-    Args:
-        paths: paths of the files. FlowBench writes a file for each corruption; all FlowBench files are read as one.
-
-    Returns:
-        A line for each model. Results of one program on one dataset under the same corruptions and severities form a
-        sample set.
-
-    Raises:
-        DataError: if a file cannot be read, has neither format, or contains invalid values.
-    """
+    """Read JSON result files of the paper's reference code and of FlowBench, distinguished by their content."""
     benchmarks: list[ModelResult] = []
     experiments: list[flowbench.Experiment] = []
     for path in paths:

@@ -11,13 +11,7 @@ NOTE = "imported, not verifiable: no seed, no rows"
 
 
 def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
-    """Name the corruptions in an average, or those left out if these are fewer.
-
-    >>> averaged_over(["fog", "snow"], ["fog", "snow"]), averaged_over(["fog", "snow"], ["fog", "frost", "snow"])
-    ('average over 2 corruptions', 'average over 2 corruptions, without frost')
-    >>> averaged_over(["fog"], ["fog", "frost", "snow"])
-    'average over 1 corruption: fog'
-    """
+    """Name the corruptions in an average, or those left out if these are fewer."""
     text = f"average over {counted(len(names), 'corruption')}"
     missing, further = [name for name in wanted if name not in names], [name for name in names if name not in wanted]
     if not missing and not further:

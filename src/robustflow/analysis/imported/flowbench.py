@@ -63,14 +63,7 @@ _ATTACK, _NONE = "common_corruptions", "none"
 
 @dataclass(frozen=True)
 class Experiment:
-    """One experiment in a file.
-
-    Attributes:
-        model, checkpoint, dataset: FlowBench's names.
-        corruption: name from `FLOWBENCH_CORRUPTIONS`, or "clean".
-        severity: severity, 1 to 5; 0 for clean frames.
-        epe: mean EPE over images, pixels.
-    """
+    """One experiment in a file."""
 
     model: str
     checkpoint: str
@@ -90,12 +83,7 @@ def is_flowbench(content: Any) -> bool:
 
 
 def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
-    """Return the experiments on clean and on corrupted frames in a file.
-
-    Raises:
-        DataError: if a corruption or dataset is unknown, a severity is outside 1 to 5, or an EPE is not a finite
-            number.
-    """
+    """Return the experiments on clean and on corrupted frames in a file."""
     experiments = []
     for index, entry in enumerate(content["experiments"], 1):
         where = f"{path}, experiment {index}"
@@ -108,11 +96,8 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
 
 def lines(experiments: Sequence[Experiment]) -> Iterator[ModelResult]:
     """Yield a line for each model, averaged over the severities that all of the model's corruptions have. Models
-    without corrupted frames are left out. CRE is the difference from the clean error over the same images and pixels.
-    Models on one dataset under the same corruptions and severities form a sample set.
-
-    Raises:
-        DataError: if a model's corruptions have no severity in common.
+    without corrupted frames are left out. CRE is the difference from the clean error over the same images and
+    pixels. Models on one dataset under the same corruptions and severities form a sample set.
     """
     models: dict[tuple[str, str, str], dict[tuple[str, int], float]] = {}
     for one in experiments:

@@ -19,9 +19,6 @@ _LARGEST_NUMBER = 1e9
 def read_json_file(path: Path) -> Any:
     """Read a JSON file. NaN, which Python's `json.dump` can write, is accepted here and rejected where the number is
     used.
-
-    Raises:
-        DataError: if the file does not exist, exceeds 16 MiB, is not JSON, or contains a name twice.
     """
     data = read_bounded(user_path(path), _LARGEST_FILE, "give a results file")
     try:
@@ -35,9 +32,6 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
 
     >>> finite_number(2, "r.json, fog"), finite_number(-0.5, "r.json, fog", signed=True)
     (2.0, -0.5)
-
-    Raises:
-        DataError: if the value is not such a number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise DataError(f"{where}: {plain(repr(value), 40)} is not a number")

@@ -53,10 +53,8 @@ def is_reference(content: Any) -> bool:
 
 def parse(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
     """Parse the content of a file, whose folder the reference code names after the model, the setting and the time.
-    Files of one benchmark with the same corruptions form a sample set, because the release has only one set of frames.
-
-    Raises:
-        DataError: if a corruption is unknown, the number of values is not five, or a value is not a finite number.
+    Files of one benchmark with the same corruptions form a sample set, because the release has only one set of
+    frames.
     """
     values: dict[tuple[str, str], float] = {}
     for written, entry in content.items():

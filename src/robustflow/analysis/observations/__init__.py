@@ -34,16 +34,6 @@ _OBSERVATIONS = (
 
 
 def observations(results: Sequence[ModelResult]) -> list[Observation]:
-    """Check the paper's observations against its results (`published_results`).
-
-    The verdict is "holds" or "does not hold" only if the 95 % interval excludes the opposite. For statements about
-    models in general, intervals are over families (variants of one method count once); for statements about named
-    models, over corruptions.
-
-    >>> from robustflow.analysis.published.tables import published_results
-    >>> checked = observations(published_results())
-    >>> [observation.number for observation in checked if observation.verdict == "holds"]
-    [3, 4, 6, 7, 8]
-    """
+    """Check the paper's observations against its results (`published_results`)."""
     evidence = Evidence(results)
     return [observe(evidence) for observe in _OBSERVATIONS]

@@ -28,13 +28,7 @@ _ROUNDING = 0.015
 
 
 class Evidence:
-    """The paper's results, by model.
-
-    Attributes:
-        entries: (setting, model) of each model with an EPE, in order.
-        cost_ranks: ranks by cost and CREr, see `printed_cost_ranks`.
-        rcre: (setting, model) -> corruption -> RCRE on benchmarks without ground truth (GoPro-FC).
-    """
+    """The paper's results, by model."""
 
     def __init__(self, results: Sequence[ModelResult]) -> None:
         self.cost_ranks = printed_cost_ranks(results)

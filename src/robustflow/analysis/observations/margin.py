@@ -26,13 +26,7 @@ _TAIL = (1 + LEVEL) / 2
 
 @dataclass(frozen=True)
 class Margin:
-    """A number that is positive if its claim holds.
-
-    Attributes:
-        estimate: value of the number.
-        low, high: ends of the 95 % interval.
-        over: population of the interval, for example "9 families".
-    """
+    """A number that is positive if its claim holds."""
 
     estimate: float
     low: float
@@ -41,11 +35,7 @@ class Margin:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: whether the interval lies above 0, below 0, or contains 0.
-
-        >>> Margin(0.4, -0.1, 0.9, "12 families").verdict
-        'too little evidence'
-        """
+        """The verdict: whether the interval lies above 0, below 0, or contains 0."""
         return "holds" if self.low > 0 else "does not hold" if self.high < 0 else THIN
 
     def __str__(self) -> str:
@@ -75,11 +65,7 @@ def all_hold(margins: Sequence[Margin]) -> Verdict:
 
 
 def of_mean(values: Sequence[float], over: str) -> Margin:
-    """Compute the mean of values, one per unit named by `over` ("family", "corruption"), with Student's interval.
-
-    >>> str(of_mean([1.0, 2.0, 3.0], "family"))
-    '+2.00 [-0.48, +4.48] over 3 families'
-    """
+    """Compute the mean of values, one per unit named by `over` ("family", "corruption"), with Student's interval."""
     return _student(float(np.mean(values)), [values], _units(len(values), over))
 
 
@@ -98,11 +84,7 @@ def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin:
 
 
 def of_majority(some: int, count: int, over: str) -> Margin:
-    """Compute a share minus one half, with the exact interval of Clopper and Pearson (1934).
-
-    >>> of_majority(10, 10, "family").verdict, of_majority(5, 5, "family").verdict
-    ('holds', 'too little evidence')
-    """
+    """Compute a share minus one half, with the exact interval of Clopper and Pearson (1934)."""
     from scipy.special import betaincinv  # imported where it is used, because every page would wait 0.2 s for SciPy
 
     tail = 1 - _TAIL
@@ -114,12 +96,6 @@ def of_majority(some: int, count: int, over: str) -> Margin:
 def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
     """Compute the best and the worst possible rank of each model (lower values rank first) by paired t-tests over the
     corruptions, corrected for all pairs.
-
-    Args:
-        values: model name -> one value per corruption, at least two, in the same order for all models.
-
-    >>> places({"a": [1.0, 1.1, 0.9], "b": [5.0, 5.2, 4.9], "c": [5.1, 4.9, 5.2]})
-    {'a': (1, 1), 'b': (2, 3), 'c': (2, 3)}
     """
     pairs = list(combinations(values, 2))
     gaps = [np.subtract(values[first], values[second]) for first, second in pairs]

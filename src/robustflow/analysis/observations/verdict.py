@@ -12,15 +12,7 @@ THIN: Verdict = "too little evidence"
 
 
 class Statement(FrozenFinite):
-    """One statement in an observation, checked by a computation.
-
-    Attributes:
-        claim: statement that is checked.
-        verdict: whether the claim holds.
-        message: description of the numbers.
-        numbers: name -> number.
-        main: whether the verdict on the observation depends on this statement.
-    """
+    """One statement in an observation, checked by a computation."""
 
     claim: str
     verdict: Verdict
@@ -30,13 +22,7 @@ class Statement(FrozenFinite):
 
 
 class Observation(FrozenFinite):
-    """An observation from the paper.
-
-    Attributes:
-        number: number of the observation, 1 to 10.
-        title: the observation in the paper's words.
-        parts: statements that make up the observation.
-    """
+    """An observation from the paper."""
 
     number: int
     title: str

@@ -42,14 +42,7 @@ class Method(Frozen):
 
 @cache
 def published_results() -> tuple[ModelResult, ...]:
-    """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11.
-
-    >>> lines = published_results()
-    >>> len(lines), lines[0].benchmark, len(lines[0].values)
-    (40, 'kitti-fc', 64)
-    >>> [line.number("epe", "snow") for line in lines if (line.setting, line.name) == ("ID", "RAFT")]
-    [35.76]
-    """
+    """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11."""
     costs = published_costs()
     lines = merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER))
     return tuple(
@@ -64,11 +57,7 @@ def published_results() -> tuple[ModelResult, ...]:
 
 @cache
 def published_costs() -> dict[str, PrintedCost]:
-    """Return Tab. 3 by model, in the paper's order.
-
-    >>> published_costs()["SAMFlow-H"].flops_g
-    1026.0
-    """
+    """Return Tab. 3 by model, in the paper's order."""
     lines = enumerate(csv.DictReader(_text("cost").splitlines()))
     rows = ({name: cell or None for name, cell in line.items()} | {"row": row} for row, line in lines)
     return {cost.model: cost for cost in map(PrintedCost.model_validate, rows)}
@@ -77,9 +66,6 @@ def published_costs() -> dict[str, PrintedCost]:
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
     """List the models that figures and observations omit: for the paper's results, the learned models that the
     paper omits from its discussion (Sec. 5.2); for all other results, none.
-
-    >>> not_discussed(published_results())
-    ('FlowDiffuser',)
     """
     return _NOT_DISCUSSED if of_paper(results) else ()
 
@@ -91,21 +77,13 @@ def of_paper(results: Iterable[ModelResult]) -> bool:
 
 @cache
 def published_methods() -> dict[str, Method]:
-    """Return Tab. 1 by method, in the paper's order.
-
-    >>> published_methods()["CSFlow"].encoder
-    'CNN'
-    """
+    """Return Tab. 1 by method, in the paper's order."""
     methods = (Method.model_validate(line) for line in csv.DictReader(_text("methods").splitlines()))
     return {method.method: method for method in methods}
 
 
 def method_of(model: str) -> Method | None:
-    """Return the method of a published variant (SAMFlow-T, -B and -H belong to SAMFlow); None for other models.
-
-    >>> method_of("SAMFlow-H").encoder, method_of("Mine")
-    ('Transformer+SAM', None)
-    """
+    """Return the method of a published variant (SAMFlow-T, -B and -H belong to SAMFlow); None for other models."""
     methods = published_methods()
     return methods.get(model) or methods.get(model.rpartition("-")[0])
 

@@ -41,16 +41,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its uncertainty.
-
-    Attributes:
-        estimate: value of the statistic on the data.
-        standard_error: standard error of the estimate; None for a single cluster.
-        low, high: ends of the interval; None if there are too few clusters, or so many of them are equal that the
-            interval has no finite ends.
-        p: two-sided p-value for the hypothesis that the statistic is 0; None if there are too few clusters, and for
-            the mean errors of one model.
-    """
+    """An estimate and its uncertainty."""
 
     estimate: float
     standard_error: float | None
@@ -67,25 +58,7 @@ def bootstrap(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> dict[Key, Interval]:
-    """Compute symmetric intervals and p-values for several statistics from the same data and the same resamples.
-
-    Args:
-        statistics: name -> statistic; all statistics must be over the same clusters.
-        clusters: number of clusters, G.
-        level: confidence level of the intervals, at least 0.5 and below 1.
-        resamples: number of resamples; the p-value cannot be below 1 / (resamples + 1).
-        seed: random seed; the same seed gives the same resamples.
-
-    Raises:
-        UsageError: if the level or the number of resamples is out of range.
-
-    >>> import numpy as np
-    >>> from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
-    >>> errors = Mean(np.linspace(1, 3, 30)[:, None], np.ones((30, 1)), np.ones(1))
-    >>> one = bootstrap({"mean": Statistic([Term(errors)])}, 30)["mean"]
-    >>> one.low < 2 < one.high and one.p < 0.01
-    True
-    """
+    """Compute symmetric intervals and p-values for several statistics from the same data and the same resamples."""
     check_options(level, resamples)
     whole = np.ones((1, clusters))
     found = {key: statistic(whole) for key, statistic in statistics.items()}

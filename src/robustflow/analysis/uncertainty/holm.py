@@ -6,12 +6,9 @@ from collections.abc import Sequence
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting every hypothesis whose adjusted
-    p-value is below a level keeps the probability of any false rejection below this level, regardless of the dependence
+    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting every hypothesis whose adjusted p-value is
+    below a level keeps the probability of any false rejection below this level, regardless of the dependence
     between the tests.
-
-    >>> [round(p, 3) for p in holm([0.01, 0.04, 0.03])]
-    [0.03, 0.06, 0.06]
     """
     adjusted = [0.0] * len(p_values)
     largest = 0.0

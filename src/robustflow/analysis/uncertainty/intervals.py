@@ -41,32 +41,7 @@ def intervals(
     families: bool = False,
     metrics: Sequence[str] = INTERVAL_METRICS,
 ) -> pl.DataFrame:
-    """Compute intervals of EPE, CRE, CREr and RCRE, overall and per corruption, and of the clean EPE.
-
-    Images are resampled; if several images share a `group` (such as the pairs of a video), groups are resampled
-    instead.
-
-    Args:
-        rows: rows of one run.
-        level: confidence level of the intervals.
-        resamples: number of bootstrap resamples.
-        seed: random seed of the bootstrap.
-        severities: whether to include intervals for each corruption at each severity.
-        corruptions: whether to include intervals for each corruption; computing only the clean EPE and the averages is
-            much faster.
-        families: whether to include intervals for the mean over each corruption family.
-        metrics: names of the metrics to compute.
-
-    Returns:
-        Columns metric, corruption (a name, a family, "average" or "clean"), severity (null for the mean over them),
-        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups,
-        or one of them decides the mean),
-        log_deviation (standard deviation of ln EPE or ln RCRE over images or groups; null for CRE and CREr, and if an
-        error is 0), images, clusters, level. Metrics that need ground truth are left out if there is none.
-
-    Raises:
-        UsageError: if the level or the number of resamples is out of range.
-    """
+    """Compute intervals of EPE, CRE, CREr and RCRE, overall and per corruption, and of the clean EPE."""
     sums = ClusterSums.of(rows)
     keys = [key for key in statistics_of(sums, severities, corruptions, families) if key[0] in metrics]
     means = {key: sums.error_mean(*key) for key in keys}

@@ -49,13 +49,7 @@ _LARGEST = 4.0
 
 
 class ErrorMean(NamedTuple):
-    """A mean error, or the mean increase of an error.
-
-    Attributes:
-        mean: mean error or increase.
-        over: mean error before the increase; None for an error.
-        relative: whether the statistic is the increase divided by `over`, such as CREr.
-    """
+    """A mean error, or the mean increase of an error."""
 
     mean: Mean
     over: Mean | None = None
@@ -80,21 +74,7 @@ def error_intervals(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> dict[Key, Interval]:
-    """Compute intervals, without p-values, for several mean errors of one model from the same resamples.
-
-    Args:
-        means: name -> mean error; all over the same clusters.
-        clusters, level, resamples, seed: as for `bootstrap`.
-
-    Raises:
-        UsageError: if the level or the number of resamples is out of range.
-
-    >>> import numpy as np
-    >>> errors = Mean(np.linspace(1, 3, 30)[:, None], np.ones((30, 1)), np.ones(1))
-    >>> one = error_intervals({"mean": ErrorMean(errors)}, 30)["mean"]
-    >>> one.low < 2 < one.high
-    True
-    """
+    """Compute intervals, without p-values, for several mean errors of one model from the same resamples."""
     check_options(level, resamples)
     whole = np.ones((1, clusters))
     statistics = {key: mean.statistic() for key, mean in means.items()}

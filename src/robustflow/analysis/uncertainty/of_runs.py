@@ -14,13 +14,7 @@ _Line = tuple[str, str, float, float]
 def interval_ends(
     run: Run, corruptions: bool = True, beside_published: bool = False
 ) -> dict[tuple[str, str], IntervalEnds]:
-    """Map (metric, corruption, family, "clean" or "average") to the ends of the 95 % interval, where one exists.
-
-    Args:
-        run: run to compute the intervals for.
-        corruptions: whether to include each corruption and each family, not only the clean EPE and the averages.
-        beside_published: whether averages are restricted to the paper's corruptions, as in `run_results`.
-    """
+    """Map (metric, corruption, family, "clean" or "average") to the ends of the 95 % interval, where one exists."""
     fewer = beside_published and more_than_paper(run)
     kind = "paper " if fewer else ""
     whole = corruptions or run.has_cached_value(f"{kind}intervals")

@@ -64,23 +64,7 @@ def compare_rows(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Test whether two models differ in clean EPE and in EPE, CRE, CREr and RCRE, on average and per corruption.
-
-    Only measurements on the same frames and ground truth are compared (`runs.comparable`). p-values are corrected over
-    all rows of one metric.
-
-    Args:
-        first, second: rows of two runs over the same samples.
-        names: names of the two models, for the sentences.
-        level, resamples, seed: confidence level, number of resamples and random seed of the bootstrap.
-
-    Returns:
-        A table with the columns of `COMPARISON_SCHEMA`.
-
-    Raises:
-        RunError: if the runs have nothing in common on the same frames and ground truth, or no mean of either was
-            measured.
-    """
+    """Test whether two models differ in clean EPE and in EPE, CRE, CREr and RCRE, on average and per corruption."""
     one, other = (_Sums.of(rows) for rows in common_rows((first, second), names)[0])
     differences = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
     if not differences:
@@ -98,14 +82,7 @@ def compare_all(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Compare all pairs of models on the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`).
-
-    Only measurements of all models on the same frames and ground truth are compared, so a model has the same value in
-    every row.
-
-    Raises:
-        RunError: if the runs have nothing in common on the same frames and ground truth.
-    """
+    """Compare all pairs of models on the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`)."""
     key: MetricKey = (metric, AVERAGE, None)
     common, _ = common_rows(list(runs.values()), list(runs))
     of_run = {name: _Sums.of(rows) for name, rows in zip(runs, common, strict=True)}
@@ -118,16 +95,6 @@ def compare_all(
 def compare_leaders(runs: Mapping[str, pl.DataFrame], metric: str) -> dict[str, Any] | None:
     """Compare the two best of several models on the average of one metric, corrected for all pairs, because the two
     were selected from these models.
-
-    Args:
-        runs: rows of up to `MOST_COMPARED` models by name, best model first.
-        metric: "epe", "cre", "crer" or "rcre".
-
-    Returns:
-        The columns of `COMPARISON_SCHEMA`; None if one of the two was not measured.
-
-    Raises:
-        RunError: if the runs have nothing in common on the same frames and ground truth.
     """
     first, second, *_ = runs
     return next(compare_all(runs, metric).filter(first=first, second=second).iter_rows(named=True), None)

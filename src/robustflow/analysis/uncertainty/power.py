@@ -52,15 +52,6 @@ latter, which follows from the chi-squared distribution of a variance (null: ove
 def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
     """Compute the probability that the paired test detects a difference, in either direction: 0 if there are too few
     clusters for a test.
-
-    Args:
-        effect: true difference, pixels.
-        deviation: standard deviation of a cluster's contribution (s in the module's docstring), pixels.
-        clusters: number of clusters (G).
-        level: confidence level, 1 minus the significance level of the test.
-
-    >>> round(power_of(0.5, 1.0, 34), 3)
-    0.808
     """
     from scipy.stats import nct, t
 
@@ -77,10 +68,8 @@ def power_of(effect: float, deviation: float, clusters: int, level: float = LEVE
 
 
 def clusters_needed(effect: float, deviation: float, power: float = POWER, level: float = LEVEL) -> int | None:
-    """Find the smallest number of clusters with which the test has the requested power; None if a billion are too few.
-
-    >>> clusters_needed(0.5, 1.0)
-    34
+    """Find the smallest number of clusters with which the test has the requested power; None if a billion are too
+    few.
     """
     few, many = 1, 2
     while power_of(effect, deviation, many, level) < power:
@@ -96,9 +85,6 @@ def clusters_needed(effect: float, deviation: float, power: float = POWER, level
 def detectable(deviation: float, clusters: int, power: float = POWER, level: float = LEVEL) -> float | None:
     """Find the smallest difference, in pixels, that the test detects with the requested power; None if there are too
     few clusters for a test.
-
-    >>> round(detectable(1.0, 34), 3)
-    0.495
     """
     from scipy.optimize import brentq
 
@@ -118,20 +104,6 @@ def plan_pairs(
 ) -> pl.DataFrame:
     """Compute the number of pairs needed to detect a difference, for each pair of models and the averages of EPE, CRE
     and RCRE.
-
-    Args:
-        runs: model name -> rows; each comparison uses only measurements on the same frames and ground truth.
-        effect: difference to detect, pixels.
-        power: requested probability of detecting the difference.
-        level: confidence level, 1 minus the significance level of the test.
-
-    Returns:
-        A table with the columns of `POWER_SCHEMA`; metrics that were not measured are left out.
-
-    Raises:
-        UsageError: if the effect is not positive, the power or level is not a probability, or there are fewer than two
-            runs.
-        RunError: if there are too few clusters for a test, or the runs have nothing in common.
     """
     if not (math.isfinite(effect) and effect > 0):
         raise UsageError(f"an effect of {effect:g} px cannot be detected: give a positive difference in pixels")

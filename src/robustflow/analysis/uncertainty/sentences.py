@@ -26,18 +26,6 @@ def difference_sentence(
     """Describe whether two models differ, by how much, with what certainty, and based on how many independent
     observations.
 
-    A lower CRE or RCRE is not an advantage in itself: a model that ignores its frames has the lowest, and noise in a
-    flow lowers its CRE and raises its RCRE. The sentence therefore also states which model is more accurate, and
-    whether the model with the smaller increase in error has the larger change in flow.
-
-    Args:
-        names: names of the two models.
-        metric, corruption: metric and condition that are compared.
-        interval, p_holm, comparisons, images, clusters, level: values of the columns described in
-            `robustflow.analysis.uncertainty.paired`.
-        clean_gap, flow_gap: differences (first minus second) in clean EPE and average RCRE, pixels; None if unknown.
-        equal, blow_ups: numbers of images, as described there.
-
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
     >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
     >>> sentence.partition(" (")[0]

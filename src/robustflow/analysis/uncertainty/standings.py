@@ -21,27 +21,7 @@ STANDINGS_SCHEMA: dict[str, Any] = {
 
 
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
-    """Rank several models with ties: each model's rank, and the range of ranks that the paired tests allow.
-
-    A model that is significantly worse than m others (Holm's correction over all pairs) has rank m + 1 at best; a model
-    that is significantly better than m others has at least m models ranked below it.
-
-    Args:
-        pairs: comparisons of all pairs of the models, from `compare_all`.
-        names: names of the models.
-
-    Returns:
-        A table with the columns of `STANDINGS_SCHEMA`, best model first.
-
-    Raises:
-        RunError: if two of the models were not compared.
-
-    >>> pairs = pl.DataFrame({"first": ["a", "a", "b"], "second": ["b", "c", "c"], "value_first": [1.0, 1.0, 1.1],
-    ...     "value_second": [1.1, 3.0, 3.0], "difference": [-0.1, -2.0, -1.9], "p_holm": [0.4, 0.01, 0.01],
-    ...     "level": [0.95, 0.95, 0.95]})
-    >>> standings(pairs, ["a", "b", "c"]).select("model", "best", "worst").rows()
-    [('a', 1, 2), ('b', 1, 2), ('c', 3, 3)]
-    """
+    """Rank several models with ties: each model's rank, and the range of ranks that the paired tests allow."""
     if pairs.height != len(names) * (len(names) - 1) // 2:
         raise RunError("not all of these runs measured the same data; a ranking needs runs on the same data")
     values: dict[str, float] = {}

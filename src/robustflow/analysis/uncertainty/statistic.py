@@ -48,13 +48,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """The values of one statistic in B resamples.
-
-    Attributes:
-        theta: float64 (B,), value of the statistic; NaN where a resample contains no image.
-        influence: float64 (B, G), first-order contribution of each cluster to `theta`.
-        weights: float64 (B, G), number of times that each cluster was drawn.
-    """
+    """The values of one statistic in B resamples."""
 
     theta: Array
     influence: Array
@@ -81,21 +75,7 @@ class Estimates:
 
 
 def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> Estimates:
-    """Compute the weighted mean over conditions of the means over images.
-
-    Args:
-        total: float64 (G, K), sums over the images of a cluster at a condition, 0 where the cluster has no images.
-        count: float64 (G, K), number of these images.
-        share: float64 (K,), weight of each condition; if a resample has no image at a condition, its weight is
-            distributed over the other conditions.
-        weights: float64 (B, G), number of times that each cluster is drawn in each resample.
-
-    >>> import numpy as np
-    >>> total, once = np.array([[1.0], [2.0], [3.0], [6.0]]), np.ones((1, 4))
-    >>> mean = weighted_means(total, np.ones((4, 1)), np.ones(1), once)
-    >>> mean.theta.tolist(), mean.standard_error.round(4).tolist()
-    ([3.0], [1.0801])
-    """
+    """Compute the weighted mean over conditions of the means over images."""
     sums, images = weights @ total, weights @ count
     present = (images > 0) * share
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -115,13 +95,7 @@ class StatisticValues(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """The weighted mean over conditions of the means over images.
-
-    Attributes:
-        total: float64 (G, K), sums over the images of a cluster at a condition.
-        count: float64 (G, K), number of these images.
-        share: float64 (K,), weight of each condition, with sum 1.
-    """
+    """The weighted mean over conditions of the means over images."""
 
     total: Array
     count: Array
@@ -150,19 +124,7 @@ class Term:
 
 
 class Statistic:
-    """A sum of terms. Calling the statistic with weights, float64 (B, G), returns its values in every resample.
-
-    Attributes:
-        clusters: number of clusters that have images in every mean of the statistic.
-        columns: float64 (G, P), columns from whose products with the weights `values` computes the statistic. The
-            columns of several statistics can be multiplied together.
-
-    >>> errors = np.array([[1.0], [2.0], [3.0], [6.0]])
-    >>> mean = Mean(errors, np.ones((4, 1)), np.ones(1))
-    >>> values = Statistic([Term(mean)])(np.ones((1, 4)))
-    >>> values.theta.tolist(), values.standard_error.round(4).tolist()
-    ([3.0], [1.0801])
-    """
+    """A sum of terms. Calling the statistic with weights, float64 (B, G), returns its values in every resample."""
 
     def __init__(self, terms: Sequence[Term]) -> None:
         self.terms = tuple(terms)

@@ -22,18 +22,7 @@ Column = tuple[str, int]
 
 @dataclass(frozen=True, eq=False)
 class ClusterSums:
-    """Per-image errors of one run, added up per cluster.
-
-    Attributes:
-        clusters: names of the groups (`Sample.group`), in order.
-        images: number of samples.
-        conditions: (corruption, severity) of each column.
-        averaged: corruptions that means over corruptions include.
-        sums: "epe", "cre", "rcre", or "before" (the clean EPE that CRE is measured against) -> sum over images,
-            float64 (G, K), pixels.
-        counts: metric -> number of images, float64 (G, K).
-        clean_sum, clean_count: sum of the clean EPE (pixels) and number of images, float64 (G, 1).
-    """
+    """Per-image errors of one run, added up per cluster."""
 
     clusters: tuple[str, ...]
     images: int
@@ -71,17 +60,7 @@ class ClusterSums:
         return ordered({name for name, _ in self.conditions})
 
     def error_mean(self, metric: str, corruption: str, severity: int | None = None) -> ErrorMean:
-        """Return a mean of the run.
-
-        Args:
-            metric: "epe", "cre", "crer" or "rcre".
-            corruption: name of a corruption or corruption family, "average" for all corruptions in `averaged`, or
-                "clean" (EPE only).
-            severity: severity of the corruption, or None for the mean over severities.
-
-        Raises:
-            UsageError: if the metric or condition does not exist.
-        """
+        """Return a mean of the run."""
         if metric not in INTERVAL_METRICS:
             raise unknown_name("metric", metric, INTERVAL_METRICS)
         clean = Mean(self.clean_sum, self.clean_count, np.ones(1))

@@ -39,19 +39,7 @@ VARIANCE_METRICS = ("epe", "cre", "rcre")
 
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
-    """Split the variance of one model's score into parts for image, seed, severity and the rest.
-
-    Args:
-        runs: seed -> rows of the run with this seed; only measurements that all runs have in common are used.
-        metric: "epe", "cre" or "rcre".
-
-    Returns:
-        A table with the columns of `VARIANCE_SCHEMA` and the sources image, seed, severity and rest.
-
-    Raises:
-        RunError: if there are fewer than two seeds, or fewer than two images measured under the same conditions.
-        UsageError: if the metric is unknown.
-    """
+    """Split the variance of one model's score into parts for image, seed, severity and the rest."""
     if metric not in VARIANCE_METRICS:
         raise unknown_name("metric", metric, VARIANCE_METRICS)
     if len(runs) < 2:

@@ -61,10 +61,7 @@ class GlassBlur(Corruption):
 
 
 def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, swap: bool) -> SourceIndex:
-    """Shuffle the pixel indices of an image of `shape` (H, W).
-
-    Pixels closer than `reach` to the border are used only as partners.
-    """
+    """Shuffle the pixel indices of an image of `shape` (H, W)."""
     height, width = shape
     source = np.arange(height * width, dtype=np.int32)
     steps = np.arange(-reach, reach)

@@ -57,11 +57,7 @@ class PsfBlur(Corruption):
         severities: tuple[Any, ...] | None = None,
         psf_dir: str | Path | None = None,
     ) -> None:
-        """Create the corruption.
-
-        `psf_dir` is the folder with the reference code's five `.pth` stacks; it defaults to the value of
-        `ROBUSTFLOW_PSF_DIR`.
-        """
+        """Create the corruption."""
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
         self.psf_dir = user_path(chosen) if chosen else None

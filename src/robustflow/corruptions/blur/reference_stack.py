@@ -28,11 +28,7 @@ LARGEST = 16 * 2**20
 
 
 def find_stack(folder: Path, rms: float) -> Path:
-    """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper).
-
-    Raises:
-        AssetError: the folder does not exist, or it does not contain exactly one matching file.
-    """
+    """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper)."""
     if not folder.is_dir():
         raise AssetError(
             f"the PSF folder {folder} does not exist; specify the folder with the reference code's .pth files"
@@ -47,15 +43,7 @@ def find_stack(folder: Path, rms: float) -> Path:
 
 
 def reference_field(folder: str | Path, rms: float) -> PsfField:
-    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files.
-
-    PyTorch reads the file once, with `weights_only`. The result is stored in the cache with a checksum, using the
-    SHA-256 of the file as key, so later calls do not require PyTorch.
-
-    Raises:
-        AssetError: the file is missing, or PyTorch is required but not installed.
-        DataError: the file cannot be read, or is not a PSF stack.
-    """
+    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files."""
     path = find_stack(Path(folder), rms)
     try:
         size = path.stat().st_size

@@ -31,11 +31,7 @@ class Segment(NamedTuple):
     end: Any
 
     def at(self, share: float) -> Any:
-        """Return the interpolated parameter; `share` is 0 at the start and 1 at the end.
-
-        >>> Segment((10, 3.0, True), (20, 5.0, True)).at(0.25)
-        (12, 3.5, True)
-        """
+        """Return the interpolated parameter; `share` is 0 at the start and 1 at the end."""
         if isinstance(self.start, tuple):
             return tuple(_interpolated(a, b, share) for a, b in zip(self.start, self.end, strict=True))
         return _interpolated(self.start, self.end, share)
@@ -51,11 +47,7 @@ def _interpolated(start: Any, end: Any, share: float) -> Any:
 
 
 def path(name: str) -> list[Segment]:
-    """Return the path of a corruption, from mild to extreme; empty for clip corruptions and user-defined ones.
-
-    >>> path("contrast")[0].at(0.5), path("h264_crf")
-    (0.7, [])
-    """
+    """Return the path of a corruption, from mild to extreme; empty for clip corruptions and user-defined ones."""
     if name in _OWN:
         return _OWN[name]
     if name not in _ENDS:

@@ -50,11 +50,7 @@ _HALVINGS = 10
 
 
 def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
-    """Read the images in a folder, or those in the reference set, as RGB uint8 by name.
-
-    Raises:
-        DataError: the folder does not exist or contains no images, or an image cannot be read.
-    """
+    """Read the images in a folder, or those in the reference set, as RGB uint8 by name."""
     if folder is None:
         home = Path(skimage.__file__).parent / "data"
         return {name: read_image(home / name) for name in PHOTOGRAPHS}
@@ -81,18 +77,7 @@ def calibrate(
     targets: Sequence[float] = TARGETS,
     report: Callable[[str, CalibratedCorruption], None] = lambda name, calibrated: None,
 ) -> CalibrationTable:
-    """Calibrate corruptions on a set of images.
-
-    Args:
-        names: names of corruptions that have a path.
-        pictures: dict from name to image, RGB uint8 (H, W, 3); the names are part of the keys of the random streams.
-        seed, draws: seed and number of draws per image for random corruptions.
-        targets: five target values for the mean SSIM, decreasing.
-        report: function called with each corruption's name and calibration as soon as the corruption is calibrated.
-
-    Raises:
-        UsageError: a corruption has no path, there are no images, or `draws` is less than 1.
-    """
+    """Calibrate corruptions on a set of images."""
     if draws < 1:
         raise UsageError(f"{draws} is not a valid number of draws: it must be at least 1")
     if not pictures:
@@ -141,10 +126,7 @@ class _Curve:
         return self.measured[parameter]
 
     def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
-        """Return the SSIM of each draw; deterministic corruptions are drawn once.
-
-        All parameters use the same random streams, so that the curve is smooth.
-        """
+        """Return the SSIM of each draw; deterministic corruptions are drawn once."""
         values: list[float] = []
         first: Frame | None = None
         for draw in range(self.draws):

@@ -25,27 +25,14 @@ _C1, _C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
 
 
 class Ssim:
-    """Computes the similarity to a reference image, whose moments are computed once.
-
-    Args:
-        reference: reference image, RGB uint8 (H, W, 3).
-
-    >>> image = np.arange(32 * 48 * 3).astype(np.uint8).reshape(32, 48, 3)
-    >>> ssim = Ssim(image)
-    >>> ssim(image), ssim(255 - image) < 0
-    (1.0, True)
-    """
+    """Computes the similarity to a reference image, whose moments are computed once."""
 
     def __init__(self, reference: Frame) -> None:
         self._luma = _luma(reference)
         self._mean, self._square, _ = _moments(self._luma, self._luma)
 
     def __call__(self, image: Frame) -> float:
-        """Return the mean SSIM between `image`, RGB uint8 (H, W, 3), and the reference.
-
-        Raises:
-            DataError: the shapes differ.
-        """
+        """Return the mean SSIM between `image`, RGB uint8 (H, W, 3), and the reference."""
         luma = _luma(image)
         if luma.shape != self._luma.shape:
             raise DataError(

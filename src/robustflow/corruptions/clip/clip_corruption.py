@@ -24,11 +24,7 @@ class ClipCorruption(Corruption):
     """Alternative to a clip, appended to error messages; empty if there is none."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
-        """Raise an error because there is no clip.
-
-        Raises:
-            UsageError: always.
-        """
+        """Raise an error because there is no clip."""
         shows = "" if self.name in BETWEEN_FRAMES else ", and robustflow gallery --clip CLIP shows it"
         raise UsageError(
             f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "

@@ -25,11 +25,7 @@ _FINEST, _STEPS = 1.0, 6
 
 
 class ThinLens(NamedTuple):
-    """A thin lens that blurs a point at depth Z to a disk of radius `infinity * |Z - focus| / Z`.
-
-    The full formula is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2; `infinity` combines all factors that do not depend
-    on Z.
-    """
+    """A thin lens that blurs a point at depth Z to a disk of radius `infinity * |Z - focus| / Z`."""
 
     focus: float
     """Focus distance in metres."""

@@ -6,12 +6,7 @@ from .defocus_3d import LARGEST, Defocus3d, ThinLens
 
 
 class FarFocus(Defocus3d):
-    """Focuses both frames on the far part of the scene, so the blurred foreground spreads beyond its outlines.
-
-    The focus distance F is the 90th percentile of the depths in frame 1. The severity parameter is the disk radius in
-    pixels at the 10th percentile; at other depths Z, the radius is proportional to |Z - F| / Z and at most twice the
-    parameter. The severities are those of defocus_blur.
-    """
+    """Focuses both frames on the far part of the scene, so the blurred foreground spreads beyond its outlines."""
 
     name = "far_focus"
     family = "depth"

@@ -111,9 +111,8 @@ def _draw_motion(rng: Rng, depth: SceneDepth) -> Motion:
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) -> Any:
-    """Return (u, v) in pixels: after a fraction t of the path, (x, y) shows the frame's content at (x - t u, y - t v).
-
-    This is exact for a surface with this inverse depth if the camera does not rotate.
+    """Return (u, v) in pixels: after a fraction t of the path, (x, y) shows the frame's content at (x - t u, y - t
+    v).
     """
     px, py = (x - lens[2]) / lens[0], (y - lens[3]) / lens[1]
     a = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] + translation[0] * inverse
@@ -177,10 +176,7 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
 def _row_of_paths(
     inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
-    """Compute, for each pixel in a row, the fixed-point (x, y) displacement per view and the number of views.
-
-    `px` are the ray coordinates of the columns, and `py` is that of the row.
-    """
+    """Compute, for each pixel in a row, the fixed-point (x, y) displacement per view and the number of views."""
     f = np.float32
     a0, a1, a2 = f(turn[0, 1] * py + turn[0, 2]), f(turn[0, 0]), f(translation[0])
     b0, b1, b2 = f(turn[1, 1] * py + turn[1, 2]), f(turn[1, 0]), f(translation[1])
@@ -284,11 +280,7 @@ def _visible_sums(
     nearest: Any,
     found: Any,
 ) -> Any:
-    """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface.
-
-    `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface;
-    `found` is a buffer for `count` indices.
-    """
+    """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface."""
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)
     front, back, covered = np.uint64(0), np.uint64(0), np.uint64(0)

@@ -6,12 +6,7 @@ from .defocus_3d import LARGEST, Defocus3d, ThinLens
 
 
 class NearFocus(Defocus3d):
-    """Focuses both frames on the near part of the scene, which blurs the background.
-
-    The focus distance F is the 10th percentile of the depths in frame 1. The severity parameter is the disk radius in
-    pixels at the 90th percentile; at other depths Z, the radius is proportional to |Z - F| / Z and at most twice the
-    parameter. The severities are those of defocus_blur.
-    """
+    """Focuses both frames on the near part of the scene, which blurs the background."""
 
     name = "near_focus"
     family = "depth"

@@ -84,13 +84,7 @@ class Particles(NamedTuple):
 
 
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
-    """Sample the particles for a pair; the random key of particle i is a hash of i.
-
-    Only particles whose diameter in the image is at least 0.06 % of the image's longer side are sampled.
-
-    Raises:
-        UsageError: there are too many particles because the focal length is too long for the frame size.
-    """
+    """Sample the particles for a pair; the random key of particle i is a hash of i."""
     height, width = shape
     margin = _MARGIN * max(shape)
     reach = camera.focal[0] * 1e-3 / (_SMALLEST * max(shape))
@@ -119,9 +113,6 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
 def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float, float]:
     """Return (extinction coefficient in 1/m, start distance in metres) for particles too small to draw individually.
 
-    The coefficient is twice the total cross-section per volume, since particles are much larger than the wavelength.
-    The start distance is where a particle with the cross-section-weighted mean diameter, 3 / slope, becomes too small.
-
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
     >>> [round(value, 4) for value in veil_of(rain, (375, 1242), Camera((721.0, 721.0), (609.0, 172.0)))]
     [0.0066, 1.8621]
@@ -132,11 +123,7 @@ def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float
 
 
 def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
-    """Compute the streak of each particle in front of the camera in frame `index`: float64 (n, 7).
-
-    The columns are (x, y) at the start and at the end of the exposure in pixels, the depth in metres, the radius of the
-    particle in pixels, and the blur radius in pixels caused by the lens and the pixel.
-    """
+    """Compute the streak of each particle in front of the camera in frame `index`: float64 (n, 7)."""
     lens = particles.lenses[index]
     out = np.empty((len(particles.diameters), 7))
     count = _project(
@@ -172,12 +159,7 @@ def _in_view(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
 def _draw(
     keys: Any, numbers: Any, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Fill rows with the positions and velocities in both frames and the diameter; return the number of rows.
-
-    Particles visible in frame 1 are sampled first, then those visible only in frame 2. A particle is visible up to a
-    distance proportional to its diameter, so the diameter is a sum of four exponential variates, and the distance is
-    proportional to the largest of three uniform variates.
-    """
+    """Fill rows with the positions and velocities in both frames and the diameter; return the number of rows."""
     count = 0
     still, uniform = np.zeros(3), np.empty(13)
     for frame in range(2):
@@ -218,10 +200,7 @@ def _draw(
 def _project(
     positions: Any, velocities: Any, diameters: Any, lens: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Project the particles' paths during the exposure into the image; return the number of particles kept.
-
-    The exposure is centred on the time of the frame, and the camera moves as it does between the two frames.
-    """
+    """Project the particles' paths during the exposure into the image; return the number of particles kept."""
     count = 0
     part = 0.5 * EXPOSURE / FRAME_INTERVAL
     for i in range(diameters.size):

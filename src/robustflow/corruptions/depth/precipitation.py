@@ -58,11 +58,7 @@ class Precipitation(DepthCorruption):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cover(streaks: Any, depth: Any, passed: Any) -> None:
-    """Multiply `passed` by the fraction of light that each streak transmits at each pixel.
-
-    The disk covers a point while its centre is on a certain segment of the path. The disk's profile is the difference
-    of two paraboloids with radii r + s and r - s, whose integrals along the path are polynomials.
-    """
+    """Multiply `passed` by the fraction of light that each streak transmits at each pixel."""
     height, width = depth.shape
     for i in range(len(streaks)):
         x0, y0, dx, dy = streaks[i, 0], streaks[i, 1], streaks[i, 2] - streaks[i, 0], streaks[i, 3] - streaks[i, 1]

@@ -25,12 +25,6 @@ _STEPS, _THICKEST = 256, 16
 def transmission(depth: DepthMap, lens: Lens, density: float, start: float = 0.0) -> Transmission:
     """Return exp(-density * d), accurate to 1e-5, where d is the length of a pixel's ray in the medium.
 
-    Args:
-        depth: depth map, float32 (H, W), in metres.
-        lens: intrinsics (fx, fy, cx, cy) of the camera, in pixels.
-        density: extinction coefficient in 1/m.
-        start: depth in metres at which the medium starts.
-
     >>> lens = (4.0, 4.0, 0.0, 0.0)  # the ray of the fourth pixel to the right is 5/4 as long as its depth
     >>> transmission(np.full((1, 4), 3.0, np.float32), lens, 0.5, 1.0)[0, ::3].round(4).tolist()
     [0.367..., 0.286...]
@@ -58,10 +52,7 @@ def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) 
 
 @cache
 def _decay() -> npt.NDArray[np.float32]:
-    """Return a table of exp(-i / 256), computed from the Taylor series of exp(-i / 256 / 64) by squaring six times.
-
-    `np.exp` is not used because its last bit differs between machines.
-    """
+    """Return a table of exp(-i / 256), computed from the Taylor series of exp(-i / 256 / 64) by squaring six times."""
     x = np.arange(_STEPS * _THICKEST + 2) / (-64.0 * _STEPS)
     total = term = np.ones_like(x)
     for order in range(1, 12):

@@ -48,10 +48,7 @@ class Saturate(Corruption):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _saturate(source: Any, alpha: Any, beta: Any, floor: bool, out: Any) -> None:
-    """Change the saturation; `alpha` and `beta` are float32 and ten times the paper's values.
-
-    With this factor, everything except the quotient is exact for the paper's parameters.
-    """
+    """Change the saturation; `alpha` and `beta` are float32 and ten times the paper's values."""
     ten, one, zero = np.float32(10), np.float32(1), np.float32(0)
     # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer truncates.
     half_even = zero if floor else np.float32(2**23)

@@ -7,11 +7,7 @@ from ...compiled import inner, njit
 
 @njit(cache=True, nogil=True)
 def mirrored(i: int, n: int) -> int:
-    """Mirror index `i` on an axis of length `n` at the end pixels, without repeating them.
-
-    >>> [mirrored(i, 3) for i in range(-3, 6)]
-    [1, 2, 1, 0, 1, 2, 1, 0, 1]
-    """
+    """Mirror index `i` on an axis of length `n` at the end pixels, without repeating them."""
     if n == 1:
         return 0
     i = i % (2 * n - 2)

@@ -18,11 +18,7 @@ _STRAIGHT, _DIAGONAL, _KNIGHT = 10_000, 14_000, 21_969
 
 
 def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np.int32]:
-    """Compute the chamfer distance to the nearest nonzero pixel, int32 (H, W) in 1/10000 px, at most `limit` px.
-
-    >>> chamfer_distance(np.array([[0, 0, 0, 255]], np.uint8), limit=2).tolist()
-    [[20000, 20000, 10000, 0]]
-    """
+    """Compute the chamfer distance to the nearest nonzero pixel, int32 (H, W) in 1/10000 px, at most `limit` px."""
     far = limit * _STRAIGHT
     distance = np.where(edges > 0, 0, far).astype(np.int32)
     for _ in range(2):  # first from the upper left, then from the lower right

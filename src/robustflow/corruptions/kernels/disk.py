@@ -24,10 +24,7 @@ _STRIP = 640
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
-    """Convolve a frame, uint8 (H, W, 3), with the kernel of disk_kernel.py; borders are mirrored.
-
-    The result is rounded once, or truncated if `floor` is set.
-    """
+    """Convolve a frame, uint8 (H, W, 3), with the kernel of disk_kernel.py; borders are mirrored."""
     height, width = frame.shape[:2]
     source = contiguous(frame).reshape(height, width * 3)
     out = np.empty_like(source)
@@ -41,10 +38,7 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
 
 @inner
 def _running_sums(row: Any, start: int, sums: Any) -> None:
-    """Compute the running sums of each channel, starting at column `start`; columns outside the row are mirrored.
-
-    sums[3 * (j + 1) + c] - sums[3 * i + c] is the sum of channel c over columns start + i to start + j.
-    """
+    """Compute the running sums of each channel, starting at column `start`; columns outside the row are mirrored."""
     width = row.size // 3
     r = g = b = np.int32(0)
     sums[0] = sums[1] = sums[2] = 0

@@ -49,10 +49,7 @@ def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=16)
 def disk_parts(radius: float, smoothing: float) -> DiskParts:
-    """Compute the parts of the kernel for a radius and a smoothing in pixels.
-
-    The disk consists of all pixels whose centres are within the radius, which may be fractional.
-    """
+    """Compute the parts of the kernel for a radius and a smoothing in pixels."""
     whole = int(radius)
     widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
     taps = _smoothing_taps(radius, smoothing)
@@ -70,11 +67,7 @@ def disk_parts(radius: float, smoothing: float) -> DiskParts:
 
 
 def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int]]:
-    """Return the segments that mirroring adds to, and subtracts from, the disk blurred with taps up to `reach`.
-
-    Each item is (tap, distance and disk row to add, distance and disk row to subtract): tap j moves a row `over` pixels
-    beyond the edge, and mirroring moves it back inside.
-    """
+    """Return the segments that mirroring adds to, and subtracts from, the disk blurred with taps up to `reach`."""
     edge = max(radius, _ROOM)
     pairs = [(over, j) for over in range(1, reach + 1) for j in range(over, reach + 1)]
     return [(j, edge + over - j, edge - over, edge + over, edge + over - j) for over, j in pairs]

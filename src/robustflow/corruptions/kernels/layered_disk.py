@@ -37,11 +37,6 @@ Layers = npt.NDArray[np.uint8]
 def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
     """Blur each layer with a uniform disk and composite the layers from front to back; borders are mirrored.
 
-    Args:
-        frame: image to blur, RGB uint8 (H, W, 3).
-        layers: layer index of each pixel, uint8 (H, W).
-        radii: radius of each layer's disk in pixels, less than 500.
-
     >>> frame = np.zeros((9, 9, 3), np.uint8)
     >>> frame[4, 4] = 250
     >>> blur_layers(frame, np.zeros((9, 9), np.uint8), [1.0])[4, :, 0].tolist()
@@ -70,11 +65,7 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
-    """Extend the background behind nearer pixels from four directions, up to the radius of their blur.
-
-    For each pixel, `source` becomes the position in the frame that provides the colour and layer behind it, using the
-    direction with the smallest `distance`.
-    """
+    """Extend the background behind nearer pixels from four directions, up to the radius of their blur."""
     height, width = layers.shape
     pixels = layers.reshape(-1)
     for y in range(height):
@@ -110,11 +101,7 @@ def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int
 
 @njit(cache=True, nogil=True)
 def _pack(frame: Any, layers: Any, source: Any, packed: Any, packed_behind: Any, behind: Any, present: Any) -> None:
-    """Pack the colour and coverage of each pixel, and those of the background behind it, into 64-bit values.
-
-    `behind` is set to the layer of the background (`_NONE` if there is none), and `present` is set to bit masks of the
-    layers that occur in or behind each block of pixels.
-    """
+    """Pack the colour and coverage of each pixel, and those of the background behind it, into 64-bit values."""
     height, width = layers.shape
     for y in range(height):
         pixels, words = frame[y], packed[y]
@@ -147,10 +134,7 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 
 @inner
 def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any, x0: int, sums: Any) -> None:
-    """Compute the running sums of a layer's packed values in a row, starting at column `x0`: (n + 1,).
-
-    Differences between running sums are exact even though the sums themselves overflow.
-    """
+    """Compute the running sums of a layer's packed values in a row, starting at column `x0`: (n + 1,)."""
     width, n = own.size, sums.size - 1
     first, last = max(-x0, 0), min(width - x0, n)
     for j in range(_U(first), _U(last)):

@@ -30,11 +30,8 @@ class LineKernel(NamedTuple):
 
 
 def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
-    """Return the 2 * radius + 1 taps that start at the pixel, in direction `angle` (degrees; 0 is right, 90 is down).
-
-    >>> kernel = line_kernel(2, 1.0, -90.0)
-    >>> kernel.offsets.tolist(), int(kernel.weights.sum())
-    ([[0, 0], [-1, 0], [-2, 0], [-3, 0], [-4, 0]], 65535)
+    """Return the 2 * radius + 1 taps that start at the pixel, in direction `angle` (degrees; 0 is right, 90 is
+    down).
     """
     steps = np.arange(2 * radius + 1)
     down, right = math.sin(math.radians(angle)), math.cos(math.radians(angle))

@@ -40,10 +40,7 @@ def pack(frame: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def until(sums: Any, row: Any, end: Any, bits: Any) -> Any:
-    """Return the integral of a row up to position `end`, both in units of 2**-bits px; edge pixels are repeated.
-
-    `sums` contains, for each pixel, the sum of the pixels to its left.
-    """
+    """Return the integral of a row up to position `end`, both in units of 2**-bits px; edge pixels are repeated."""
     i, last = end >> bits, np.int64(row.size - 1)
     inside = min(max(i, 0), last)
     return (sums[np.uint64(inside)] << np.uint64(bits)) + np.uint64(end - (inside << bits)) * row[np.uint64(inside)]

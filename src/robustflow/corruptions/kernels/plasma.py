@@ -21,16 +21,7 @@ _AMPLITUDE = 100.0
 
 
 def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArray[np.float32]:
-    """Return the top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that contains it.
-
-    The map is normalised with the minimum and maximum of the full torus, as in the reference code. For maps larger than
-    512 x 512, the 512 x 512 points and the corner are used; the remaining points would add less than 0.2 % of the
-    range.
-
-    >>> corner = plasma_corner(Rng.of("demo"), 40, 70, 2.0)
-    >>> corner.shape, bool(corner.min() >= 0), bool(corner.max() <= 1)
-    ((40, 70), True, True)
-    """
+    """Return the top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that contains it."""
     size = 1 << (max(height, width, 2) - 1).bit_length()
     grid = np.zeros((1, 1), np.float32)
     level = 0
@@ -75,10 +66,7 @@ def _uniform(bits: Any, amplitude: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _double(coarse: Any, start: int, points: int, key: Any, amplitude: Any) -> Any:
-    """Refine part of a torus with `points`**2 points, starting at row and column `start`.
-
-    (R, C) points become (2R - 4, 2C - 4) because points in the outermost ring are used only as neighbours.
-    """
+    """Refine part of a torus with `points`**2 points, starting at row and column `start`."""
     rows, columns = coarse.shape
     fine = np.empty((2 * rows - 4, 2 * columns - 4), np.float32)
     above = np.empty(columns - 1, np.float32)

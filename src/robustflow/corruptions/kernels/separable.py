@@ -32,8 +32,6 @@ rounding errors of a few 1e-5 (e.g. 254.99998 in a white area) do not reduce the
 def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.float32]:
     """Return one half of a normalised Gaussian kernel, starting at the centre.
 
-    The result is float32 (r + 1,) with r = int(truncate * sigma + 0.5).
-
     >>> half = gaussian_weights(1.0)
     >>> len(half), round(float(half[0] + 2 * half[1:].sum()), 6)
     (5, 1.0)
@@ -47,13 +45,7 @@ def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.floa
 
 
 def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
-    """Blur an image and return a new uint8 array of the same shape, rounded once.
-
-    Args:
-        frame: image, uint8 (H, W, C).
-        sigma: standard deviation in pixels.
-        offset: offset in grey levels, added before rounding half to even; use `FLOOR` to truncate.
-    """
+    """Blur an image and return a new uint8 array of the same shape, rounded once."""
     height, width, channels = frame.shape
     blurred = _blurred(contiguous(frame).reshape(height, width * channels), channels, sigma)
     out = np.empty(frame.shape, np.uint8)

@@ -31,16 +31,7 @@ class SmoothField(NamedTuple):
 
 
 def smooth_field(rng: Rng, shape: tuple[int, int], sigmas: tuple[float, float], amplitude: float) -> SmoothField:
-    """Generate uniform white noise in +-amplitude, blurred with a Gaussian cut off at three standard deviations.
-
-    Borders mirror the noise and repeat the edge sample.
-
-    Args:
-        rng: random stream for the field.
-        shape: size (H, W) of the field in pixels.
-        sigmas: vertical and horizontal standard deviation of the Gaussian in pixels.
-        amplitude: amplitude of the noise before blurring.
-    """
+    """Generate uniform white noise in +-amplitude, blurred with a Gaussian cut off at three standard deviations."""
     height, width = shape
     steps = max(1, int(sigmas[0] / _SAMPLES_PER_SIGMA)), max(1, int(sigmas[1] / _SAMPLES_PER_SIGMA))
     along = np.rint(_kernel(sigmas[1]) * _FULL)

@@ -42,9 +42,6 @@ def gain_table(factor: float) -> Table:
 def value_table(new_value: npt.NDArray[np.float64], floor: bool = False) -> Table:
     """Return a table of new channel values for each V (rows) and old channel value (columns), uint8 (256, 256).
 
-    `new_value` is V' in grey levels for V = 0 to 255, float64 (256,), and is clipped to [0, 255]. Black has no hue and
-    becomes grey with the value V'. Channel values above V do not occur.
-
     >>> table = value_table(np.arange(256.0) + 51.0)
     >>> int(table[102, 102]), int(table[102, 50]), int(table[0, 0])
     (153, 75, 51)

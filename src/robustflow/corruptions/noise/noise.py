@@ -52,14 +52,7 @@ class Noise(Corruption):
 
     @abstractmethod
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """Write `source` with noise to `out`; both arrays are contiguous.
-
-        Args:
-            source: clean frame, uint8 (H, W, 3).
-            parameter: amount of noise, an element of `severities`.
-            key: key of the frame's random stream.
-            out: output array, uint8 (H, W, 3).
-        """
+        """Write `source` with noise to `out`; both arrays are contiguous."""
 
 
 def work_arrays(lane: type[np.uint16 | np.uint32]) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:

@@ -38,10 +38,7 @@ class ShotNoise(Noise):
 
 @lru_cache(maxsize=8)
 def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uint32], int]:
-    """Return the concatenated alias tables for the 256 grey levels, uint32 (256 << column_bits,), and column_bits.
-
-    Grey level v becomes min(255, 255 n / photons), rounded, with n ~ Poisson(v / 255 * photons).
-    """
+    """Return the concatenated alias tables for the 256 grey levels, uint32 (256 << column_bits,), and column_bits."""
     rate = Decimal(repr(photons))
     outcomes = int(np.ceil(photons)) + 1
     levels = to_bytes(np.arange(outcomes) / photons * 255.0, floor)

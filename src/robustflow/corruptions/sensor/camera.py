@@ -41,13 +41,7 @@ LEVELS = 1 << 14
 
 
 class CameraColours(NamedTuple):
-    """Camera parameters shared by both frames of a pair.
-
-    Attributes:
-        from_srgb: matrix from linear sRGB to camera colours, float64 (3, 3); entries are nonnegative and rows sum to 1.
-        to_srgb: inverse of `from_srgb`, float64 (3, 3).
-        gains: factors applied to red, green and blue before the sensor, float64 (3,), at most 1.
-    """
+    """Camera parameters shared by both frames of a pair."""
 
     from_srgb: Numbers
     to_srgb: Numbers
@@ -83,12 +77,7 @@ def _inverse(m: Numbers) -> Numbers:
 
 @cache
 def linear_of_bytes() -> npt.NDArray[np.float32]:
-    """Return the linear light of each byte value, float32 (256,): inverse tone curve, then inverse gamma.
-
-    >>> light = linear_of_bytes()
-    >>> float(light[0]), float(light[255]), round(float(light[128]), 3)
-    (0.0, 1.0, 0.219)
-    """
+    """Return the linear light of each byte value, float32 (256,): inverse tone curve, then inverse gamma."""
     return _linear(np.arange(256) / 255.0).astype(np.float32)
 
 
@@ -100,10 +89,7 @@ def bytes_of_linear() -> npt.NDArray[np.uint8]:
 
 
 def _linear(shown: npt.NDArray[np.floating[Any]]) -> npt.NDArray[Any]:
-    """Solve shown = 3 v^2 - 2 v^3 with v = x^(1/2.2) for the linear light x.
-
-    The unknown r, with v = r^5 and x = r^11, is found by bisection.
-    """
+    """Solve shown = 3 v^2 - 2 v^3 with v = x^(1/2.2) for the linear light x."""
     low, high = np.zeros_like(shown), np.ones_like(shown)
     for _ in range(60):
         r = 0.5 * (low + high)

@@ -34,12 +34,7 @@ EXACT = 64
 
 
 class Sensor(NamedTuple):
-    """Noise parameters of a sensor.
-
-    Attributes:
-        shot: light corresponding to one electron, as a fraction of the saturation level.
-        read: standard deviation of the read noise, as a fraction of the saturation level.
-    """
+    """Noise parameters of a sensor."""
 
     shot: float
     read: float
@@ -50,30 +45,13 @@ NOISELESS = Sensor(0.0, 0.0)
 
 @cache
 def sensor_at(iso: int) -> Sensor:
-    """Return the noise parameters for an ISO number, as fitted by Brooks et al. to the Darmstadt Noise Dataset.
-
-    Their largest shot noise, 0.012, is assigned to ISO 12800, so a saturated pixel contains 10667 electrons at ISO 100.
-    The read noise follows from the centre of their fit: log(read^2) = 2.18 log(shot) + 1.20.
-
-    >>> sensor = sensor_at(12800)
-    >>> sensor.shot, round(sensor.read, 4), round(sensor.read / sensor.shot, 2)
-    (0.012, 0.0147, 1.22)
-    """
+    """Return the noise parameters for an ISO number, as fitted by Brooks et al. to the Darmstadt Noise Dataset."""
     shot = Decimal(repr(_LARGEST_SHOT)) * iso / _LARGEST_ISO
     return Sensor(float(shot), round(float(((_SLOPE * shot.ln() + _OFFSET) / 2).exp()), 12))
 
 
 def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
-    """Compute a noisy RAW image.
-
-    Args:
-        light: light as a fraction of the saturation level, float32 (H, W) in [0, 1].
-        sensor: noise parameters of the sensor.
-        key: key of the frame's random stream; its i-th 64-bit value determines pixel i (row-major).
-
-    Returns:
-        uint16 (H, W), from 0 to `WHITE`.
-    """
+    """Compute a noisy RAW image."""
     out = np.empty(light.shape, np.uint16)
     scale = WHITE - BLACK
     _expose(
@@ -96,11 +74,7 @@ def exposed_without_noise(light: Light) -> Raw:
 
 @cache
 def _poisson_tables() -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-    """Return concatenated alias tables for Poisson distributions.
-
-    The means 0 to 63 have 128 columns each; they are followed by fractional means in steps of 1/256, with 8 columns
-    each.
-    """
+    """Return concatenated alias tables for Poisson distributions."""
     whole = [_poisson_table(Decimal(mean), _WHOLE_BITS) for mean in range(EXACT)]
     rest = [_poisson_table((part + Decimal("0.5")) / _PARTS, _REST_BITS) for part in range(_PARTS)]
     return np.concatenate(whole), np.concatenate(rest)
@@ -114,12 +88,7 @@ def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
 def _expose(
     light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
 ) -> None:
-    """Expose the pixels.
-
-    For means of at least `EXACT` electrons, a Poisson sample is a rounded normal quantile, corrected for skewness. For
-    smaller means, it is the sum of one sample for the integer part of the mean, from the low 32 bits of the pixel's
-    random value, and one for the fractional part, from the next 16 bits. The high 16 bits are used for the read noise.
-    """
+    """Expose the pixels."""
     words = np.empty(_BLOCK, np.uint64)
     counts, read_out = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     photons, columns, rest_columns = (

@@ -49,16 +49,7 @@ def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
 
 
 def developed(raw: Raw, camera: CameraColours, sensor: Sensor) -> Frame:
-    """Develop a RAW image.
-
-    Args:
-        raw: RAW image, uint16 (H, W), from 0 to the white level.
-        camera: camera that recorded the RAW image.
-        sensor: noise parameters for denoising; without read noise, the image is not denoised.
-
-    Returns:
-        RGB uint8 (H, W, 3).
-    """
+    """Develop a RAW image."""
     matrix, gains = _as_float32(camera.to_srgb, camera.gains)
     noise = np.float32(_WIDTH * sensor.shot), np.float32(_WIDTH * sensor.read**2)
     out = np.empty((*raw.shape, 3), np.uint8)
@@ -88,10 +79,7 @@ def _mosaic(frame: Any, light: Any, matrix: Any, gains: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _develop(raw: Any, shot: Any, read: Any, gains: Any, matrix: Any, shown: Any, out: Any) -> None:
-    """Develop a RAW image row by row; it is not denoised if `read` is zero.
-
-    The last rows of each step are kept in a ring buffer with separate even and odd columns: (row, parity, column).
-    """
+    """Develop a RAW image row by row; it is not denoised if `read` is zero."""
     height, width = raw.shape
     noisy = np.empty((_RING, 2, width // 2 + 1 + _PAD), np.float32)
     linear = np.empty_like(noisy) if read > 0 else noisy
@@ -126,10 +114,7 @@ def _pad(row: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
-    """Denoise row `y` of the ring buffer, except for the outermost columns.
-
-    `shot` and `read` are in units of squared difference.
-    """
+    """Denoise row `y` of the ring buffer, except for the outermost columns."""
     last = out.shape[1] - 1
     for parity in range(2):
         top, here, bottom = noisy[(y - 2) % _RING, parity], noisy[y % _RING, parity], noisy[(y + 2) % _RING, parity]
@@ -219,11 +204,7 @@ def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places
 
 @inner
 def _filter(linear: Any, y: int, parity: int, weights: Any, out: Any) -> None:
-    """Filter the pixels in row `y` and columns of one parity with 5x5 weights.
-
-    `weights` contains the weights of the pixel, its horizontal, vertical and diagonal neighbours, and the pixels at a
-    distance of two horizontally and vertically.
-    """
+    """Filter the pixels in row `y` and columns of one parity with 5x5 weights."""
     centre, along, across, diagonal, far_along, far_across = weights
     here, upper, lower = linear[y % _RING], linear[(y - 1) % _RING], linear[(y + 1) % _RING]
     middle, far_left, far_right = here[parity, 2:], here[parity, 1:], here[parity, 3:]

@@ -170,9 +170,6 @@ class CorruptionTransform:
 def check_image(image: Image) -> None:
     """Check that an image has a supported type, dtype, shape and value range.
 
-    Raises:
-        DataError: the image is not supported; see `CorruptionTransform.__call__`.
-
     >>> check_image(np.zeros((8, 8, 3), np.uint16))
     Traceback (most recent call last):
     robustflow.errors.DataError: an image is uint16: corruptions operate on 8-bit values; convert it to uint8 first

@@ -46,10 +46,7 @@ def photograph(slot: int) -> Frame:
 
 
 def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the size (H, W) of the enlarged texture for frames of `shape`.
-
-    The scale factor is 1.1 times the smallest factor (at least 1) for which the texture covers the frames.
-    """
+    """Return the size (H, W) of the enlarged texture for frames of `shape`."""
     height, width = texture(slot).shape[:2]
     scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
     return int(np.ceil(height * scale)), int(np.ceil(width * scale))
@@ -71,10 +68,7 @@ def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Fra
 
 
 def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
-    """Resize by cubic convolution (a = -0.75, edges repeated, pixel centres aligned), like OpenCV's INTER_CUBIC.
-
-    OpenCV is not used because its rounding depends on the processor.
-    """
+    """Resize by cubic convolution (a = -0.75, edges repeated, pixel centres aligned), like OpenCV's INTER_CUBIC."""
     rows, row_weights = _taps(image.shape[0], shape[0])
     columns, column_weights = _taps(image.shape[1], shape[1])
     out = np.empty((*shape, 3), np.uint8)

@@ -49,12 +49,7 @@ _REMEDY = (
 
 
 def read_texture(slot: int) -> bytes:
-    """Return the verified file content of texture `slot` (0 to 4).
-
-    Raises:
-        AssetError: the texture is missing and cannot be downloaded, or the file in the specified folder has the wrong
-            hash.
-    """
+    """Return the verified file content of texture `slot` (0 to 4)."""
     name = list(TEXTURES)[slot]
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
@@ -110,10 +105,7 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> None:
-    """Download the wheel to a temporary folder and move each of the five files to `folder` atomically.
-
-    Several processes may do this at the same time, because they all write the same verified bytes.
-    """
+    """Download the wheel to a temporary folder and move each of the five files to `folder` atomically."""
     _say(f"frost requires the photographs from {WHEEL}; downloading its wheel with pip to {folder}")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -55,12 +55,7 @@ STYLES = (
 
 @lru_cache(maxsize=5)
 def generated_texture(slot: int) -> Frame:
-    """Generate texture `slot` (0 to 4), RGB uint8 (500, 750, 3).
-
-    >>> one = generated_texture(0)
-    >>> one.shape, one.dtype.name, bool((one == generated_texture(0)).all())
-    ((500, 750, 3), 'uint8', True)
-    """
+    """Generate texture `slot` (0 to 4), RGB uint8 (500, 750, 3)."""
     style, rng = STYLES[slot], Rng.of("robustflow", "generated frost", 1, slot)
     clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
     ice = _crystals(rng.spawn("crystals"), style)

@@ -109,10 +109,7 @@ def _linear_positions(long: int, short: int) -> tuple[npt.NDArray[np.uint32], np
 def _enlarge(
     field: Any, mean: float, unit: float, threshold: float, top: Any, down: Any, left: Any, along: Any, out: Any
 ) -> None:
-    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1].
-
-    The result is in units of 1 / 65280.
-    """
+    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]."""
     last = field.shape[0] - 1, field.shape[1] - 1
     row, slope = np.empty(field.shape[1], np.float32), np.zeros(field.shape[1], np.float32)
     full, floor = np.float32(65280), np.float32(max(threshold, 0.0) * 65280)
@@ -132,11 +129,7 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(rows: Any, layer: Any, share: Any, out: Any) -> None:
-    """Add the veil and the flakes.
-
-    Both are first copied to all three channels, so that the last loop processes contiguous rows. `layer` may be larger
-    than the frame.
-    """
+    """Add the veil and the flakes."""
     height, width = rows.shape[0], rows.shape[1] // 3
     rest, top = np.float32(1) - share, np.float32(255)
     veil, snow = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)

@@ -23,27 +23,7 @@ _MOST_PAIRS = 10_000_000
 
 
 class FlyingShapes(Samples):
-    """Generated pairs with exact flow and occlusion. All options except `pairs` determine the content of each pair.
-
-    Args:
-        pairs: number of pairs; the content of the first pairs does not depend on it.
-        size: size of the frames as HEIGHTxWIDTH, 16 to 4096 pixels per side.
-        seed: the seed for all random draws.
-        split: split to generate, "test" or "train"; the two splits share neither textures nor random draws.
-        motion: scale factor of all translations. At 1 the mean flow magnitude is about 5 % of the frame height, and
-            several times as large in a few pairs.
-        textures: path of a folder of images to use as textures instead of procedural ones.
-        readout: readout time of a rolling shutter: time between the first and the last row of a frame, in units of the
-            frame interval, 0 to 1; 0 is a global shutter. Flow, occlusion and depth match the rolling-shutter frames.
-
-    Raises:
-        UsageError: an option is out of range, or the folder contains no images.
-
-    >>> pairs = FlyingShapes(pairs=2, size="64x96")
-    >>> sample = pairs.load("000001")
-    >>> sample.shape, sample.flow.shape, bool(sample.valid.all()), sample.occluded.dtype.name
-    ((64, 96), (64, 96, 2), True, 'bool')
-    """
+    """Generated pairs with exact flow and occlusion. All options except `pairs` determine the content of each pair."""
 
     name = "shapes"
     has_flow = True

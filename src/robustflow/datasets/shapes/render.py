@@ -22,19 +22,7 @@ _NEAREST, _FARTHEST = 5.0, 100.0
 
 
 def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Return both frames, the flow of the uppermost layer at each pixel of the first frame, and the occlusion map.
-
-    Args:
-        scene: the scene to render.
-        readout: time between the first and the last row of a frame, in units of the frame interval; 0 is a global
-            shutter.
-
-    Returns:
-        Frames, RGB uint8 (H, W, 3); flow, float32 (H, W, 2), in pixels; and the occlusion map, bool (H, W), True where
-        a nearer layer covers the point in the second frame, or the point lies outside the rectangle
-        through the centres of that frame's outermost pixels. If no row of the second frame captures a point, its flow
-        ends at the point's position at the capture time of the nearest row.
-    """
+    """Return both frames, the flow of the uppermost layer at each pixel of the first frame, and the occlusion map."""
     height, width = scene.shape
     grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
     points = grid.reshape(-1, 2)
@@ -49,17 +37,7 @@ def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame]
 def colours_at(
     scene: Scene, points: npt.NDArray[np.float64], which: int, readout: float = 0.0
 ) -> npt.NDArray[np.float64]:
-    """Return the colours at arbitrary subpixel positions of frame 0 or 1, before rounding.
-
-    Args:
-        scene: the scene to render.
-        points: positions (x, y), (N, 2), in pixels.
-        which: index of the frame, 0 or 1.
-        readout: see `render_pair`.
-
-    Returns:
-        The colours, float64 (N, 3), from 0 to 255.
-    """
+    """Return the colours at arbitrary subpixel positions of frame 0 or 1, before rounding."""
     out = np.empty((len(points), 3))
     layers = scene.motions, scene.outlines, scene.fills, scene.chosen, scene.textures
     _colours(points, float(which), float(readout), float(scene.shape[0]), *layers, out)
@@ -86,11 +64,7 @@ def depths_of(scene: Scene, readout: float = 0.0) -> tuple[DepthMap, DepthMap]:
 
 
 def layer_depths(count: int) -> npt.NDArray[np.float32]:
-    """Return the depths of layers from front to back, in metres: from 5 to 100, evenly spaced in inverse depth.
-
-    >>> layer_depths(3).tolist()
-    [5.0, 9.523809432983398, 100.0]
-    """
+    """Return the depths of layers from front to back, in metres: from 5 to 100, evenly spaced in inverse depth."""
     place = np.arange(count) / max(count - 1, 1)
     return (1.0 / ((1.0 - place) / _NEAREST + place / _FARTHEST)).astype(np.float32)
 

@@ -37,16 +37,7 @@ _GAIN, _OFFSET = (0.6, 1.3), 40.0
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The layers of a pair from front to back; the last layer is the background.
-
-    Attributes:
-        shape: size (H, W) of the frames, in pixels.
-        motions, outlines: parameters of each layer, one row per layer, see `motion` and `outline`.
-        fills: texture parameters of each layer: two rows of an affine map from pixels to texels, then gain and offset
-            of each channel.
-        chosen: index of each layer's texture.
-        textures: available textures, uint8 (count, SIZE, SIZE, 3), RGB.
-    """
+    """The layers of a pair from front to back; the last layer is the background."""
 
     shape: tuple[int, int]
     motions: Numbers
@@ -57,14 +48,7 @@ class Scene:
 
 
 def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: TextureArray) -> Scene:
-    """Draw a scene.
-
-    Args:
-        rng: random generator of the pair.
-        shape: (H, W).
-        motion: scale factor of all translations.
-        textures: available textures, uint8 (count, SIZE, SIZE, 3), RGB.
-    """
+    """Draw a scene."""
     height, width = shape
     unit = math.sqrt(height * width) / _REFERENCE
     shift = (_shift(rng, _BACKGROUND_SHIFT * unit * motion), _shift(rng, _BACKGROUND_SHIFT * unit * motion))

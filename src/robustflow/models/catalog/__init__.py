@@ -29,19 +29,7 @@ _ADDRESSES = {
 
 
 class MethodEntry(Frozen):
-    """A method that can be loaded by name.
-
-    Attributes:
-        model: name by which the method is loaded.
-        method: unique label in tables, figures and pages, as in the method's paper. `dis` is OpenCV's widely used DIS
-            on greyscale frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
-        year: year of publication.
-        type: basis of the method: prior knowledge, supervised training or unsupervised training.
-        source: origin of the implementation: a library or this project.
-        extra: pip extra that the method requires; "" if none.
-        frames: maximum number of input frames: 2 for a two-frame method, more for a multi-frame method.
-        code_licence: licence of the implementation; most published weights have no licence.
-    """
+    """A method that can be loaded by name."""
 
     model: str
     method: str
@@ -54,23 +42,7 @@ class MethodEntry(Frozen):
 
 
 class CheckpointEntry(Frozen):
-    """A public checkpoint.
-
-    Attributes:
-        model: name of the checkpoint's model; `ptlflow:NAME` if NAME alone refers to a model of a different
-            library.
-        checkpoint: name of the checkpoint.
-        file: name of the file.
-        sha256: first eight hexadecimal digits of the file's SHA-256.
-        trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" denotes a dataset
-            that may have been used.
-        backbone: pre-trained network that the model contains, or the data on which it was pre-trained; "?" denotes
-            pre-training on data that were not checked; "" if none is known.
-        confidence: confidence in `trained_on`: "high" if it is stated in the authors' code, documentation or replies;
-            "medium" if it is inferred from their naming, from a reproduction by others, or from a matching accuracy;
-            "low" if it is not documented.
-        note: evidence for `trained_on`, and remaining uncertainties.
-    """
+    """A public checkpoint."""
 
     model: str
     checkpoint: str
@@ -83,41 +55,26 @@ class CheckpointEntry(Frozen):
 
     @property
     def address(self) -> str:
-        """The URL where the file is published.
-
-        >>> checkpoints()[0].address
-        'https://github.com/hmorimitsu/ptlflow/releases/download/weights1/raft-chairs-590f38f7.ckpt'
-        """
+        """The URL where the file is published."""
         method = methods().get(self.model)
         return _ADDRESSES["ptlflow" if method is None else method.source] + self.file
 
 
 @cache
 def methods() -> dict[str, MethodEntry]:
-    """Return the methods, keyed by the name used to load them.
-
-    >>> methods()["flowformer_pp"].method
-    'FlowFormer++'
-    """
+    """Return the methods, keyed by the name used to load them."""
     return {entry.model: entry for entry in map(MethodEntry.model_validate, _lines("methods"))}
 
 
 @cache
 def checkpoints() -> tuple[CheckpointEntry, ...]:
-    """Return all known public checkpoints.
-
-    >>> [entry.checkpoint for entry in checkpoints() if entry.model == "csflow"]
-    ['chairs', 'things', 'kitti']
-    """
+    """Return all known public checkpoints."""
     return tuple(map(CheckpointEntry.model_validate, _lines("checkpoints")))
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
     """Return the public checkpoints of a model; `ptlflow:NAME` has the same ones as NAME, unless NAME refers to a
     different library's model.
-
-    >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
-    (True, False)
     """
     named = [entry for entry in checkpoints() if entry.model == model]
     return named or [entry for entry in checkpoints() if entry.model == model.removeprefix(PTLFLOW)]
@@ -142,11 +99,7 @@ def published_names(model: str) -> list[str]:
 
 
 def is_installed(method: MethodEntry) -> bool:
-    """Return whether the libraries that a method needs are installed.
-
-    >>> is_installed(methods()["dis"])
-    True
-    """
+    """Return whether the libraries that a method needs are installed."""
     return not method.extra or find_spec({"own": "torch"}.get(method.source, method.source)) is not None
 
 

@@ -22,16 +22,7 @@ _REACHED_BY_THE_PAPER = 5
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """The parameters of an operating point; Kroeger et al. 2016, section 3.
-
-    Attributes:
-        finest_scale: finest scale of the search for frames 1024 px wide; at this scale, frames are downsampled by
-            2**finest_scale. The flow is upsampled from this scale; see `scales`.
-        patch_size: side length of a patch in pixels.
-        overlap: overlap of neighbouring patches as a fraction of the side length, from 0 to 1 (exclusive).
-        iterations: maximum number of gradient descent steps per patch and scale.
-        refined: whether each scale's dense flow is refined variationally.
-    """
+    """The parameters of an operating point; Kroeger et al. 2016, section 3."""
 
     finest_scale: int
     patch_size: int
@@ -45,15 +36,7 @@ class OperatingPoint:
         return max(1, self.patch_size - int(self.patch_size * self.overlap))
 
     def scales(self, height: int, width: int) -> tuple[int, int]:
-        """Return the coarsest and the finest scale for a frame size.
-
-        At the coarsest scale, a patch can follow a motion of up to a fifth of the longer side; a patch must still fit
-        into the frame at this scale. The finest scale is `finest_scale` for frames that are at least 1024 px wide, as
-        in the paper; for smaller frames, it is reduced by the same number of scales as the coarsest one.
-
-        >>> [OPERATING_POINTS[2].scales(*size) for size in [(375, 1242), (436, 1024), (240, 320), (16, 16)]]
-        [(5, 3), (5, 3), (4, 2), (0, 0)]
-        """
+        """Return the coarsest and the finest scale for a frame size."""
         reach, room = 2 * max(height, width) // (5 * self.patch_size), min(height, width) // self.patch_size
         reached, roomy = (max(0, pixels.bit_length() - 1) for pixels in (reach, room))
         finest = max(0, self.finest_scale - max(0, _REACHED_BY_THE_PAPER - reached))
@@ -70,18 +53,6 @@ OPERATING_POINTS = {
 
 class DisRgb:
     """DIS on colour frames (Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016).
-
-    From coarse to fine, patches are matched by gradient descent, their displacements are combined into a dense flow,
-    and the flow is refined. The implementation follows the paper; details that the paper omits were chosen by
-    comparing the errors on real pairs (docs/dis-rgb.md).
-
-    The first call after installation takes a few seconds longer, because the loops are then compiled and cached on
-    disk.
-
-    Args:
-        operating_point: operating point from the paper, from 1 (fastest) to 4 (most accurate). The default, 2, is also
-            the default of the authors' program, which the benchmark's paper used. It computes the flow at 1/8
-            resolution for frames at least 640 px wide, and at a higher resolution for smaller frames.
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     >>> flow = DisRgb().predict(frame, frame)
@@ -102,23 +73,15 @@ class DisRgb:
         return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`, for frames of any size and motion up to a fifth of the longer side.
-
-        Raises:
-            UsageError: the frames are not RGB uint8 of equal size.
+        """Predict a flow as in `FlowModel.predict`, for frames of any size and motion up to a fifth of the longer
+        side.
         """
         check_pair(frame1, frame2)
         return dis_flow(frame1, frame2, OPERATING_POINTS[self._number])
 
 
 def dis_flow(frame1: Frame, frame2: Frame, point: OperatingPoint) -> Flow:
-    """Compute the flow from frame 1 to frame 2, float32 (H, W, 2).
-
-    The bytes are the same on every processor: sums have a fixed order, and all operations are exact by IEEE 754.
-
-    Args:
-        frame1, frame2: frames, uint8 (H, W, 3).
-    """
+    """Compute the flow from frame 1 to frame 2, float32 (H, W, 2)."""
     height, width = frame1.shape[:2]
     coarsest, finest = point.scales(height, width)
     # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest scale.
@@ -136,18 +99,7 @@ def dis_flow(frame1: Frame, frame2: Frame, point: OperatingPoint) -> Flow:
 
 
 def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:
-    """Compute each pixel's flow as the weighted mean of the displacements u_i of the patches that cover it.
-
-    The weights are 1 / max(1, |d_i|), where d_i is the colour difference in grey levels between the pixel in frame 1
-    and its match in frame 2 under u_i. Patches that match the pixel well therefore dominate.
-
-    Args:
-        image1, image2: images in interleaved RGB, float32 (H, 3 W).
-        displacements: patch displacements from `inverse_search` with the same `patch` and `stride`.
-
-    Returns:
-        The flow in pixels of this scale, float32 (H, W, 2).
-    """
+    """Compute each pixel's flow as the weighted mean of the displacements u_i of the patches that cover it."""
     height, width = image1.shape[0], image1.shape[1] // 3
     total = np.zeros((height, width, 2), np.float32)
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)

@@ -22,12 +22,7 @@ Tensors = npt.NDArray[np.float32]
 
 
 def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
-    """Compute the quadratic forms around `flow`; they are zero where the flow points outside the frame.
-
-    Args:
-        image1, image2: images in interleaved RGB, float32 (H, 3 W).
-        flow: current flow in pixels, float32 (H, W, 2).
-    """
+    """Compute the quadratic forms around `flow`; they are zero where the flow points outside the frame."""
     height, width, _ = flow.shape
     middle, change = np.empty_like(image1), np.empty_like(image1)
     inside = np.empty((height, width), np.bool_)

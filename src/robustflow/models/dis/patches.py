@@ -15,11 +15,7 @@ _TAPS = 3
 
 
 def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
-    """Return the start of each patch along an axis: every `stride` pixels, with the last patch flush with the end.
-
-    >>> grid(21, 8, 5).tolist(), grid(8, 8, 5).tolist()
-    ([0, 5, 10, 13], [0])
-    """
+    """Return the start of each patch along an axis: every `stride` pixels, with the last patch flush with the end."""
     return np.append(np.arange(0, size - patch, stride, dtype=np.int64), size - patch)
 
 
@@ -30,10 +26,7 @@ def search_area(image: Image, patch: int) -> Image:
 
 @inner
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
-    """Return the integer and fractional parts of the coordinate in `search_area` of a patch at `place` in frame 2.
-
-    A patch can move no further than just outside the frame, where all pixels replicate the edge.
-    """
+    """Return the integer and fractional parts of the coordinate in `search_area` of a patch at `place` in frame 2."""
     inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
     whole = int(inside)
     return whole, inside - whole

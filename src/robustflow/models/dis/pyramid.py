@@ -21,18 +21,7 @@ reduce aliasing.
 
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
-    """Return the frame at scales 0 to `coarsest`, each half the size of the previous one.
-
-    Averaging 2x2 pixels would cause aliasing: the texture in the downsampled frame would change as it moves.
-
-    Args:
-        frame: frame, uint8 (H, W, 3).
-        height, width: size in pixels, multiples of 2**coarsest, to which the frame is first padded by repeating its
-            last row and column.
-
-    >>> [level.shape for level in pyramid(np.zeros((30, 61, 3), np.uint8), 32, 64, 2)]
-    [(32, 192), (16, 96), (8, 48)]
-    """
+    """Return the frame at scales 0 to `coarsest`, each half the size of the previous one."""
     full = np.empty((height, 3 * width), np.float32)
     _extend(contiguous(frame), full)
     levels = [full]
@@ -52,12 +41,7 @@ def with_border(image: Image, border: int) -> Image:
 
 
 def slopes(image: Image, order: int) -> tuple[Image, Image]:
-    """Return the derivatives in x and y per pixel: central differences of order 2 or 4, with replicated edges.
-
-    >>> right, down = slopes(np.repeat(np.arange(8, dtype=np.float32), 3)[None].repeat(5, 0), 4)
-    >>> round(float(right[2, 12]), 6), float(down[2, 12])
-    (1.0, 0.0)
-    """
+    """Return the derivatives in x and y per pixel: central differences of order 2 or 4, with replicated edges."""
     near, far = {2: (1 / 2, 0.0), 4: (2 / 3, 1 / 12)}[order]
     right, down = np.empty_like(image), np.empty_like(image)
     _slopes(image, np.float32(near), np.float32(far), right, down)

@@ -25,13 +25,7 @@ _EPSILON = 1e-3
 
 
 def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
-    """Refine a flow with `iterations` fixed-point iterations.
-
-    Args:
-        image1, image2: images in interleaved RGB, float32 (H, 3 W).
-        flow: initial flow in pixels, float32 (H, W, 2); not modified.
-        iterations: number of fixed-point iterations, each with 3 sweeps of relaxation.
-    """
+    """Refine a flow with `iterations` fixed-point iterations."""
     tensors = motion_tensors(image1, image2, flow)
     height, width, _ = flow.shape
     better = flow.copy()

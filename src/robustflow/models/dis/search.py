@@ -30,18 +30,7 @@ Displacements = npt.NDArray[np.float32]
 def inverse_search(
     image1: Image, image2: Image, coarse: Flow, patch: int, stride: int, iterations: int
 ) -> Displacements:
-    """Find the displacements of a grid of patches.
-
-    A patch keeps its initial displacement if it has no texture, if it would move by more than its own size (which the
-    paper treats as an outlier), or if its final match is not better than the initial one. The last rule is not in the
-    paper: gradient descent without a line search may increase the error (OpenCV stops when it does).
-
-    Args:
-        image1, image2: images in interleaved RGB, float32 (H, 3 W), with H and W at least `patch`.
-        coarse: initial flow, float32 (h, w, 2): the dense flow between the same frames at half the size, or zeros.
-        patch, stride: size of a patch and distance between patches in pixels.
-        iterations: maximum number of steps; the search stops after a step smaller than 0.001 px.
-    """
+    """Find the displacements of a grid of patches."""
     height, width = image1.shape[0], image1.shape[1] // 3
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
     displacements = np.empty((rows.size, columns.size, 2), np.float32)

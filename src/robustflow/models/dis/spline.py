@@ -23,13 +23,6 @@ _MEMORY = 32
 def coefficients(image: Image) -> Image:
     """Return the spline coefficients to be weighted by `spline_weights`, in the frame's shape; the frame is mirrored
     about its edge pixels.
-
-    Args:
-        image: image in interleaved RGB, float32 (H, 3 W), with H and W at least 2.
-
-    >>> ramp = np.repeat(np.arange(12, dtype=np.float32), 3)[None].repeat(4, 0)
-    >>> round(float(coefficients(ramp)[1, 15]), 2)
-    5.0
     """
     height, columns = image.shape
     weighed = image.astype(np.float64)
@@ -41,10 +34,7 @@ def coefficients(image: Image) -> Image:
 
 @njit(cache=True, nogil=True)
 def _filter(lines: Any) -> None:
-    """Replace the pixels along the first axis of float64 (N, K) by their spline coefficients (Unser 1999, box 2).
-
-    SciPy's filter is not used because its last bit depends on the processor.
-    """
+    """Replace the pixels along the first axis of float64 (N, K) by their spline coefficients (Unser 1999, box 2)."""
     size, columns = lines.shape
     first, power = lines[0].copy(), 1.0
     for i in range(1, _MEMORY):
@@ -67,11 +57,7 @@ def _filter(lines: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def spline_weights(t: float) -> tuple[float, float, float, float]:
-    """Return the weights of the coefficients at -1, 0, 1 and 2 for a position `t` in [0, 1].
-
-    >>> [round(6 * weight, 6) for weight in spline_weights(0.0)]
-    [1.0, 4.0, 1.0, 0.0]
-    """
+    """Return the weights of the coefficients at -1, 0, 1 and 2 for a position `t` in [0, 1]."""
     s = 1.0 - t
     return (
         s * s * s / 6.0,
@@ -83,9 +69,5 @@ def spline_weights(t: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, nogil=True)
 def mirrored_once(index: int, size: int) -> int:
-    """Mirror `index` about the edge pixels; it may be at most one pixel outside.
-
-    >>> mirrored_once(-1, 8), mirrored_once(3, 8), mirrored_once(8, 8)
-    (1, 3, 6)
-    """
+    """Mirror `index` about the edge pixels; it may be at most one pixel outside."""
     return abs(index) if index < size else 2 * size - 2 - index

@@ -15,8 +15,6 @@ from .blocks.warp import warp
 class ReducedDenseEstimator(nn.Module):
     """The decoder of a level, which maps correlation, reduced features and flow to a flow residual. Each layer receives
     the outputs of the two previous layers.
-
-    State-dict keys: `conv1.0 ... conv5.0 predict_flow.0`.
     """
 
     def __init__(self, inputs: int) -> None:
@@ -39,11 +37,7 @@ class ReducedDenseEstimator(nn.Module):
 
 
 class ARFlow(nn.Module):
-    """PWC-lite: one coarse-to-fine pass over five levels with one decoder.
-
-    Images are RGB in 0..1, float (N, 3, H, W), H and W multiples of 64. The state-dict keys are the same as in the
-    authors' files.
-    """
+    """PWC-lite: one coarse-to-fine pass over five levels with one decoder."""
 
     def __init__(self) -> None:
         super().__init__()

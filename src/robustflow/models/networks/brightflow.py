@@ -18,10 +18,7 @@ HIDDEN = CONTEXT = 128
 
 
 class UpdateBlock(nn.Module):
-    """One recurrent update and the mask that upsamples its flow.
-
-    State-dict keys: `encoder gru flow_head mask.0 mask.2`.
-    """
+    """One recurrent update and the mask that upsamples its flow."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,15 +35,7 @@ class UpdateBlock(nn.Module):
 
 
 class BrightFlow(nn.Module):
-    """RAFT trained without labels. The brightness corrector that gave the method its name is used only in training.
-
-    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. The state-dict keys are the same as in the
-    authors' files without `module.`; they start with `model.`. The files also contain `corrector.` and other entries
-    that are only needed for training.
-
-    Args:
-        iterations: number of recurrent updates.
-    """
+    """RAFT trained without labels. The brightness corrector that gave the method its name is used only in training."""
 
     def __init__(self, iterations: int = 12) -> None:
         super().__init__()

@@ -17,10 +17,7 @@ _WIDTH, _TOKENS, _HEADS, _DEPTH = 128, 8, 8, 3
 
 
 class CostPatchEmbedding(nn.Module):
-    """Embed cost maps, with one token per 8 x 8 pixels.
-
-    State-dict keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`.
-    """
+    """Embed cost maps, with one token per 8 x 8 pixels."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,10 +42,7 @@ class CostPatchEmbedding(nn.Module):
 
 
 class LatentAttention(nn.Module):
-    """Pre-norm attention from latent tokens to other tokens or to each other, followed by an MLP of the same width.
-
-    State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
-    """
+    """Pre-norm attention from latent tokens to other tokens or to each other, followed by an MLP of the same width."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,10 +66,7 @@ class LatentAttention(nn.Module):
 
 
 class CostPerceiver(nn.Module):
-    """Encode cost maps as latent tokens.
-
-    State-dict keys: `latent_tokens patch_embed input_layer encoder_layers vertical_encoder_layers`.
-    """
+    """Encode cost maps as latent tokens."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,10 +90,7 @@ class CostPerceiver(nn.Module):
 
 
 class MemoryEncoder(nn.Module):
-    """Compute the cost maps and the cost memory from two images.
-
-    State-dict keys: `feat_encoder channel_convertor cost_perceiver_encoder`.
-    """
+    """Compute the cost maps and the cost memory from two images."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -111,11 +99,7 @@ class MemoryEncoder(nn.Module):
         self.cost_perceiver_encoder = CostPerceiver()
 
     def forward(self, image1: Tensor, image2: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Encode images (N, 3, 8 * H, 8 * W) in -1..1 with context (N, 256, H, W).
-
-        Returns:
-            The cost maps (N * H * W, 1, H, W), which are unscaled dot products, and the memory (N * H * W, 8, 128).
-        """
+        """Encode images (N, 3, 8 * H, 8 * W) in -1..1 with context (N, 256, H, W)."""
         features = self.channel_convertor(self.feat_encoder(torch.cat((image1, image2))))
         features1, features2 = features.chunk(2)
         # The factor undoes the division by sqrt(256) exactly.

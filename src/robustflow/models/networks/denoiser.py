@@ -25,10 +25,7 @@ class _TimedConv(nn.Module):
 
 
 class Denoiser(nn.Module):
-    """A layer that conditions an `SkUpdate` on time.
-
-    State-dict keys: `conv_ee time_mlp.{1,3} block_time_mlp.1`.
-    """
+    """A layer that conditions an `SkUpdate` on time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,17 +44,7 @@ class Denoiser(nn.Module):
         attention: Tensor,
         time: int,
     ) -> Tensor:
-        """Return the new hidden state (N, 128, H, W).
-
-        Args:
-            update: update block, shared with the refinement.
-            net: hidden state, (N, 128, H, W).
-            context: context features, (N, 128, H, W).
-            correlation: correlation looked up at the targets of the flow, (N, 324, H, W).
-            flow: current flow in pixels of this resolution, (N, 2, H, W).
-            attention: context attention from `Aggregator.attention`.
-            time: diffusion time, from 0 (clean) to 999 (noise).
-        """
+        """Return the new hidden state (N, 128, H, W)."""
         code = self.block_time_mlp(self.time_mlp(time_code(time, _CODE, net)))
         scale, shift = code[:, :, None, None].chunk(2, dim=1)
         motion = update.encoder(flow, correlation)

@@ -51,24 +51,13 @@ SAMPLING_TIMES = (999, 749, 499, 249)
 
 
 def initial_noise(seed: int, height: int, width: int) -> Tensor:
-    """Return the sampler's initial noise: standard normal, float32 (1, 2, height, width), the same on every machine.
-
-    >>> initial_noise(0, 2, 3).equal(initial_noise(0, 2, 3))
-    True
-    """
+    """Return the sampler's initial noise: standard normal, float32 (1, 2, height, width), the same on every machine."""
     values = Rng.of("flowdiffuser", seed, height, width).normals(2 * height * width)
     return torch.from_numpy(values.astype(np.float32)).reshape(1, 2, height, width)
 
 
 def renoise(noisy: Tensor, clean: Tensor, kept: Tensor, kept_next: Tensor) -> Tensor:
-    """Return the sample at the next time, without adding noise (Song et al. 2021, equation 12, sigma 0).
-
-    Args:
-        noisy: sample at the current time.
-        clean: estimate of the noise-free sample, same shape.
-        kept: `alphas_cumprod` at the current time, float64 scalar; the result is float64 as well.
-        kept_next: `alphas_cumprod` at the next time, float64 scalar.
-    """
+    """Return the sample at the next time, without adding noise (Song et al. 2021, equation 12, sigma 0)."""
     noise = (noisy - kept.sqrt() * clean) / (1 - kept).sqrt()
     return kept_next.sqrt() * clean + (1 - kept_next).sqrt() * noise
 

@@ -23,14 +23,7 @@ _REACH = 0.1
 
 
 class FlowDiffuser(nn.Module):
-    """The published model; the state-dict keys are the same as in the authors' checkpoints.
-
-    The number of steps is part of the method: four denoising steps with six iterations each, then six iterations at 1/4
-    resolution.
-
-    Args:
-        seed: the seed for the initial noise if no noise is passed.
-    """
+    """The published model; the state-dict keys are the same as in the authors' checkpoints."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
@@ -59,18 +52,7 @@ class FlowDiffuser(nn.Module):
         return self.flows(image1, image2, noise)[0][-1]
 
     def flows(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> tuple[list[Tensor], Tensor]:
-        """Return the flow after each denoising step and after the refinement.
-
-        Args:
-            image1: first image, RGB in 0..255, (N, 3, H, W) with H and W multiples of 8.
-            image2: second image, same format as `image1`.
-            noise: standard normal noise, the only source of randomness, (N, 2, H / 8, W / 8); by default
-                `initial_noise` with the seed, which is the same for all pairs of equal size.
-
-        Returns:
-            The full-resolution flows (N, 2, H, W) in pixels after each denoising step and after the refinement, and the
-            flow at 1/4 resolution, (N, 2, H / 4, W / 4), in pixels of that resolution.
-        """
+        """Return the flow after each denoising step and after the refinement."""
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
         pyramid, features4, context8, context4 = self._encoded(image1, image2)
         if noise is None:
@@ -82,18 +64,7 @@ class FlowDiffuser(nn.Module):
     def denoised_predictions(
         self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor
     ) -> list[Tensor]:
-        """Compute the predictions for training: one denoising step from the noisy ground truth, and the refinement.
-
-        Args:
-            image1, image2: pair of images, in the same format as for `flows`.
-            truth: ground-truth flow in pixels, (N, 2, H, W).
-            time: diffusion time, from 0 (almost no noise) to 999.
-            noise: standard normal noise, (N, 2, H / 8, W / 8).
-
-        Returns:
-            The flow after each iteration, at full resolution: six iterations of the denoising step, then six of the
-            refinement.
-        """
+        """Compute the predictions for training: one denoising step from the noisy ground truth, and the refinement."""
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
         pyramid, features4, context8, context4 = self._encoded(image1, image2)
         inp, net, size = self.C_inp(context8), self.C_net(context8), _size(context8)

@@ -19,10 +19,7 @@ _WINDOW = (2 * _RADIUS + 1) ** 2
 
 
 class MemoryQuery(nn.Module):
-    """Cross-attention of one query token per pixel to the tokens of its cost memory.
-
-    State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
-    """
+    """Cross-attention of one query token per pixel to the tokens of its cost memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -56,10 +53,7 @@ class _Aggregator(nn.Module):
 
 
 class UpdateBlock(nn.Module):
-    """GMA's update of the hidden state.
-
-    State-dict keys: `encoder gru flow_head mask.{0,2} aggregator`.
-    """
+    """GMA's update of the hidden state."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,10 +91,7 @@ class _ContextAttention(nn.Module):
 
 
 class MemoryDecoder(nn.Module):
-    """Decode the flow recurrently from the cost memory.
-
-    State-dict keys: `flow_token_encoder.{0,2} proj decoder_layer.cross_attend update_block att`.
-    """
+    """Decode the flow recurrently from the cost memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -113,12 +104,8 @@ class MemoryDecoder(nn.Module):
     def forward(
         self, cost_maps: Tensor, memory: Tensor, context: Tensor, iterations: int, every: bool
     ) -> tuple[list[Tensor], Tensor]:
-        """Decode the flow from cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H, W).
-
-        Returns:
-            The full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, after every iteration if `every` is true (for the
-            loss), otherwise only after the last one; and the last flow (N, 2, H, W) at 1/8 resolution, in pixels of
-            that resolution.
+        """Decode the flow from cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H,
+        W).
         """
         net, inp = self.proj(context).chunk(2, dim=1)
         net, inp = net.tanh(), inp.relu()

@@ -20,10 +20,7 @@ def mask_bias(labels: Tensor) -> Tensor:
 
 
 class Attention(nn.Module):
-    """Single-head attention.
-
-    State-dict keys: `q k v proj`.
-    """
+    """Single-head attention."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -42,13 +39,7 @@ def _mlp() -> nn.Sequential:
 
 
 class WindowBlock(nn.Module):
-    """Self-attention in windows of 8 x 8.
-
-    State-dict keys: `layer_norm1 layer_norm2 self_attn mlp`.
-
-    Args:
-        shift: shift of the windows downwards and to the right, in pixels; the map wraps around, with masking.
-    """
+    """Self-attention in windows of 8 x 8."""
 
     def __init__(self, shift: int) -> None:
         super().__init__()
@@ -77,10 +68,7 @@ class WindowBlock(nn.Module):
 
 
 class CrossBlock(nn.Module):
-    """Global cross-attention from one image to the other.
-
-    State-dict keys: `layer_norm1 layer_norm2 layer_norm3 cross_attn mlp`.
-    """
+    """Global cross-attention from one image to the other."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,10 +87,7 @@ class CrossBlock(nn.Module):
 
 
 class Layer(nn.Module):
-    """A layer of two window blocks and, in the first layer only, a cross-attention block.
-
-    State-dict keys: `blocks cross_transformer`.
-    """
+    """A layer of two window blocks and, in the first layer only, a cross-attention block."""
 
     def __init__(self, cross: bool) -> None:
         super().__init__()
@@ -125,10 +110,7 @@ class Layer(nn.Module):
 
 
 class PairTransformer(nn.Module):
-    """The transformer that enhances the features of both images by attention between the images.
-
-    State-dict keys: `tb.blocks`.
-    """
+    """The transformer that enhances the features of both images by attention between the images."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -7,12 +7,7 @@ from torch import Tensor, nn
 
 
 class ResidualBlock(nn.Module):
-    """A residual block: two 3 x 3 convolutions with a shortcut connection.
-
-    State-dict keys: `conv1 conv2`, and `downsample.0` if the stride is 2.
-
-    Instance normalisation is used without weights or running statistics, so it has no keys.
-    """
+    """A residual block: two 3 x 3 convolutions with a shortcut connection."""
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
         super().__init__()
@@ -32,12 +27,6 @@ class ResidualBlock(nn.Module):
 class ResidualEncoder(nn.Module):
     """RAFT's encoder: a 7 x 7 convolution with stride 2, three stages with two residual blocks each, and a 1 x 1
     convolution.
-
-    Args:
-        outputs: number of output channels, at 1/8 resolution.
-        inputs: number of channels of the image.
-
-    State-dict keys: `conv1`, `layer<1..3>.<0|1>.*`, `conv2`.
     """
 
     def __init__(self, outputs: int = 256, inputs: int = 3) -> None:

@@ -17,11 +17,7 @@ _WIDTH, _HEADS = 256, 8
 
 
 class FusionBlock(nn.Module):
-    """A residual block of two convolutions with group norm.
-
-    State-dict keys: `conv1 conv2 norm1 norm2` and, if the number of channels changes, `norm3 downsample.{0,1}`; `norm3`
-    and `downsample.1` are the same module.
-    """
+    """A residual block of two convolutions with group norm."""
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -42,10 +38,7 @@ class FusionBlock(nn.Module):
 
 
 class Attention(nn.Module):
-    """Attention with eight heads and a configurable inner width.
-
-    State-dict keys: `q_proj k_proj v_proj out_proj`.
-    """
+    """Attention with eight heads and a configurable inner width."""
 
     def __init__(self, inner: int) -> None:
         super().__init__()
@@ -62,10 +55,6 @@ class Attention(nn.Module):
 class TwoWayBlock(nn.Module):
     """A two-way block: attention among the tokens, attention from tokens to image, an MLP, and attention from image to
     tokens, each followed by a residual and a norm.
-
-    Args:
-        first: whether this is the first block, whose attention among the tokens has no positional encoding and no
-            residual.
     """
 
     def __init__(self, first: bool) -> None:
@@ -98,10 +87,7 @@ class TwoWayBlock(nn.Module):
 
 
 class TwoWayTransformer(nn.Module):
-    """The mask transformer of Segment Anything (Kirillov et al. 2023, appendix A).
-
-    State-dict keys: `layers final_attn_token_to_image norm_final_attn`.
-    """
+    """The mask transformer of Segment Anything (Kirillov et al. 2023, appendix A)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -138,10 +124,7 @@ class _RandomFourier(nn.Module):
 
 
 class ContextAdapter(nn.Module):
-    """The adapter, which updates the context by attention with the flow tokens.
-
-    State-dict keys: `transformer flow_init_token pe_layer`.
-    """
+    """The adapter, which updates the context by attention with the flow tokens."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -35,10 +35,7 @@ VIT_H = SamSize(1280, 32, 16, (7, 15, 23, 31))
 
 
 class ChannelNorm(nn.Module):
-    """Layer norm over the channels of (N, C, H, W).
-
-    State-dict keys: `weight bias`.
-    """
+    """Layer norm over the channels of (N, C, H, W)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -52,10 +49,7 @@ class ChannelNorm(nn.Module):
 
 
 def neck(width: int) -> nn.Sequential:
-    """Build the neck that maps the encoder's width to 256 channels; it is the same for the ViTs and TinyViT.
-
-    State-dict keys: `0 1 2 3`.
-    """
+    """Build the neck that maps the encoder's width to 256 channels; it is the same for the ViTs and TinyViT."""
     return nn.Sequential(
         nn.Conv2d(width, 256, 1, bias=False),
         ChannelNorm(256),
@@ -66,15 +60,6 @@ def neck(width: int) -> nn.Sequential:
 
 def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
     """Select the rows of a relative-position table for all pairs of patches on a line of `size` patches.
-
-    Args:
-        table: relative-position table, (2 * S - 1, C) with S at least `size`; the middle row corresponds to distance 0.
-        size: number of patches on the line.
-        first: whether to use the first 2 * size - 1 rows, as in the training of the fine-tuned SAMFlow-H, instead of
-            the middle ones.
-
-    Returns:
-        The rows, (size, size, C); entry (i, j) is for query i and key j.
 
     >>> relative_rows(torch.arange(7.0)[:, None], 2)[..., 0].tolist()
     [[3.0, 2.0], [4.0, 3.0]]
@@ -87,10 +72,7 @@ def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
 
 
 class Attention(nn.Module):
-    """Self-attention on a grid with decomposed relative positions.
-
-    State-dict keys: `qkv proj rel_pos_h rel_pos_w`.
-    """
+    """Self-attention on a grid with decomposed relative positions."""
 
     def __init__(self, width: int, heads: int, grid: int, first_rows: bool) -> None:
         super().__init__()
@@ -115,10 +97,7 @@ class Attention(nn.Module):
 
 
 class Block(nn.Module):
-    """A transformer block: pre-norm attention, in windows of 14 x 14 or over the complete grid, and an MLP.
-
-    State-dict keys: `norm1 attn norm2 mlp`.
-    """
+    """A transformer block: pre-norm attention, in windows of 14 x 14 or over the complete grid, and an MLP."""
 
     def __init__(self, width: int, heads: int, windowed: bool, first_rows: bool) -> None:
         super().__init__()
@@ -144,14 +123,7 @@ class Block(nn.Module):
 
 
 class SamVit(nn.Module):
-    """The encoder from an image to 256 channels at 1/16 resolution.
-
-    State-dict keys: `pos_embed patch_embed.proj blocks neck`.
-
-    Args:
-        size: hyperparameters of the encoder, `VIT_B` or `VIT_H`.
-        first_rows: whether to use the first rows of the position tables; see `relative_rows`.
-    """
+    """The encoder from an image to 256 channels at 1/16 resolution."""
 
     def __init__(self, size: SamSize, first_rows: bool = False) -> None:
         super().__init__()
@@ -163,11 +135,7 @@ class SamVit(nn.Module):
         self.neck = neck(size.width)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Map normalised images (N, 3, 16 * H, 16 * W) to (N, 256, H, W).
-
-        Raises:
-            ModelError: H or W exceeds 64, the size of the encoder's position tables.
-        """
+        """Map normalised images (N, 3, 16 * H, 16 * W) to (N, 256, H, W)."""
         x = self.patch_embed["proj"](image).permute(0, 2, 3, 1)
         height, width = x.shape[1:3]
         if max(height, width) > _GRID:

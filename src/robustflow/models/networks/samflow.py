@@ -27,15 +27,7 @@ class _WeightedAdd(nn.Module):
 
 
 class SamFlow(nn.Module):
-    """The published model in one of its four sizes; the state-dict keys are the same as in the authors' checkpoints.
-
-    Args:
-        size: size of the SAM encoder: "tiny" (TinyViT), "base" (ViT-B) or "huge" (ViT-H).
-        finetuned: for "huge", whether it was fine-tuned on Sintel instead of trained on FlyingThings; it then adds the
-            adapter's output with learned weights and uses different rows of SAM's position tables.
-        iterations: number of decoder iterations; the authors train with 12, and evaluate with 24 on KITTI and with 32
-            on Sintel.
-    """
+    """The published model in one of its four sizes; the state-dict keys are the same as in the authors' checkpoints."""
 
     def __init__(
         self, size: Literal["tiny", "base", "huge"] = "tiny", finetuned: bool = False, iterations: int = 12
@@ -81,16 +73,7 @@ class SamFlow(nn.Module):
         return self.flows(image1, image2)[0]
 
     def flows(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Return the flow after every iteration, for the loss.
-
-        Args:
-            image1: first image, RGB in 0..255, (N, 3, H, W) with H and W multiples of 16.
-            image2: second image, same format as `image1`.
-
-        Returns:
-            The full-resolution flows (N, 2, H, W) in pixels, and the last flow at 1/8 resolution, (N, 2, H / 8, W / 8),
-            in pixels of that resolution.
-        """
+        """Return the flow after every iteration, for the loss."""
         return self._decode(image1, image2, every=True)
 
     def _decode(self, image1: Tensor, image2: Tensor, every: bool) -> tuple[list[Tensor], Tensor]:

@@ -30,10 +30,7 @@ class Depthwise(nn.Conv2d):
 
 
 class SuperKernel(nn.Module):
-    """A large-kernel block: depthwise convolutions of several sizes between pointwise convolutions.
-
-    State-dict keys: `conv_list ffn1 pw ffn2`.
-    """
+    """A large-kernel block: depthwise convolutions of several sizes between pointwise convolutions."""
 
     def __init__(self, inputs: int, outputs: int, kernels: tuple[int, ...]) -> None:
         super().__init__()
@@ -50,10 +47,7 @@ class SuperKernel(nn.Module):
 
 
 class MotionEncoder(nn.Module):
-    """The encoder of correlation and flow to 128 channels, the last two of which are the flow.
-
-    State-dict keys: `convc1 convc2 convf1 convf2 conv`.
-    """
+    """The encoder of correlation and flow to 128 channels, the last two of which are the flow."""
 
     def __init__(self, correlation: int = 324) -> None:
         super().__init__()
@@ -72,10 +66,7 @@ class MotionEncoder(nn.Module):
 
 
 class Aggregator(nn.Module):
-    """Aggregation of motion from pixels with similar context.
-
-    State-dict keys: `gamma to_qk to_v`.
-    """
+    """Aggregation of motion from pixels with similar context."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -93,10 +84,7 @@ class Aggregator(nn.Module):
 
 
 class SkUpdate(nn.Module):
-    """A recurrent update of the hidden state.
-
-    State-dict keys: `encoder gru flow_head aggregator`.
-    """
+    """A recurrent update of the hidden state."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -111,10 +99,7 @@ class SkUpdate(nn.Module):
 
 
 class MaskHead(nn.Module):
-    """The head that maps a state to the logits of a convex upsampling, (N, 9 * factor ** 2, H, W).
-
-    State-dict keys: `up_sample_mask.{0,2}`.
-    """
+    """The head that maps a state to the logits of a convex upsampling, (N, 9 * factor ** 2, H, W)."""
 
     def __init__(self, factor: int) -> None:
         super().__init__()

@@ -24,14 +24,7 @@ from ..torch.network import network_model
 
 
 class Option(NamedTuple):
-    """An option of a network.
-
-    Attributes:
-        default: value of the option if it is not given.
-        check: function of the option's name and value that raises a UsageError if the value is invalid.
-        fit: function that maps a value to the input convention, for an option that affects preprocessing; all other
-            options are passed to the network and are part of the model's identity.
-    """
+    """An option of a network."""
 
     default: Any
     check: Callable[[str, Any], None]
@@ -40,17 +33,7 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Network:
-    """A network implemented in this project.
-
-    Attributes:
-        net: factory of the network as "module:attribute" in this package, called with the options as keywords.
-        source: description of the checkpoint file, including where the authors publish it.
-        convention: input convention of the network.
-        options: options of the network, keyed by name.
-        fixed: fixed keyword arguments of the factory, recorded like options.
-        scope: prefix of the network's entries in the checkpoint; see `load_weights`.
-        tile: default tile size HEIGHTxWIDTH; None for a network without the option `tile`.
-    """
+    """A network implemented in this project."""
 
     net: str
     source: str
@@ -163,19 +146,7 @@ def load_network(
     execution: Execution,
     **options: Any,
 ) -> AnyModel:
-    """Load a network with its checkpoint.
-
-    Args:
-        name: name of the network in `NETWORKS`.
-        checkpoint: path of the authors' file, or "random".
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-        execution: execution settings; the fields of `Execution` are options.
-        options: options of this network, and `tile` for networks that predict in tiles.
-
-    Raises:
-        UsageError: an option or its value is unknown.
-        ModelError: torch or the checkpoint is missing, or the checkpoint belongs to a different network.
-    """
+    """Load a network with its checkpoint."""
     network = NETWORKS[name]
     tile = options.pop("tile", network.tile)
     convention, keywords = network.convention, dict(network.fixed)

@@ -36,20 +36,7 @@ def small_network(
     sha256: str | None = None,
     execution: Execution,
 ) -> AnyModel:
-    """Build the small network.
-
-    Args:
-        name: name of the model in `SHIPPED`.
-        checkpoint: path of a file written by `robustflow train tiny`, or "random"; by default, the shipped weights are
-            used.
-        runtime: "torch", "numpy", or "auto" (PyTorch if it is installed, otherwise NumPy).
-        sha256: expected SHA-256 of `checkpoint`, or at least its first eight digits.
-        execution: execution settings; the fields of `Execution` are options. NumPy runs only on the CPU in fp32.
-
-    Raises:
-        UsageError: the runtime is unknown, or NumPy does not support an option.
-        ModelError: torch is needed but not installed, or the checkpoint belongs to a different network.
-    """
+    """Build the small network."""
     if runtime not in RUNTIMES:
         raise unknown_name("runtime", str(runtime), RUNTIMES)
     if runtime == "auto":

@@ -17,19 +17,13 @@ _STAGES = ((128, 2, 4, 7), (160, 6, 5, 14), (320, 2, 10, 7))
 
 
 def conv_norm(inputs: int, outputs: int, kernel: int = 1, stride: int = 1, groups: int = 1) -> nn.Sequential:
-    """A convolution without bias, followed by batch norm.
-
-    State-dict keys: `c bn`.
-    """
+    """A convolution without bias, followed by batch norm."""
     convolution = nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False)
     return nn.Sequential(OrderedDict(c=convolution, bn=nn.BatchNorm2d(outputs)))
 
 
 class _Bottleneck(nn.Module):
-    """Three convolutions: 1 x 1, depthwise 3 x 3, 1 x 1.
-
-    State-dict keys: `conv1 conv2 conv3`.
-    """
+    """Three convolutions: 1 x 1, depthwise 3 x 3, 1 x 1."""
 
     def __init__(self, inputs: int, hidden: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -53,21 +47,14 @@ class InvertedBottleneck(_Bottleneck):
 
 
 def distance_index(size: int) -> Tensor:
-    """Return the index of the learned bias for each pair of pixels in a window; there is one bias per (|dy|, |dx|).
-
-    >>> distance_index(2).tolist()
-    [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]]
-    """
+    """Return the index of the learned bias for each pair of pixels in a window; there is one bias per (|dy|, |dx|)."""
     pixel = torch.arange(size * size)
     y, x = pixel // size, pixel % size
     return (y[:, None] - y).abs() * size + (x[:, None] - x).abs()
 
 
 class WindowAttention(nn.Module):
-    """Pre-norm self-attention in windows.
-
-    State-dict keys: `attention_biases norm qkv proj`.
-    """
+    """Pre-norm self-attention in windows."""
 
     def __init__(self, width: int, heads: int, window: int) -> None:
         super().__init__()
@@ -89,10 +76,7 @@ class WindowAttention(nn.Module):
 
 
 class Block(nn.Module):
-    """A transformer block: window attention, a depthwise convolution and an MLP.
-
-    State-dict keys: `attn mlp local_conv`.
-    """
+    """A transformer block: window attention, a depthwise convolution and an MLP."""
 
     def __init__(self, width: int, heads: int, window: int) -> None:
         super().__init__()
@@ -111,8 +95,6 @@ class Block(nn.Module):
 class Stage(nn.Module):
     """A stage: blocks, followed by a layer that widens the map for the next stage, and downsamples it except before the
     last stage.
-
-    State-dict keys: `blocks downsample`.
     """
 
     def __init__(self, blocks: list[nn.Module], width: int, following: int | None, stride: int = 2) -> None:
@@ -129,12 +111,7 @@ class Stage(nn.Module):
 
 
 class TinyVit(nn.Module):
-    """The encoder from an image to 256 channels at 1/16 resolution.
-
-    State-dict keys: `patch_embed.seq layers norm_head head neck`.
-
-    The classifier `norm_head head` is part of the checkpoints but is not executed. No weight depends on the image size.
-    """
+    """The encoder from an image to 256 channels at 1/16 resolution."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -17,13 +17,7 @@ from .blocks.warp import inside_mask, leaves, warp
 
 @dataclass(frozen=True)
 class BothFlows:
-    """The result of one pass over a pair.
-
-    Attributes:
-        forward: flow from image 1 to image 2 in pixels, (N, 2, H, W).
-        backward: flow from image 2 to image 1 in pixels, (N, 2, H, W).
-        levels: (forward, backward) flows per level, coarsest (1/64) first, in pixels of the level.
-    """
+    """The result of one pass over a pair."""
 
     forward: Tensor
     backward: Tensor
@@ -36,14 +30,7 @@ class BothFlows:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling settings of the network's warps; their effect differs between PyTorch versions and machines.
-
-    Attributes:
-        align_corners: sampling convention: True as in the training of the authors' weights (PyTorch 1.1), False as in
-            their code on PyTorch 1.3 and later.
-        threshold: warped features are set to zero where the bilinear weights inside the map sum to less than this. The
-            authors' code uses exactly 1.0, so float32 rounding zeroes some interior pixels.
-    """
+    """Sampling settings of the network's warps; their effect differs between PyTorch versions and machines."""
 
     align_corners: bool
     threshold: float
@@ -60,8 +47,6 @@ class Sampling:
 class SelfGuidedUpsampler(nn.Module):
     """The self-guided upsampler, which corrects an upsampled flow: each pixel can copy the flow from the position to
     which an interpolation flow points.
-
-    State-dict keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
     """
 
     def __init__(self, sampling: Sampling) -> None:
@@ -73,14 +58,7 @@ class SelfGuidedUpsampler(nn.Module):
         )
 
     def forward(self, flow: Tensor, own: Tensor, other: Tensor, target: Tensor | None = None) -> Tensor:
-        """Return the corrected flow, with the size of `target` if it is given.
-
-        Args:
-            flow: flow in pixels, (N, 2, H, W).
-            own: features of the image in which the flow starts, (N, 32, H, W).
-            other: features of the image to which the flow points, (N, 32, H, W).
-            target: upsampled flow to correct instead of `flow`, (N, 2, H', W').
-        """
+        """Return the corrected flow, with the size of `target` if it is given."""
         both = torch.cat((own, self.sampling.masked(other, flow)), dim=1)
         between, logit = self.dense_estimator_mask(both)[1].split((2, 1), dim=1)
         keep = torch.sigmoid(logit)
@@ -93,13 +71,6 @@ class SelfGuidedUpsampler(nn.Module):
 class UPFlow(nn.Module):
     """UPFlow, which predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
     upsampler.
-
-    Images are RGB, float (N, 3, H, W), of any size above 64 pixels; values in 0..255 are normalised to
-    (value - mean) * 0.0039216.
-    The state-dict keys are the same as in the authors' files.
-
-    Args:
-        align_corners, mask_threshold: settings of the warps, see `Sampling`.
     """
 
     def __init__(self, align_corners: bool = True, mask_threshold: float = 0.9999) -> None:
@@ -116,11 +87,7 @@ class UPFlow(nn.Module):
         return self.both(image1, image2).forward
 
     def both(self, image1: Tensor, image2: Tensor) -> BothFlows:
-        """Return the flows in both directions, at full size and for each level.
-
-        Raises:
-            ModelError: the images are so small that the coarsest level has only one pixel, whose variance is undefined.
-        """
+        """Return the flows in both directions, at full size and for each level."""
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
             raise ModelError(
@@ -166,21 +133,7 @@ def _normalised(features: Tensor) -> Tensor:
 
 
 def visible(flow: Tensor, other: Tensor) -> Tensor:
-    """Return a mask of the pixels where the forward and backward flows agree, or that leave the frame.
-
-    Pixels that leave the frame are treated as visible, because the losses sample them from outside the crop.
-
-    Args:
-        flow: flow from the first frame to the second in pixels, (N, 2, H, W).
-        other: flow from the second frame to the first in pixels, (N, 2, H, W).
-
-    Returns:
-        The visibility mask, bool (N, 1, H, W).
-
-    >>> flow = torch.full((1, 2, 4, 6), 1.0)
-    >>> visible(flow, -flow).all().item(), visible(flow, 9 * flow)[0, 0, 0].tolist()
-    (True, [False, False, False, False, False, True])
-    """
+    """Return a mask of the pixels where the forward and backward flows agree, or that leave the frame."""
     difference = (flow + warp(other, flow)).abs().sum(dim=1, keepdim=True)
     bound = 0.1 * (flow.abs().sum(dim=1, keepdim=True) + other.abs().sum(dim=1, keepdim=True)) + 0.5
     return torch.logical_or(difference < bound, leaves(flow))

@@ -37,10 +37,7 @@ class _ContextAttention(nn.Module):
 
 
 class LocalContextAttention(_ContextAttention):
-    """Attention within windows of 7 x 7.
-
-    State-dict keys: `context_proj q k v proj`.
-    """
+    """Attention within windows of 7 x 7."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,10 +55,7 @@ class LocalContextAttention(_ContextAttention):
 
 
 class ReducedContextAttention(_ContextAttention):
-    """Attention to the complete map, which is downsampled by a factor of four.
-
-    State-dict keys: `context_proj q k v proj sr_key sr_value norm`.
-    """
+    """Attention to the complete map, which is downsampled by a factor of four."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -102,10 +96,7 @@ class _ContextBlock(nn.Module):
 
 
 class VerticalAttention(nn.Module):
-    """A layer of local attention followed by downsampled global attention.
-
-    State-dict keys: `local_block global_block`.
-    """
+    """A layer of local attention followed by downsampled global attention."""
 
     def __init__(self) -> None:
         super().__init__()

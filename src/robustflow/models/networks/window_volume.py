@@ -13,24 +13,7 @@ from .blocks.allpairs import sample_window
 
 
 class WindowVolume:
-    """Dot products, divided by sqrt(C), with 17 x 17 pixels around an integer target, and with three pooled levels.
-
-    The values equal those of the all-pairs volume, which would need 3.4 GB at 1/4 of a KITTI image's resolution. As in
-    FlowDiffuser, the backward pass treats rounding as the identity: the window moves with the target (see `_slopes`),
-    and each lookup moves in the opposite direction.
-
-    Args:
-        features1: features of image 1, (N, C, H, W).
-        features2: features of image 2, (N, C, H, W); zero outside the map.
-        coordinates: targets (x, y) in pixels of map 2, (N, 2, H, W); rounded to integers.
-
-    >>> from robustflow.models.networks.blocks.allpairs import CorrelationPyramid, pixel_grid
-    >>> features = torch.rand(2, 1, 4, 12, 16)
-    >>> target = pixel_grid(features[0]) + 1
-    >>> near = WindowVolume(*features, target).lookup(target + 0.25)[:, :81]
-    >>> bool(torch.allclose(near, CorrelationPyramid(*features).lookup(target + 0.25)[:, :81], atol=1e-5))
-    True
-    """
+    """Dot products, divided by sqrt(C), with 17 x 17 pixels around an integer target, and with three pooled levels."""
 
     HALF, RADIUS, LEVELS = 8, 4, 4
 
@@ -90,17 +73,7 @@ class WindowVolume:
 
 
 def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Return the derivatives of windows with respect to the x and y of their centres, per pixel, (M, 1, S, S) each.
-
-    The derivative of bilinear sampling at integer positions is one-sided: it is taken to the right or downwards, except
-    where the original code's float32 arithmetic results in a position just below the integer, and therefore in the
-    derivative on the opposite side.
-
-    Args:
-        wider: windows with one more pixel on each side, (M, 1, S + 2, S + 2).
-        x, y: integer pixel coordinates of the centres, (M,).
-        height, width: size of the maps in pixels.
-    """
+    """Return the derivatives of windows with respect to the x and y of their centres, per pixel, (M, 1, S, S) each."""
     inner = wider[..., 1:-1, 1:-1]
     to_left, to_right = inner - wider[..., 1:-1, :-2], wider[..., 1:-1, 2:] - inner
     upwards, downwards = inner - wider[..., :-2, 1:-1], wider[..., 2:, 1:-1] - inner

@@ -26,33 +26,7 @@ _GIB = 2**30
 
 
 class OnnxModel(PairNetwork):
-    """A network in an ONNX file, in a process that is limited in memory and time; satisfies `FlowModel`.
-
-    Args:
-        checkpoint: path of the ONNX file. Its network must accept two frames as two inputs (N, 3, H, W), stacked (N, 2,
-            3, H, W) or concatenated (N, 6, H, W), and return the flow at their resolution, (N, 2, H, W) or (N, H, W,
-            2). External weights are only read from the folder of the ONNX file.
-        order: colour order of the input, "rgb" or "bgr".
-        scaling: value range of the input, "0-1", "-1-1", "0-255" or "imagenet".
-        multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
-            each side. If the network has a fixed input size, frames are padded to that size.
-        layout: layout of the inputs, "pair", "stacked" or "concatenated"; by default inferred from the inputs' shapes.
-        inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
-        output: name of the output that is the flow; by default the last output.
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-        device: name of the device, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
-        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
-            parallelised with processes instead.
-        memory_limit: limit on the memory of a prediction on the CPU, GiB; by default 0.5 GiB, 2 KiB per pixel and
-            1/500 byte per pair of pixels, which is 1.8 GiB and twice what RAFT needs at KITTI's size.
-        time_limit: limit on the time of loading, and of each prediction, in seconds.
-
-    Raises:
-        UsageError: the order, scaling, layout, device or a limit is invalid, or the network does not have the given
-            inputs or output.
-        ModelError: onnxruntime or the device is not available, the file is not an ONNX network for two frames, or the
-            network exceeds a limit.
-    """
+    """A network in an ONNX file, in a process that is limited in memory and time; satisfies `FlowModel`."""
 
     def __init__(
         self,
@@ -142,14 +116,7 @@ class OnnxModel(PairNetwork):
 
 
 def serve_network(pipe: Connection, path: Path, options: dict[str, Any], memory: float | None) -> None:
-    """Load a network and predict pairs; the main function of its process.
-
-    Args:
-        pipe: connection to the parent. It sends ("loaded", (identity, convention, whether batches help)), receives
-            lists of first and second frames, and sends ("flows", flows) for each.
-        path, options: arguments of `OnnxNetwork`.
-        memory: limit on the memory of a prediction, GiB.
-    """
+    """Load a network and predict pairs; the main function of its process."""
     from .network import OnnxNetwork
 
     on_cpu = options["device"] == "cpu"  # CUDA reserves more address space than the machine has memory

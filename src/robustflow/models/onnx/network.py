@@ -192,11 +192,7 @@ def _dtype(node: Any) -> Any:
 
 
 def _parse(path: Path, content: bytes) -> Any:
-    """Parse an ONNX file into its protobuf message.
-
-    Raises:
-        ModelError: the file is not an ONNX network.
-    """
+    """Parse an ONNX file into its protobuf message."""
     import onnx
 
     try:
@@ -220,15 +216,7 @@ def _read_names(model: Any) -> set[str]:
 
 
 def _external_files(path: Path, model: Any) -> dict[str, str]:
-    """Return the SHA-256 of every external weight file of an ONNX file, keyed by the name used in the ONNX file.
-
-    Args:
-        path: path of the ONNX file.
-        model: parsed message from `_parse`.
-
-    Raises:
-        ModelError: a weight file is missing or outside the ONNX file's folder.
-    """
+    """Return the SHA-256 of every external weight file of an ONNX file, keyed by the name used in the ONNX file."""
     import onnx
 
     names = {

@@ -17,17 +17,7 @@ _Named = tuple[str, Tensor]
 
 
 class PtlflowClipNet(nn.Module):
-    """Call a multi-frame ptlflow model with a clip, and select the flow of the requested pair from its output.
-
-    No state is kept between calls.
-
-    Args:
-        model: ptlflow model.
-        reading: pairs that the model predicts; see `Reading`.
-        least: minimum number of frames; in shorter clips the first frame is repeated.
-        twice: number of frames in a complete clip if the authors duplicate the first frame of every sequence, otherwise
-            0. If it is not zero, a pair before the middle of its clip is treated as the beginning of a sequence.
-    """
+    """Call a multi-frame ptlflow model with a clip, and select the flow of the requested pair from its output."""
 
     def __init__(self, model: Any, reading: Reading, least: int, twice: int = 0) -> None:
         super().__init__()
@@ -68,13 +58,6 @@ class PtlflowClipNet(nn.Module):
 
 def padding_to_middle(frames: int, wanted: int) -> tuple[int, int]:
     """Return how often the first and the last frame must be repeated so that VideoFlow returns the requested flow.
-
-    VideoFlow drops repeated frames, predicts a flow for every frame except the first and the last, and returns the flow
-    with index (n - 2) // 2 minus the number of repetitions on the left, where n includes repeated frames.
-
-    Args:
-        frames: number of frames in the clip, at least 3.
-        wanted: index of the requested flow, 0 to frames - 3.
 
     >>> padding_to_middle(5, 1), padding_to_middle(5, 0), padding_to_middle(5, 2)
     ((0, 0), (2, 0), (0, 1))

@@ -71,20 +71,7 @@ def ptlflow_clip_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> TorchClipModel:
-    """Build a multi-frame ptlflow model, which does not keep state between clips.
-
-    Args:
-        name: name of the model.
-        architecture: name of the network in `CLIPS`.
-        checkpoint, iterations, sha256: same arguments as for `ptlflow_model`.
-        before: number of frames before the pair, at least 1, for MemFlow and STaRFlow; by default the authors' choice.
-        execution: execution settings; the fields of `Execution` are options.
-
-    Raises:
-        ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
-        UsageError: the checkpoint is unknown, the number of iterations is invalid, or `before` is given for a network
-            with a fixed number of frames.
-    """
+    """Build a multi-frame ptlflow model, which does not keep state between clips."""
     clip = CLIPS[architecture]
     window = clip.window
     if before is not None:

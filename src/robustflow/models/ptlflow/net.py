@@ -11,14 +11,7 @@ from ...errors import ModelError
 
 
 class PtlflowNet(nn.Module):
-    """Call a ptlflow model with its dictionary of images and extract the flow from the dictionary it returns.
-
-    Scaling, padding and conversion to RGB happen inside the model.
-
-    Args:
-        model: ptlflow model.
-        batched: whether the pairs in a batch are known to be independent; otherwise each pair is predicted separately.
-    """
+    """Call a ptlflow model with its dictionary of images and extract the flow from the dictionary it returns."""
 
     def __init__(self, model: Any, batched: bool) -> None:
         super().__init__()
@@ -35,19 +28,12 @@ class PtlflowNet(nn.Module):
         return torch.cat([self._flow(pair, confidence) for pair in images.split(1)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return the flow after every iteration, for the loss; in training mode only.
-
-        Raises:
-            ModelError: the network does not return its intermediate flows.
-        """
+        """Return the flow after every iteration, for the loss; in training mode only."""
         return self._training_outputs(image1, image2)[0]
 
     def matched_predictions(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
         """Return the flow after every iteration and GMFlowNet's matching confidence between pixels of the two frames at
         1/8 resolution, (N, P, P).
-
-        Raises:
-            ModelError: the network has no matching step.
         """
         flows, outputs = self._training_outputs(image1, image2)
         if "soft_corr_map" not in outputs:
@@ -80,12 +66,7 @@ this number."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):
-    """FlowFormer++ (Shi et al., CVPR 2023), modified to match the authors' code where ptlflow 0.4.2 differs from it.
-
-    ptlflow tiles the contexts of a batch over the cost tokens in FlowFormer's order, which mixes pairs; in the authors'
-    code, each pair's context belongs to the eight tokens of that pair. ptlflow also pads training crops to multiples of
-    32, which the authors do not.
-    """
+    """FlowFormer++ (Shi et al., CVPR 2023), modified to match the authors' code where ptlflow 0.4.2 differs from it."""
 
     def __init__(self, model: Any) -> None:
         super().__init__(model, batched=True)

@@ -16,24 +16,6 @@ _ITERATIONS = ("iters", "decoder_depth")
 def constructor_options(name: str, reference: type, iterations: int | None) -> tuple[dict[str, Any], int | None]:
     """Return the constructor arguments for predicting complete frames with the given number of iterations; sequences
     are passed as lists, and no backbone is downloaded.
-
-    Args:
-        name: name of the model, for messages.
-        reference: ptlflow's class of the model.
-        iterations: requested number of iterations; None for the model's default.
-
-    Returns:
-        The constructor's arguments, and the number of iterations, or None if the model does not have exactly one such
-        argument.
-
-    Raises:
-        UsageError: the number of iterations is below 1, or given for a model that does not have exactly one such
-            argument.
-
-    >>> class Net:
-    ...     def __init__(self, use_tile_input=True, iters=32): ...
-    >>> constructor_options("net", Net, 12)
-    ({'use_tile_input': False, 'iters': 12}, 12)
     """
     parameters = constructor_parameters(reference)
     # ptlflow's own loader also passes lists, and some constructors modify them.

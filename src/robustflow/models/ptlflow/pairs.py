@@ -70,19 +70,6 @@ def ptlflow_model(
 ) -> NetworkModel:
     """Build a two-frame ptlflow model that predicts complete frames; its built-in tiling is off, even if a checkpoint
     enables it.
-
-    Args:
-        name: name of the model.
-        architecture: name of the network in ptlflow.
-        checkpoint: name of a checkpoint in ptlflow (things, sintel, ...), path of a file from the authors or ptlflow,
-            or "random".
-        iterations: number of recurrent updates; None for ptlflow's default. The paper's evaluation uses 12.
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-        execution: execution settings; the fields of `Execution` are options.
-
-    Raises:
-        ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
-        UsageError: the model or checkpoint is unknown, or the number of iterations is invalid.
     """
 
     def wrap(model: Any) -> Any:
@@ -166,10 +153,7 @@ def _build_error(name: str, architecture: str, reference: Any, error: Exception)
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
-    """Restore settings that ptlflow stores in some checkpoints and applies when it loads the weights.
-
-    In most models, `train_size` only enables tiling, but in MatchFlow it is part of the network.
-    """
+    """Restore settings that ptlflow stores in some checkpoints and applies when it loads the weights."""
     recorded = {}
     model = net.model
     for key, kind in (("train_avg_length", int), ("train_size", list)):

@@ -21,26 +21,7 @@ _SLOPE = np.float32(0.1)
 def convolve(
     maps: Maps, weight: Weights, bias: Weights, stride: int = 1, dilation: int = 1, linear: bool = False
 ) -> Maps:
-    """Apply a convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`.
-
-    Each tap of the kernel adds one matrix product. Because the channels of a pixel are contiguous, the matrix of a tap
-    is the input itself, shifted; unfolding the input takes as long as the products.
-
-    Args:
-        maps: input maps, (H, W, C).
-        weight: weights of the kernel, (O, C, k, k) with k odd.
-        bias: bias per output channel, (O,).
-        stride: stride, 1 or 2.
-        dilation: dilation of the kernel.
-        linear: whether to skip the LeakyReLU.
-
-    Returns:
-        The output maps, (ceil(H / stride), ceil(W / stride), O).
-
-    >>> ones = np.ones((2, 3, 1), np.float32)
-    >>> convolve(ones, np.ones((1, 1, 3, 3), np.float32), np.zeros(1, np.float32))[..., 0].tolist()
-    [[4.0, 6.0, 4.0], [4.0, 6.0, 4.0]]
-    """
+    """Apply a convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`."""
     from scipy.linalg.blas import sgemm  # imported here because only this network needs the import of 0.1 s
 
     height, width, channels = maps.shape
@@ -92,8 +73,6 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 def warp(maps: Any, flow: Any, out: Any) -> None:
     """Sample `maps` (H, W, C) bilinearly at pixel + `flow` (H, W, 2), with replicated borders, and write to `out` (H,
     W, C).
-
-    Coordinates are converted to -1..1 in single precision, as in PyTorch's sampler, so that both round in the same way.
     """
     height, width, channels = maps.shape
     one, two = np.float32(1), np.float32(2)

@@ -15,16 +15,7 @@ from .shipped import ShippedWeights
 
 
 def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flow:
-    """Compute the flow of a pair.
-
-    Args:
-        weights: float32 weights, keyed by their names in the trained network's state dict.
-        frame1: first frame, RGB uint8 (H, W, 3).
-        frame2: second frame, same format as `frame1`.
-
-    Returns:
-        The flow in pixels, float32 (H, W, 2).
-    """
+    """Compute the flow of a pair."""
     height, width = frame1.shape[:2]
     top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
     first, second = (_pyramid(weights, _network_input(frame)) for frame in (frame1, frame2))
@@ -79,10 +70,6 @@ def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps,
 class NumpyTiny:
     """The small network in NumPy; satisfies `FlowModel`.
 
-    Args:
-        name: name of the model.
-        weights: weights shipped in the package.
-
     >>> import numpy as np
     >>> from robustflow.models.tiny.shipped import shipped_weights
     >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
@@ -102,10 +89,6 @@ class NumpyTiny:
         return {"name": self.name, "checkpoint": self._weights.sha256, "runtime": "numpy"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`, for frames of any size.
-
-        Raises:
-            UsageError: the frames are not RGB uint8 of equal size.
-        """
+        """Predict a flow as in `FlowModel.predict`, for frames of any size."""
         check_pair(frame1, frame2)
         return predict(self._weights.arrays, frame1, frame2)

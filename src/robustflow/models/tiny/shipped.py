@@ -19,14 +19,7 @@ SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
 
 @dataclass(frozen=True, eq=False)
 class ShippedWeights:
-    """The contents of a weight file.
-
-    Attributes:
-        arrays: float32 weights, keyed by their names in the trained network's state dict.
-        sha256: SHA-256 of the file, 64 hexadecimal digits.
-        about: training metadata: recipe, seed, data, commit and more.
-        trained_on: training sets in the format of `--trained-on`.
-    """
+    """The contents of a weight file."""
 
     arrays: Mapping[str, Weights]
     sha256: str
@@ -35,14 +28,7 @@ class ShippedWeights:
 
 
 def shipped_weights(name: str) -> ShippedWeights:
-    """Return the weights of a model in `SHIPPED`.
-
-    Raises:
-        AssetError: the installation is damaged.
-
-    >>> sum(array.size for array in shipped_weights("tiny").arrays.values())
-    379954
-    """
+    """Return the weights of a model in `SHIPPED`."""
     path = files(__package__).joinpath("weights", f"{name}.safetensors")
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()

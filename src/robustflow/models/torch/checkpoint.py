@@ -36,16 +36,7 @@ TRAINED_ON = "robustflow_trained_on"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The contents of a checkpoint file.
-
-    Attributes:
-        path: path of the file.
-        sha256: SHA-256 of the file, 64 hexadecimal digits.
-        weights: tensors on the CPU, keyed by their names in the file.
-        hyper_parameters: Lightning's entry with this name, equally untrusted; empty if there is none.
-        trained_on: training sets declared in the file, as written by `robustflow train`; None if there is no
-            declaration.
-    """
+    """The contents of a checkpoint file."""
 
     path: Path
     sha256: str
@@ -57,19 +48,6 @@ class Checkpoint:
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     """Read a safetensors file, or a file saved with `torch.save`: a state dict, or a dict that contains one under a key
     in `HELD_AS`.
-
-    No code in the file is executed: a safetensors file contains none; in a file saved with `torch.save`, the declared
-    sizes are compared with the file size, its pickle is scanned (`pickle_scan`), and the file is then read with
-    `weights_only=True`.
-
-    Args:
-        path: path of the file.
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-
-    Raises:
-        ModelError: the file is missing, damaged, a zip bomb or not a checkpoint, has a different hash, or contains more
-            than plain weights.
-        UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     path = user_path(path)
     content, digest = read_content(path, sha256)
@@ -85,11 +63,7 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 
 
 def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
-    """Return the contents of a file, read with the same checks, and the file's SHA-256.
-
-    Raises:
-        ModelError, UsageError: see `read_checkpoint`.
-    """
+    """Return the contents of a file, read with the same checks, and the file's SHA-256."""
     with opened(path, sha256) as (file, digest):
         if _is_safetensors(file):
             return _load_safetensors(path, file), digest

@@ -15,12 +15,7 @@ from .model import NetworkModel
 
 
 class TorchClipModel:
-    """A multi-frame network; satisfies `ClipModel`.
-
-    Args:
-        network: adapter whose network accepts images (1, 3, H, W) in temporal order, and `index`.
-        window: frames that the network requires.
-    """
+    """A multi-frame network; satisfies `ClipModel`."""
 
     def __init__(self, network: NetworkModel, window: Window) -> None:
         self.window = window
@@ -46,11 +41,7 @@ class TorchClipModel:
         return self._network.identity()
 
     def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
-        """Predict a flow as in `ClipModel.predict_clip`.
-
-        Raises:
-            UsageError: the frames are not RGB uint8 of equal size, or the clip has no pair at `index`.
-        """
+        """Predict a flow as in `ClipModel.predict_clip`."""
         for frame in frames:
             check_pair(frames[0], frame)
         if not 0 <= index < len(frames) - 1:

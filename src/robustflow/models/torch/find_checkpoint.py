@@ -19,19 +19,7 @@ RANDOM = "random"
 def refuse_missing_file(
     model: str, checkpoint: str | Path | None, published: Collection[str], source: str, *, strict: bool = True
 ) -> None:
-    """Raise an error if the given checkpoint does not exist. This check is done before heavy libraries are imported.
-
-    Args:
-        model: name of the model, for messages.
-        checkpoint: path, name in `published`, "random", or None, which is always accepted.
-        published: names of checkpoints that can be downloaded.
-        source: description of the file, including where its authors publish it.
-        strict: whether `published` is complete, so that any other name is an error.
-
-    Raises:
-        ModelError: the file does not exist.
-        UsageError: the name is not published.
-    """
+    """Raise an error if the given checkpoint does not exist. This check is done before heavy libraries are imported."""
     if checkpoint is None or str(checkpoint) in (RANDOM, *published) or user_path(checkpoint).exists():
         return
     path = Path(checkpoint)
@@ -47,23 +35,6 @@ def find_checkpoint(
 ) -> tuple[Path, str | None]:
     """Return the file of a checkpoint; published checkpoints are downloaded to PyTorch's cache unless they are already
     there.
-
-    A published name takes precedence over a file with the same name in the current folder; use `./NAME` for the file.
-
-    Args:
-        model: name of the model, for messages.
-        checkpoint: path, or name in `published`.
-        published: URLs, keyed by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its
-            SHA-256.
-        source: description of the file, including where its authors publish it.
-
-    Returns:
-        The path, and the first digits of the expected SHA-256, or None if they are not known.
-
-    Raises:
-        ModelError: no checkpoint was given, the file does not exist, or the download failed; the message states where
-            to put the file.
-        UsageError: the name is not published.
     """
     if checkpoint is None:
         raise needs_checkpoint(model, published, source)

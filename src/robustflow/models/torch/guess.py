@@ -48,14 +48,7 @@ _MOST_NAMED = 4
 
 @dataclass(frozen=True)
 class Declared:
-    """The input and output convention of a module; None for values that were not declared.
-
-    Attributes:
-        scaling: name of the value range in `input_convention.SCALINGS`.
-        order: colour order, "rgb" or "bgr".
-        layout: name of the input layout in `module_net.LAYOUTS`.
-        output: position or key of the flow among several outputs.
-    """
+    """The input and output convention of a module; None for values that were not declared."""
 
     scaling: str | None = None
     order: str | None = None
@@ -68,19 +61,11 @@ class Declared:
         return self.scaling is not None and self.order is not None
 
     def describe(self) -> str:
-        """Return the convention as keyword options.
-
-        >>> Declared("0-1", "rgb", "pair", -1).describe()
-        'scaling=0-1, order=rgb, layout=pair, output=-1'
-        """
+        """Return the convention as keyword options."""
         return ", ".join(f"{key}={value}" for key, value in self._set_fields().items())
 
     def line(self) -> str:
-        """Return the line of code and the command-line options that declare this convention.
-
-        >>> Declared("0-1", "rgb", output=-1).line()
-        "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
-        """
+        """Return the line of code and the command-line options that declare this convention."""
         given = {key: value for key, value in self._set_fields().items() if (key, value) != ("output", LAST_OUTPUT)}
         code = ", ".join(f"{key}={value!r}" for key, value in given.items())
         return f"robustflow.TorchModel(net, {code}) or {' '.join(f'-O {key}={value}' for key, value in given.items())}"
@@ -120,21 +105,7 @@ def infer_convention(
     device: torch.device,
     threads: int = 1,
 ) -> tuple[Declared, str]:
-    """Check the declared convention, and fill in missing values with those that work best for the network.
-
-    Args:
-        module: module in evaluation mode, on `device`.
-        declared: convention declared by the user.
-        multiple: number of which the input's height and width must be multiples.
-        device: device on which the module runs.
-        threads: number of CPU threads.
-
-    Returns:
-        The complete convention, and a warning ("" if there is none).
-
-    Raises:
-        ModelError: no convention works, none is clearly best, or the declared convention is wrong.
-    """
+    """Check the declared convention, and fill in missing values with those that work best for the network."""
     with torch.inference_mode(), reproducible(threads):
         trial = _Trial(module, device, multiple)
         layouts = trial.working_layouts(declared)
@@ -263,10 +234,6 @@ class _Trial:
     def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
         """Rank the conventions that were not discarded after the first pairs, best first, with their errors on every
         pair.
-
-        Args:
-            ways: candidate conventions; those with a much larger error than the best are discarded.
-            better_than: reference convention; candidates that are not much better are discarded, too.
         """
         candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):

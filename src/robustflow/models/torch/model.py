@@ -23,19 +23,7 @@ from .reproducible import reproducible
 
 
 class NetworkModel(PairNetwork):
-    """A PyTorch network as a model; satisfies `FlowModel`.
-
-    Args:
-        name: name of the model.
-        net: module that maps two images (N, 3, H, W) to a flow (N, 2, H, W) in pixels; it is set to evaluation mode.
-        convention: input convention of the network.
-        settings: additional settings that affect the results (checkpoint hash, iterations), for `identity`.
-        execution: settings for device, precision, compilation and threads.
-
-    Raises:
-        UsageError: the device is unknown.
-        ModelError: the machine does not have the device.
-    """
+    """A PyTorch network as a model; satisfies `FlowModel`."""
 
     trained_on: str | None = None
     """The training sets that the checkpoint declares."""
@@ -85,11 +73,7 @@ class NetworkModel(PairNetwork):
         return self._batches_pairs
 
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
-        """Compute the flow as described in `Differentiable`.
-
-        Raises:
-            ModelError: the network does not support the images' size, or fails on them.
-        """
+        """Compute the flow as described in `Differentiable`."""
         height, width = images1.shape[2:]
         self.convention.fitted_size(height, width)
         values = (255 * image.to(self.device) for image in (images1, images2))
@@ -99,18 +83,7 @@ class NetworkModel(PairNetwork):
         return unfitted_flow(flow.float(), self.convention, height, width)
 
     def run(self, *batches: list[Frame], **arguments: Any) -> list[Flow]:
-        """Call the network once.
-
-        Args:
-            batches: batches of RGB uint8 frames of equal size, one batch for each input image of the network.
-            arguments: additional arguments of the network.
-
-        Returns:
-            One flow for each frame of a batch, in the format of `predict`.
-
-        Raises:
-            ModelError: the network does not support the frames' size, or fails on them.
-        """
+        """Call the network once."""
         height, width = batches[0][0].shape[:2]
         self.convention.fitted_size(height, width)
         with torch.inference_mode(), reproducible(self._execution.threads):
@@ -150,15 +123,7 @@ class ConfidentNetwork(NetworkModel):
 
 
 def find_device(name: str) -> torch.device:
-    """Return the torch device for a name.
-
-    >>> find_device("cpu").type
-    'cpu'
-
-    Raises:
-        UsageError: the name is not that of a device.
-        ModelError: the machine does not have this device.
-    """
+    """Return the torch device for a name."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

@@ -20,14 +20,7 @@ latter in a dictionary, `{"images": ...}`, as in ptlflow.
 
 
 class ModuleNet(nn.Module):
-    """Pass images to a module in its input layout, and extract the flow from its output.
-
-    Args:
-        module: network; its training or evaluation mode is not changed.
-        layout: input layout, one of `MODULE_LAYOUTS`.
-        output: index or key of the flow among several outputs; None for the last one.
-        batched: whether the module accepts several pairs per call; otherwise each pair is predicted separately.
-    """
+    """Pass images to a module in its input layout, and extract the flow from its output."""
 
     def __init__(
         self,
@@ -67,11 +60,7 @@ class ModuleNet(nn.Module):
         return [as_flow(chosen_output(one, None), image1) for one in several]
 
     def returned(self, image1: Tensor, image2: Tensor) -> Any:
-        """Return the module's raw output for these images.
-
-        Raises:
-            ModelError: the module fails; the message states where.
-        """
+        """Return the module's raw output for these images."""
         inputs = self._inputs(image1, image2)
         try:
             return self.module(*inputs)
@@ -103,11 +92,7 @@ class ModuleNet(nn.Module):
 
 
 def as_flow(output: Tensor, image1: Tensor) -> Tensor:
-    """Convert an output for images (N, 3, H, W) to a flow (N, 2, H, W).
-
-    Raises:
-        ModelError: the output is not a flow at the images' resolution.
-    """
+    """Convert an output for images (N, 3, H, W) to a flow (N, 2, H, W)."""
     if not (is_plain(output) and output.is_floating_point()):
         raise ModelError(
             f"the network's flow is a tensor of {kind_of(output)}; return a dense floating-point tensor, or choose a "
@@ -125,10 +110,6 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
 
     >>> chosen_output({"flows": [torch.zeros(1), torch.ones(1)], "other": 3}, "flows")
     tensor([1.])
-
-    Raises:
-        UsageError: the network has no output with this index or key.
-        ModelError: the output is not a tensor.
     """
     name, flow = _named_output(returned, output)
     while isinstance(flow, list | tuple) and flow:

@@ -46,30 +46,7 @@ def network_model(
     confident: bool = False,
     execution: Execution,
 ) -> NetworkModel:
-    """Build a network, load its checkpoint strictly, and wrap it.
-
-    Args:
-        name: name of the model.
-        build: function that imports and builds the network, so that this module does not need to import torch.
-        convention: input convention of the network.
-        checkpoint: path of a file, name in `published`, or "random" for seeded random weights, which are recorded in
-            the model's identity; weights are never random by default.
-        source: description of the file, including where its authors publish it; used in the message if the checkpoint
-            is missing.
-        sha256: first digits of the file's expected SHA-256, if known.
-        published: URLs of the checkpoints that can be downloaded, keyed by name.
-        scope: prefix of the network's entries in the checkpoint; see `load_weights`.
-        settings: additional settings that affect the network's results.
-        adapt: function that adapts the network to the checkpoint's hyperparameters before the weights are loaded, and
-            returns the settings to be recorded.
-        confident: whether the network can return its confidence; see `ConfidentNetwork`.
-        execution: settings for device, precision, compilation and threads.
-
-    Raises:
-        AssetError: torch is not installed.
-        ModelError: the checkpoint is missing, or does not match the network.
-        UsageError: the name is not published.
-    """
+    """Build a network, load its checkpoint strictly, and wrap it."""
     if checkpoint == RANDOM and sha256 is not None:
         raise UsageError("random weights are not read from a file: omit sha256, or pass a checkpoint")
     published, settings = published or {}, dict(settings or {})

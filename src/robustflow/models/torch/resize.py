@@ -15,9 +15,6 @@ def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
 def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
     """Resize a flow (N, 2, H, W) to (N, 2, *size), and multiply u by the ratio of the widths and v by the ratio of the
     heights.
-
-    >>> resize_flow(torch.ones(1, 2, 4, 4), (8, 12))[0, :, 0, 0].tolist()
-    [3.0, 2.0]
     """
     ratios = flow.new_tensor([size[1] / flow.shape[3], size[0] / flow.shape[2]], dtype=torch.float32)
     return resize(flow, size) * ratios.view(1, 2, 1, 1)

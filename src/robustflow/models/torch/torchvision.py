@@ -29,15 +29,7 @@ def _raft(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """Build torchvision's RAFT; frames are padded to multiples of 8 by repeating the border.
-
-    Args:
-        name: name of the network, "raft_large" or "raft_small".
-        checkpoint: name of the weights in torchvision (C_T_V2, C_T_SKHT_V2, ...), path of their file, or "random".
-        iterations: number of recurrent updates.
-        sha256: expected SHA-256 of the file, or at least its first eight digits.
-        execution: execution settings; the fields of `Execution` are options.
-    """
+    """Build torchvision's RAFT; frames are padded to multiples of 8 by repeating the border."""
     check_count("iterations", iterations)
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)

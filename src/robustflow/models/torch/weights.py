@@ -28,21 +28,7 @@ def bare_name(key: str) -> str:
 
 
 def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str | None = None) -> str | None:
-    """Load a checkpoint into a network, strictly.
-
-    Args:
-        net: network that receives the weights.
-        checkpoint: checkpoint from `read_checkpoint`.
-        model: name of the model, for messages.
-        scope: prefix of the network's entries (after `module.`) if a checkpoint contains more than the network. All
-            other entries are ignored; if no entry has this prefix, all entries are used.
-
-    Returns:
-        The dtype of the weights in the file if they were cast to a different dtype, otherwise None.
-
-    Raises:
-        ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
-    """
+    """Load a checkpoint into a network, strictly."""
     expected = dict(net.state_dict())
     inside = dict(_weights_in_scope(checkpoint.weights, scope))
     as_named = inside.keys() == expected.keys()  # a network's own names may start with a wrapper's prefix

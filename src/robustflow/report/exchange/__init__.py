@@ -22,16 +22,7 @@ HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
 
 
 def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
-    """Export a run in one of the formats; return file contents by relative path.
-
-    Args:
-        run: the run to export.
-        format: one of `EXCHANGE_FORMATS`.
-        hub_dataset: name of the benchmark's dataset on the Hub, as ORGANISATION/NAME; required for "huggingface".
-
-    Raises:
-        UsageError: the format is unknown, or `hub_dataset` is missing for "huggingface".
-    """
+    """Export a run in one of the formats; return file contents by relative path."""
     if format not in EXCHANGE_FORMATS:
         raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
     facts = RunFacts(run)

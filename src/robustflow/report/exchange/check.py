@@ -19,11 +19,8 @@ _HUB_DATASET = re.compile(f'^    id: "({HUB_NAME})"$'.encode(), re.MULTILINE)
 
 
 def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
-    """Check that each file matches an export of the record, byte for byte; return a sentence with the number of files.
-
-    Raises:
-        RunError: a file differs; the message names its first differing line.
-        DataError: a file cannot be read.
+    """Check that each file matches an export of the record, byte for byte; return a sentence with the number of
+    files.
     """
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.extract(Path(folder))

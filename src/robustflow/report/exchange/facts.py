@@ -18,14 +18,7 @@ from ...text import plain
 
 @dataclass(frozen=True)
 class RunMean:
-    """A mean value of a run.
-
-    Attributes:
-        metric: "epe", "cre" or "rcre" (in pixels), or "crer" (a ratio).
-        condition: "clean" or "average".
-        value: mean value.
-        interval: bounds of its 95 % interval; None if there are too few pairs.
-    """
+    """A mean value of a run."""
 
     metric: str
     condition: str

@@ -9,13 +9,7 @@ from .facts import RunFacts, RunMean
 
 
 def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, bytes]:
-    """Return `.eval_results/robustflow.yaml` with the clean and average means.
-
-    Args:
-        facts: facts about the run.
-        dataset: name of the dataset on the Hub, as ORGANISATION/NAME; its `eval.yaml` must define the tasks
-            `epe_clean`, `epe`, `cre`, `crer` and `rcre`.
-    """
+    """Return `.eval_results/robustflow.yaml` with the clean and average means."""
     text = "".join(_entry(facts, mean, dataset) for mean in facts.means)
     return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
 

@@ -47,10 +47,6 @@ _DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles, bool], MarkedFi
 def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
     """Draw every figure that can be made from these results, by name. Results that are not ranked appear only in
     figures with one curve per run.
-
-    Results measured on different frames never share a figure. Names of figures end with the number of their sample set,
-    from 1, unless there is only one set or the figure shows the published values. The user's models on the same frames
-    are drawn together, regardless of their settings.
     """
     figures: dict[str, Figure] = {}
     sets = by_frames(results)

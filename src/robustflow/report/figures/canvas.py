@@ -58,13 +58,6 @@ def fair_limits(
     """Choose the limits of a linear axis so that small differences do not look large: the span is at least the larger
     of `least` and a quarter of the largest value.
 
-    Args:
-        values: all values drawn along the axis, including interval bounds.
-        least: minimum span of the axis.
-        zero: whether the axis includes 0, as for bars and curves; 0 is then a limit unless values lie on both sides of
-            it.
-        room: margin at each end, as a fraction of the span.
-
     >>> fair_limits([2.5, 2.75], room=0)
     (2.125, 3.125)
     >>> fair_limits([0.02, 0.11], zero=True, room=0)
@@ -109,11 +102,6 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     """Place names next to their points, choosing the position with the least overlap with names and points already
     placed. A line connects a name with its point if a different marker is nearer. With more than
     `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
-
-    Args:
-        axes: axes with final limits, in a figure with a final layout (`files.settle_layout`).
-        points: points as (x, y, name), in data coordinates.
-        radii: radius of each marker in points (1/72 inch); 4 by default.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)

@@ -37,19 +37,7 @@ _LARGEST = 1000.0
 def clean_against_cre(
     results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
 ) -> MarkedFigure:
-    """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes.
-
-    As in the paper, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no
-    others.
-
-    Args:
-        results: results with a clean EPE and an average CRE (`ModelResult.cre`).
-        styling: styles of the models, and whether to draw the legend.
-        together: whether to draw all models in one panel, including knowledge-driven ones.
-
-    Raises:
-        UsageError: no model has both a clean and an average EPE.
-    """
+    """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes."""
     styling = styling or FigureStyles()
     without, styles = not_discussed(results), styling.of(results)
     panels: dict[str, list[tuple[ModelResult, float, float]]] = {}

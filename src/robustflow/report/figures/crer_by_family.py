@@ -28,20 +28,7 @@ LEAST_CRER = 0.5
 def crer_by_family(
     results: Sequence[ModelResult], models: tuple[str, ...] | None = None, styling: FigureStyles | None = None
 ) -> MarkedFigure:
-    """Draw bars of CREr per family, on one axis.
-
-    The paper's values get one panel per model with a bar per setting; other models share one panel with a bar per
-    model.
-
-    Args:
-        results: results with EPE per corruption.
-        models: model names; by default the paper's representative models (Fig. 5) if the results include published
-            values, otherwise all models. Of more than eight models, the eight with the lowest error are drawn.
-        styling: styles of the models.
-
-    Raises:
-        UsageError: none of the models has a clean EPE, or there is only one bar.
-    """
+    """Draw bars of CREr per family, on one axis."""
     styling, crer = styling or FigureStyles(), {line: line.family_crer for line in results if line.family_crer}
     published = of_paper(results)
     if models is None:

@@ -25,16 +25,7 @@ represent benchmarks."""
 
 @default_style()
 def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
-    """Plot the share of pixels against their flow magnitude on a logarithmic axis, with a dashed line per table.
-
-    Args:
-        tables: up to eight histograms by label, with the columns `low` and `high` (in pixels; the last `high` may be
-            infinite) and `share` (0 to 1), see `displacement_histogram`. The last bin is drawn with the width of
-            the previous one.
-
-    Raises:
-        UsageError: there are more than eight tables, or all of them are empty.
-    """
+    """Plot the share of pixels against their flow magnitude on a logarithmic axis, with a dashed line per table."""
     if len(tables) > MOST_LINES:
         raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}

@@ -26,11 +26,6 @@ def effective_trend(
 ) -> MarkedFigure:
     """Plot one panel per setting, all with the same axes. The factor printed for a model is its EPE divided by the EPE
     predicted from the trend of the other models.
-
-    With `together`, a single trend is fitted to the models of all settings.
-
-    Raises:
-        UsageError: there are too few models, see `effective_robustness`.
     """
     styling = styling or FigureStyles()
     panels = effective_robustness(results, by_setting=not together)

@@ -41,14 +41,7 @@ def settle_layout(figure: Figure) -> None:
 
 @default_style()
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
-    """Encode a figure as "png" (200 dpi), "svg" or "pdf"; equal figures give equal bytes.
-
-    With `live_text`, text in an SVG remains text, rendered with the reader's fonts, instead of being converted to
-    outlines.
-
-    Raises:
-        UsageError: the format is unknown.
-    """
+    """Encode a figure as "png" (200 dpi), "svg" or "pdf"; equal figures give equal bytes."""
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
     settle_layout(figure)
@@ -62,11 +55,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
 
 
 def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
-    """Write each figure in each format to FOLDER/<name>.<format>.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
+    """Write each figure in each format to FOLDER/<name>.<format>."""
     make_folder(folder)
     paths = []
     for name, figure in figures.items():

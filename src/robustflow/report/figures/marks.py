@@ -15,13 +15,7 @@ from .styles import KeyEntry, legend_handles
 
 @dataclass(frozen=True)
 class Mark:
-    """A point, bar or name in a figure.
-
-    Attributes:
-        model: name of the model.
-        setting: setting of the model; "" if the figure does not distinguish settings.
-        values: the shown values as (quantity, number with unit) pairs; empty for a name next to a point.
-    """
+    """A point, bar or name in a figure."""
 
     model: str
     setting: str = ""
@@ -29,13 +23,7 @@ class Mark:
 
 
 class MarkedFigure(Figure):
-    """A figure together with the meaning of its marks.
-
-    Attributes:
-        marks: marks of each artist in drawing order, by the artist's id in the SVG.
-        caption: description of the figure in sentences.
-        key: legend of the colours and markers.
-    """
+    """A figure together with the meaning of its marks."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -57,13 +45,7 @@ class MarkedFigure(Figure):
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
-        """Record the meaning of an artist's points; a bar or a text has a single mark.
-
-        >>> figure = MarkedFigure()
-        >>> figure.mark(figure.text(0, 0, "RAFT"), [Mark("RAFT")])
-        >>> figure.marks
-        {'mark-0': (Mark(model='RAFT', setting='', values=()),)}
-        """
+        """Record the meaning of an artist's points; a bar or a text has a single mark."""
         name = f"mark-{len(self.marks)}"
         artist.set_gid(name)
         self.marks[name] = tuple(marks)

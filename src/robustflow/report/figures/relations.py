@@ -32,13 +32,6 @@ def relations(
 ) -> MarkedFigure:
     """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE. A
     quantity has the same axis range in every panel.
-
-    Pearson's r and Spearman's rho are shown for each setting with at least `LEAST_MODELS` models. As in the paper's
-    discussion, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no others.
-    With `together`, all models are drawn, and the correlations are computed over all of them.
-
-    Raises:
-        UsageError: fewer than `LEAST_MODELS` models have all four metrics.
     """
     styling = styling or FigureStyles()
     without, styles = not_discussed(results), styling.of(results)

@@ -18,14 +18,7 @@ NORMS = {"linf": "largest change", "rms": "root mean square of the change", "are
 
 @default_style()
 def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
-    """Plot the security curves of a run; hollow markers indicate a warning.
-
-    Args:
-        points: points from `analysis.security_curves.security_curves`.
-
-    Raises:
-        UsageError: there are no points.
-    """
+    """Plot the security curves of a run; hollow markers indicate a warning."""
     if not points:
         raise UsageError("this run has no attacks and therefore no security curves; run it again with --attacks")
     styles = model_styles(point.attack for point in points)

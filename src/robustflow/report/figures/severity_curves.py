@@ -35,15 +35,6 @@ def severity_curves(
 ) -> MarkedFigure:
     """Plot a metric by severity for each corruption, with 95 % intervals if there are enough images. All panels have
     the same axes.
-
-    Args:
-        runs: rows of up to eight runs, by name.
-        metric: "epe", "cre", "crer" or "rcre".
-        styles: styles of the runs by name; if empty, styles are assigned in order.
-        legend: whether to draw the legend in the figure instead of on the page.
-
-    Raises:
-        UsageError: there are more than eight runs, or none measured the metric.
     """
     if len(runs) > len(MODEL_STYLES):
         raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")

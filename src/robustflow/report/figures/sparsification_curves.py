@@ -21,13 +21,6 @@ _COLUMNS = 4
 def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> MarkedFigure:
     """Plot the mean error of the remaining pixels when 0, 10, ... 90 % are removed: least confident first (solid), and
     largest errors first (dashed). All panels have the same axes.
-
-    Args:
-        model: name of the model.
-        scores: scores from `robustflow.analysis.confidence.confidence_scores`.
-
-    Raises:
-        UsageError: the run has no confidence measured against ground truth.
     """
     drawn = [score for score in scores if score.severity is not None and score.by_confidence]
     families = list(dict.fromkeys(score.family for score in drawn))

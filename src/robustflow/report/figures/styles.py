@@ -69,12 +69,7 @@ OTHER = Style("#666666")
 
 @dataclass(frozen=True)
 class FigureStyles:
-    """Styling options of a figure.
-
-    Attributes:
-        styles: styles by line; if empty, published models are coloured by kind and others in order.
-        legend: whether to draw the legend in the figure; pages write it from `MarkedFigure.key`.
-    """
+    """Styling options of a figure."""
 
     styles: Mapping[ModelResult, Style] = field(default_factory=dict)
     legend: bool = True

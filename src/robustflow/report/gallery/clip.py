@@ -39,15 +39,6 @@ _NEEDS_MORE = (
 class ClipPart:
     """A part of a video or of a folder of frames, with the frames to show: the first frames of the part if `start` is
     given, otherwise frames from the middle of the clip.
-
-    Args:
-        path: video file, folder of images, or folder of image folders (the first one is used).
-        start, stop: frame numbers or, for a video, times such as "12.5s"; `stop` is exclusive.
-        shown: number of frames to show, 2 to `MOST_SHOWN`; fewer if the part is shorter.
-
-    Raises:
-        DataError: the path is not a clip, or the part has fewer than two frames.
-        UsageError: the number of frames is out of range.
     """
 
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
@@ -74,15 +65,7 @@ class ClipPart:
 
 
 def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[str], list[str]]:
-    """Return the corruptions of a clip gallery, and sentences about omitted ones.
-
-    Raises:
-        UsageError: a requested corruption cannot be applied to a plain clip.
-
-    >>> chosen, left_out = chosen_corruptions(None, "paper")
-    >>> len(chosen), [sentence.partition(":")[0] for sentence in left_out]
-    (23, ['object_motion_blur and rolling_shutter are left out'])
-    """
+    """Return the corruptions of a clip gallery, and sentences about omitted ones."""
     if names is not None:
         for name in names:
             parts = [part for part, _ in split_stack(name)]
@@ -114,15 +97,6 @@ def clip_cells(
 ) -> Iterator[GalleryCell]:
     """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
     memory.
-
-    Args:
-        part: part of the clip.
-        shown: frames `part.shown`, RGB uint8 (H, W, 3).
-        severities: severities, 1 to 5.
-        corruptions: corruptions from `chosen_corruptions`.
-        folder: empty folder for the encoded clip.
-        seed, key: seed and key of the random draws; the frames are equal to those from `corrupt_clip`.
-        scale: severity scale, "paper" or "calibrated".
     """
     similarity = cache(lambda index: Ssim(shown[index]))
     encoded: ShortClip | None = None

@@ -21,17 +21,7 @@ _DPI = 160
 
 @default_style()
 def draw_figure(clean: Frame, cells: Sequence[GalleryCell], title: str, form: str) -> bytes:
-    """Draw the clean frame and one picture per cell, with three (for wide frames) to five pictures per row.
-
-    Args:
-        clean: clean frame, RGB uint8 (H, W, 3).
-        cells: cells of one severity.
-        title: title line above the pictures.
-        form: file format, "png" or "pdf".
-
-    Returns:
-        The bytes of the file; equal arguments give equal bytes.
-    """
+    """Draw the clean frame and one picture per cell, with three (for wide frames) to five pictures per row."""
     ratio = clean.shape[0] / clean.shape[1]
     columns = min(len(cells) + 1, 3 if ratio < 0.4 else 4 if ratio < 0.6 else 5)
     rows = math.ceil((len(cells) + 1) / columns)

@@ -24,15 +24,7 @@ def gallery_slider(
     severity: int,
     first_frame: int = 0,
 ) -> Slider:
-    """Make the slider of a gallery.
-
-    Args:
-        title: title of the page.
-        clean: the first frame of a pair, or the shown frames of a clip, RGB uint8 (H, W, 3).
-        cells: cells for every severity; may be a generator, which is consumed one cell at a time.
-        severities, severity: severities of the slider, and the initial one, 1 to 5.
-        first_frame: number in the clip of the first shown frame.
-    """
+    """Make the slider of a gallery."""
     widest, quality = (WIDEST, 80) if len(clean) == 1 else (WIDEST_OF_CLIP, 50)
     return make_slider(
         title,

@@ -17,16 +17,7 @@ from ...sample import Frame, Sample
 
 @dataclass(frozen=True)
 class GalleryCell:
-    """The frames under one corruption at one severity.
-
-    Attributes:
-        name: name of the corruption.
-        severity: severity, 1 to 5.
-        frames: RGB uint8 (H, W, 3) each; empty if the scale does not have this severity.
-        ssim: mean SSIM between the frame at `still` and its clean frame; None for a map of the depth.
-        remark: remark in the caption.
-        still: index of the frame that a still picture shows.
-    """
+    """The frames under one corruption at one severity."""
 
     name: str
     severity: int
@@ -37,11 +28,7 @@ class GalleryCell:
 
     @property
     def caption(self) -> str:
-        """The SSIM and the remark.
-
-        >>> GalleryCell("over_exposure", 2, ssim=0.8231, remark="frame 2").caption
-        'SSIM 0.82, frame 2'
-        """
+        """The SSIM and the remark."""
         return ", ".join(filter(None, ("" if self.ssim is None else f"SSIM {self.ssim:.2f}", self.remark)))
 
 
@@ -53,22 +40,8 @@ def gallery(
     scale: str = "paper",
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
 ) -> Iterator[GalleryCell]:
-    """Yield the cells of a pair, one corruption after another; each shows the first frame that the corruption changes.
-
-    Args:
-        sample: the pair; its depth, if any, is shown first.
-        severities: severities, 1 to 5.
-        corruptions: names of corruptions or stacks; all image-pair corruptions by default.
-        seed: seed of the random draws; the frames are equal to those from `corrupt` with the sample's key.
-        scale: severity scale, "paper" or "calibrated".
-        classes: user-defined corruption classes, see `load_corruption`.
-
-    Raises:
-        UsageError: the corruption or scale is unknown, or the corruption needs a clip.
-
-    >>> grey = np.full((32, 48, 3), 128, np.uint8)
-    >>> [(cell.name, cell.severity) for cell in gallery(Sample("grey", (grey, grey)), [1, 2], ["contrast"])]
-    [('contrast', 1), ('contrast', 2)]
+    """Yield the cells of a pair, one corruption after another; each shows the first frame that the corruption
+    changes.
     """
     wanted = IMAGE_PAIR if corruptions is None else corruptions
     chosen = [load_corruption(name, scale=scale, classes=classes) for name in wanted]

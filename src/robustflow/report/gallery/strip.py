@@ -32,14 +32,7 @@ _Cells = dict[tuple[int, int], tuple[str, Frame]]
 
 @dataclass(frozen=True)
 class StripColumn:
-    """A column of the picture, which shows one condition.
-
-    Attributes:
-        title: "clean", or the name of the corruption.
-        frame: shown frame, RGB uint8 (H, W, 3).
-        flow: flow predicted under the condition, float32 (H, W, 2), in pixels.
-        has_truth: whether the sample's ground truth applies to the condition.
-    """
+    """A column of the picture, which shows one condition."""
 
     title: str
     frame: Frame
@@ -54,17 +47,7 @@ def strip_columns(
     severity: int,
     seed: int = 0,
 ) -> list[StripColumn]:
-    """Predict the flow of the clean pair and of each corrupted version of it at one severity.
-
-    A column shows the first frame that the corruption changes.
-
-    Args:
-        sample: clean pair, with depth for corruptions that need it.
-        predict: prediction function of the model.
-        corruptions: loaded corruptions.
-        severity: severity, 1 to 5.
-        seed: seed of the random draws.
-    """
+    """Predict the flow of the clean pair and of each corrupted version of it at one severity."""
     pair = sample.frames[:2]
     columns = [StripColumn("clean", pair[0], predict(pair[0], pair[1]))]
     for corruption in corruptions:
@@ -76,17 +59,7 @@ def strip_columns(
 
 @default_style()
 def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> bytes:
-    """Draw a WebP picture with three rows: frames, flows on a common colour scale, and end-point errors.
-
-    Args:
-        sample: clean pair. Errors are relative to its ground truth or, without ground truth, to the flow of the first
-            column. For a static pair, the errors are phantom motion.
-        columns: columns, with the clean one first.
-        model: name of the model, for the captions.
-
-    Returns:
-        The bytes of the file; equal arguments give equal bytes.
-    """
+    """Draw a WebP picture with three rows: frames, flows on a common colour scale, and end-point errors."""
     truth, valid = (columns[0].flow, None) if sample.flow is None else (sample.flow, sample.valid)
     radius = flow_radius(truth, valid)
     what, decimals = f"{model}, error" if sample.flow is not None else f"{model}, change", 1
@@ -114,14 +87,6 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
 def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> bytes:
     """Draw a WebP picture with one row per attack: attacked frame 1, its change magnified around mid-grey, and the flow
     before and after the attack.
-
-    Args:
-        clean: clean frame 1, RGB uint8 (H, W, 3).
-        attacked: results of the attacks on the pair.
-        model: name of the model, for the captions.
-
-    Returns:
-        The bytes of the file; equal arguments give equal bytes.
     """
     cells: _Cells = {}
     for row, one in enumerate(attacked):
@@ -152,13 +117,7 @@ def magnified(clean: Frame, attacked: Frame) -> tuple[Frame, float]:
 
 
 def _grid(cells: _Cells, width: float, quality: int) -> bytes:
-    """Arrange pictures of equal size under their titles, as a WebP file.
-
-    Args:
-        cells: titles and pictures by (row, column).
-        width: width of one cell, in inches.
-        quality: WebP quality, 1 to 100.
-    """
+    """Arrange pictures of equal size under their titles, as a WebP file."""
     rows, columns = (1 + max(place[axis] for place in cells) for axis in (0, 1))
     tall, wide = cells[0, 0][1].shape[:2]
     height = width * tall / wide

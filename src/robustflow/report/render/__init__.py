@@ -21,23 +21,7 @@ for _name in ("terminal", "markdown", "latex", "csv", "html"):
 
 
 def render(table: Table, format: str) -> str:
-    """Render a table as text that ends with a line break.
-
-    Args:
-        table: the table, for example from `build_table`.
-        format: "terminal" (120 columns wide, no colour), "markdown", "latex" (booktabs), "csv" or "html" (a fragment),
-            the name of an installed package's format (entry point group "robustflow.table_formats"), or your own
-            function as `module.path:function`.
-
-    Raises:
-        UsageError: see `renderer`; or a user-defined function fails or does not return text.
-
-    >>> from robustflow.report.table import TableCell, Column, Line, Section, Table
-    >>> line = Line("A|B", (TableCell("1.00", best=True),))
-    >>> table = Table("x", "Errors", (Column("Clean"),), (Section("OOD", (line,)),))
-    >>> print(render(table, "markdown").splitlines()[5])
-    | A\\|B | **1.00** |
-    """
+    """Render a table as text that ends with a line break."""
     write = renderer(format)
     try:
         text = write(table)
@@ -56,9 +40,6 @@ def render(table: Table, format: str) -> str:
 
 def renderer(format: str) -> Renderer:
     """Return the function that renders a table in a format.
-
-    Raises:
-        UsageError: the format is unknown, or a user-defined function cannot be imported.
 
     >>> renderer("csv").__module__
     'robustflow.report.render.csv'

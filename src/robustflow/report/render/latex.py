@@ -121,11 +121,7 @@ def _float(table: Table, name: str) -> str:
 
 
 def escape(text: str) -> str:
-    """Escape text for LaTeX. Repeated hyphens and commas are separated, because fonts have ligatures of them.
-
-    >>> print(escape("50% of A_1 \\\\input{x}"))
-    50\\% of A\\_1 \\textbackslash{}input\\{x\\}
-    """
+    """Escape text for LaTeX. Repeated hyphens and commas are separated, because fonts have ligatures of them."""
     return re.sub(r"([-,])(?=\1)", r"\1{}", "".join(map(_letter, plain(text, None))))
 
 

@@ -26,11 +26,7 @@ def render(table: Table) -> str:
 
 
 def escape(text: str) -> str:
-    """Escape text for Markdown.
-
-    >>> print(escape("<b>*x*|y"))
-    &lt;b&gt;\\*x\\*\\|y
-    """
+    """Escape text for Markdown."""
     return plain(text, None).translate(_SPECIAL)
 
 

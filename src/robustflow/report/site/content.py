@@ -35,18 +35,7 @@ averages have intervals."""
 
 @dataclass(frozen=True)
 class Content:
-    """The content of a page.
-
-    Attributes:
-        title: title of the page.
-        lines: lines from the runs, then from the paper, then from the files, whose values cannot be verified.
-        pages: id of the model's page for each line.
-        group_titles: heading for each sample set.
-        alone: whether the page is only about its runs; the paper's results are then shown for comparison only, without
-            figures or audit.
-        of_paper: whether the averages of runs are restricted to the paper's corruptions, for comparison with the
-            published averages.
-    """
+    """The content of a page."""
 
     title: str
     lines: Sequence[ModelResult]
@@ -90,19 +79,7 @@ def whole_content(
     published: bool = True,
     only_own: bool = False,
 ) -> Content:
-    """Return the content of a leaderboard.
-
-    Args:
-        runs: the runs; may be empty.
-        files: pairs of a file name and the results read from the file. Each file is a separate sample set unless its
-            lines name one; they are never in the sample set of a run or of the paper.
-        published: whether to include the paper's results.
-        only_own: whether the page is about the runs and files, and shows the paper's results only for comparison.
-
-    Raises:
-        DataError: the same value appears in two files.
-        UsageError: there are no results.
-    """
+    """Return the content of a leaderboard."""
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)
 
 

@@ -21,12 +21,7 @@ from .models import ModelPage
 
 
 def page_data(content: Content, pages: Sequence[ModelPage]) -> dict[str, Any]:
-    """Build the data of a page.
-
-    Returns:
-        A dictionary with `boards` in order, `models` by page id, `settings` (label, CSS class and explanation by name),
-        and `labels` (line labels of shaded tables, which refer to them by index).
-    """
+    """Build the data of a page."""
     every_label = (line.label for page in pages for table in page.tables for line in table.lines)
     labels = {label: number for number, label in enumerate(dict.fromkeys(every_label))}
     settings = {name for board in content.boards for name, _, _ in board.settings}

@@ -89,11 +89,7 @@ class PanelPicture:
 
 
 def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
-    """Read the pictures from a run's folder; None if it has none.
-
-    Raises:
-        DataError: the list or a picture is corrupt, is too large, or has unexpected content.
-    """
+    """Read the pictures from a run's folder; None if it has none."""
     folder = run.path / FOLDER
     if not (folder / EXAMPLES_FILE).is_file():
         return None

@@ -44,16 +44,7 @@ _MOST_LINES = 200
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure of a page.
-
-    Attributes:
-        id, title, caption: identifier, title and caption of the figure.
-        svg, apart: markup of the panels with a shared scale, and with a separate scale for each panel.
-        key: markup of the legend of colours and markers.
-        wide: whether the figure has many panels.
-        head: heading of the first column of the number table.
-        columns, lines: columns and lines of the number table; empty if the page has the numbers in a different table.
-    """
+    """A figure of a page."""
 
     id: str
     title: str
@@ -69,13 +60,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class FigureGroup:
-    """A group of figures for results measured on the same frames.
-
-    Attributes:
-        benchmark: name of the benchmark.
-        title: title of the frames, as in the leaderboard.
-        figures: figures of the group.
-    """
+    """A group of figures for results measured on the same frames."""
 
     benchmark: str
     title: str

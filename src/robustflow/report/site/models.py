@@ -42,19 +42,7 @@ Tiles = tuple[tuple[ModelResult, tuple[tuple[str, TableCell], ...]], ...]
 
 @dataclass(frozen=True)
 class ModelPage:
-    """The content of a model's page.
-
-    Attributes:
-        id: id of the page.
-        name: name of the model.
-        tiles: overall means as (label, cell) pairs, for each line of the leaderboard.
-        sentences: sentences about the model.
-        tables: shaded tables with corruptions as rows and severities or settings as columns, the most informative
-            first.
-        facts: facts about the runs, or about the sources of the values.
-        anatomy: errors of a run by region and corruption family.
-        panels: pictures of the run's predictions.
-    """
+    """The content of a model's page."""
 
     id: str
     name: str
@@ -67,12 +55,7 @@ class ModelPage:
 
 
 def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> list[ModelPage]:
-    """Build a page for each model of each sample set, in the order of the lines.
-
-    Args:
-        content: content of the whole page.
-        panels: pictures of predictions, keyed by the line of their run.
-    """
+    """Build a page for each model of each sample set, in the order of the lines."""
     by_page: dict[str, list[ModelResult]] = {}
     for line, page in content.pages.items():
         by_page.setdefault(page, []).append(line)

@@ -36,16 +36,7 @@ _SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "f
 
 
 def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
-    """Render the page as one self-contained HTML file.
-
-    Args:
-        content: content of the page.
-        gallery: slider for a page whose runs have no pictures.
-
-    >>> from .content import whole_content
-    >>> render_site(whole_content([])).splitlines()[0]
-    '<!doctype html>'
-    """
+    """Render the page as one self-contained HTML file."""
     order = [board.benchmark for board in content.boards]
     runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
@@ -91,14 +82,7 @@ def _predictions(runs: Sequence[Run]) -> Table | None:
 
 @dataclass(frozen=True)
 class BenchmarkSection:
-    """The part of a page about one benchmark; the page shows one benchmark at a time.
-
-    Attributes:
-        board: leaderboard of the benchmark.
-        headline: first sentences.
-        figures: groups of figures, one group per sample set.
-        audits: audits of the benchmark's published and claimed values.
-    """
+    """The part of a page about one benchmark; the page shows one benchmark at a time."""
 
     board: Board
     headline: Sequence[str]

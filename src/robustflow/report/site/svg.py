@@ -48,17 +48,7 @@ def page_colour(colour: str) -> str:
 
 @default_style()
 def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str | None]) -> Markup:
-    """Return the `<svg>` elements of a figure's panels, in a `<div class="plot">` that wraps into several rows.
-
-    Args:
-        figure: figure with its marks.
-        prefix: prefix of all ids, which must be unique for each figure of a page; elements `{prefix}-title` and
-            `{prefix}-text` describe the figure.
-        page_of: id of each model's page, by model name.
-
-    Returns:
-        The markup. Marks have `class="mark"`, `data-page` and `data-label`; names next to them have `class="name"`.
-    """
+    """Return the `<svg>` elements of a figure's panels, in a `<div class="plot">` that wraps into several rows."""
     for index, axes in enumerate(figure.axes):
         axes.set_gid(f"panel-{index}")
     root = ElementTree.fromstring(figure_bytes(figure, "svg", live_text=True))

@@ -9,14 +9,7 @@ REPORT = "report.html"
 
 
 def write_report(run: Run) -> None:
-    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date.
-
-    Args:
-        run: run to report.
-
-    Raises:
-        DataError: the folder is not writable.
-    """
+    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date."""
     source = source_digest(run.path, run.rows_digest, run.manifest, beside=True)
     if is_current(run.path, REPORT, source):
         return

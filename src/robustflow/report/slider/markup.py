@@ -12,10 +12,7 @@ from .pictures import Shot, Slider
 
 
 def slider_markup(slider: Slider) -> Markup:
-    """Return the slider's HTML element, which contains its pictures as data. All text is escaped.
-
-    The initial pictures are part of the markup, so they are visible without scripts.
-    """
+    """Return the slider's HTML element, which contains its pictures as data. All text is escaped."""
     figures = []
     for index, (name, shots) in enumerate(slider.corruptions):
         shown = _first(slider, shots)

@@ -23,19 +23,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider: clean frames and their corrupted versions.
-
-    Attributes:
-        title: description of the frames.
-        width, height: size of every picture, in pixels.
-        clean: a `data:` URL for each clean frame; with more than one, the page has a frame control.
-        corruptions: corruptions as (label, shots by ascending severity); a severity without a shot shows `absent`.
-        severities: severities offered by the severity control.
-        start: initial severity; if it is missing, the nearest severity is used.
-        together: whether to show all corruptions initially instead of the first one.
-        absent: text shown for a severity without a picture.
-        first_frame: number of the first frame in its clip.
-    """
+    """A slider: clean frames and their corrupted versions."""
 
     title: str
     width: int
@@ -63,14 +51,6 @@ def make_slider(
     first_frame: int = 0,
 ) -> Slider:
     """Make a slider from frames; `pictures` may be a generator, which is consumed one corrupted clip at a time.
-
-    Args:
-        title, severities, start, together, absent, first_frame: see `Slider`.
-        clean: at least one clean frame, all of equal size, RGB uint8 (H, W, 3).
-        pictures: tuples of corruption, severity, as many frames as in `clean`, and caption, in the order of the
-            corruption menu. With an empty list of frames, the corruption is listed and its severity shows `absent`.
-        widest: maximum picture width, in pixels.
-        quality: JPEG quality, 1 to 95.
 
     >>> import numpy as np
     >>> grey = np.full((32, 48, 3), 128, np.uint8)

@@ -74,27 +74,14 @@ FinishedUnits = Generator[FinishedUnit, None, None]
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine that computes units.
-
-    Attributes:
-        describe: short description of the engine for the given units.
-        compute: function that computes each unit once, in any order, except that a sample's clean unit comes first.
-    """
+    """An engine that computes units."""
 
     describe: Callable[[Sequence[Unit]], str]
     compute: Callable[[Job, Sequence[Unit]], FinishedUnits]
 
 
 def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
-    """Return a job as it is sent to other processes.
-
-    Args:
-        job: job to send.
-        dumps: function that pickles an object.
-
-    Raises:
-        UsageError: the model object, the dataset or a user's corruption cannot be sent.
-    """
+    """Return a job as it is sent to other processes."""
     try:
         return dumps(job)
     except Exception as error:

@@ -27,17 +27,7 @@ class _Open:
 
 
 class CellSchedule:
-    """Assign each cell of the units once, and collect the rows.
-
-    A sample's clean cell comes first. Until the clean row has arrived, only the feeder that computes it works on the
-    sample.
-
-    >>> schedule = CellSchedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2))])
-    >>> [schedule.take("a" if number else None, False) for number in range(3)]
-    [('a', 'clean', 0), ('a', 'fog', 1), ('a', 'fog', 2)]
-    >>> schedule.finish(("a", "fog", 2), {"n": 2}, {}) is None, schedule.finish(("a", "fog", 1), {"n": 1}, {}).rows
-    (True, [{'n': 1}, {'n': 2}])
-    """
+    """Assign each cell of the units once, and collect the rows."""
 
     def __init__(self, units: Iterable[Unit]) -> None:
         self._waiting: dict[str, list[Unit]] = {}
@@ -59,12 +49,7 @@ class CellSchedule:
         return not self._waiting and not self._open
 
     def take(self, last_key: str | None, has_backlog: bool) -> Cell | None:
-        """Return the next cell for a feeder; None if all remaining cells have to wait.
-
-        Args:
-            last_key: key of the sample of the feeder's previous cell.
-            has_backlog: whether enough frames are waiting for the model to keep it busy.
-        """
+        """Return the next cell for a feeder; None if all remaining cells have to wait."""
         key = last_key if last_key in self._cells else None
         if key is None and self._fresh:
             key = self._fresh.pop()

@@ -46,19 +46,7 @@ def choose_engine(
     others: tuple[Any, ...] = (),
     attacks: bool = False,
 ) -> Engine:
-    """Return the engine with this name, or the one that suits the model, the number of workers and the timeout.
-
-    A model on accelerators gets one process per accelerator, which only predicts, and one feeder per CPU. A model on
-    the CPU runs in this process, unless workers or a timeout are given, or the model is single-threaded
-    (`FlowModel.single_threaded`): then long runs get one process per CPU. `workers` is the number of feeders, or of
-    processes that run all stages. `others` is sent to the processes in addition to the model; if it cannot be pickled,
-    the default is this process. With `attacks`, a model on an accelerator runs in this process, because an attack needs
-    the model itself.
-
-    Raises:
-        UsageError: the name is unknown, or the engine does not support the given workers or timeout.
-        AssetError: Ray is not installed.
-    """
+    """Return the engine with this name, or the one that suits the model, the number of workers and the timeout."""
     if workers is not None:
         check_count("--workers", workers)
     if timeout is not None:

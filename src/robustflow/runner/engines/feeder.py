@@ -51,16 +51,7 @@ class _Sent:
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
-    """Corrupt and measure cells until the driver ends this process.
-
-    Args:
-        driver: connection to the driver. It sends ("cell", cell), ("none", None) when no cell is available yet, and
-            ("deferred", cell) when one becomes available. It receives the cost of a cell's frames, ("made",
-            (corruption, seconds, has_backlog)), which also requests the next cell, and ("row", (cell, row, seconds)).
-        job: job without a model.
-        device: connection to the predicting process; see `predictor.Link`.
-        slots: memory shared with the predicting process.
-    """
+    """Corrupt and measure cells until the driver ends this process."""
     feeder = _Feeder(driver, job, device, slots)
     while True:
         feeder.step()

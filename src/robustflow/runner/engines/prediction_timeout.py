@@ -8,11 +8,7 @@ from ...errors import ModelError
 
 
 class PredictionTimeout:
-    """Monitor the predictions of one process.
-
-    Args:
-        timeout: time limit of one prediction, in seconds; None for no limit.
-    """
+    """Monitor the predictions of one process."""
 
     def __init__(self, timeout: float | None) -> None:
         self._timeout = timeout
@@ -25,11 +21,7 @@ class PredictionTimeout:
         self.what, self._since = what, time.monotonic()
 
     def check(self) -> None:
-        """Check the duration of the current prediction.
-
-        Raises:
-            ModelError: the prediction exceeds the time limit.
-        """
+        """Check the duration of the current prediction."""
         if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
             raise too_slow(self._timeout, self.what)
 

@@ -19,15 +19,7 @@ if TYPE_CHECKING:  # imported only by processes that need it
 
 @dataclass(frozen=True)
 class SlotRequest:
-    """A `PredictionRequest` whose frames are in a slot; the flow is written into the same slot.
-
-    Attributes:
-        cell: cell of the frames, (sample key, corruption, severity).
-        slot, slot_bytes: number and size of the slot.
-        shape: shape of the frames, (count, H, W, 3).
-        index: index of frame 1 in a clip; None for a pair.
-        draws: number of draws of the corruption among the frames.
-    """
+    """A `PredictionRequest` whose frames are in a slot; the flow is written into the same slot."""
 
     cell: Cell
     slot: int
@@ -43,14 +35,7 @@ in the same order."""
 
 
 def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence: str | None, links: list[Link]) -> None:
-    """Predict batches in the order in which they arrive; the main function of a predicting process.
-
-    Args:
-        driver: connection that receives a description of each prediction.
-        model: model for this process's device.
-        confidence: confidence to predict, from the run's options.
-        links: connections to the feeders.
-    """
+    """Predict batches in the order in which they arrive; the main function of a predicting process."""
     seconds = no_seconds()
     loaded = model.load() if isinstance(model, ModelSpec) else model
     stage = PredictStage(loaded, confidence, seconds, lambda what: driver.send(("predicting", what)))

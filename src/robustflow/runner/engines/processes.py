@@ -48,12 +48,7 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
 
 
 def compute_units(pipe: Connection) -> None:
-    """Compute the units of a job; the main function of a worker process.
-
-    Args:
-        pipe: connection to the parent. It receives the job and then its units; it sends ("predicting", what) before and
-            ("predicting", None) after each prediction, and ("rows", (rows, seconds)) for each unit.
-    """
+    """Compute the units of a job; the main function of a worker process."""
     worker = pipe.recv().worker(lambda what: pipe.send(("predicting", what)))
     while True:
         rows = worker.run(pipe.recv())

@@ -44,21 +44,7 @@ def on_ray(
     timeout: float | None = None,
     address: str | None = None,
 ) -> FinishedUnits:
-    """Compute the units on a Ray cluster.
-
-    Args:
-        job: job to compute. Its code must be importable on every node, and its data readable there under the same path;
-            both are checked.
-        units: units to compute.
-        workers: number of actors; by default one per GPU of the cluster for a model on a GPU, otherwise one per CPU,
-            and more as nodes join.
-        timeout: time limit of a single prediction, in seconds; None for no limit.
-        address: address of the cluster, see `connected`; None for a local cluster that ends with the run.
-
-    Raises:
-        UsageError, RunError: Ray, the cluster or a node is not usable; a unit was lost `ATTEMPTS` times.
-        DataError, ModelError: as for the other engines.
-    """
+    """Compute the units on a Ray cluster."""
     gpu = needs_gpu(job)
     sent = bytes(pickled(job, ray_module().cloudpickle.dumps))
     with connected(address, workers, len(sent)) as ray:
@@ -215,14 +201,7 @@ class _Crew:
 
 
 class _Member:
-    """An actor. Each call is answered before the next one is made; `call` is the pending call.
-
-    Attributes:
-        host: name of the node; None until the actor has reported it.
-        device: device of the model; None until the model is loaded.
-        unit: unit that the actor is computing.
-        last_key: key of the sample that the actor has loaded.
-    """
+    """An actor. Each call is answered before the next one is made; `call` is the pending call."""
 
     def __init__(self, ray: Any, gpu: bool, watched: bool) -> None:
         self._ray = ray
@@ -277,11 +256,7 @@ class _Member:
         return unit
 
     def check(self, timeout: float) -> None:
-        """End the run if a prediction takes too long. Call this repeatedly.
-
-        Raises:
-            ModelError: the prediction takes too long, or keeps the actor from responding.
-        """
+        """End the run if a prediction takes too long. Call this repeatedly."""
         if self.unit is None:
             return
         now = time.monotonic()

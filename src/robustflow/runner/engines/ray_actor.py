@@ -48,15 +48,7 @@ def installed() -> dict[str, str]:
 
 
 def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
-    """Raise if a node may compute different results.
-
-    Args:
-        host: name of the node.
-        here, there: results of `installed` on the machine that started the run, and on the node.
-
-    Raises:
-        RunError: the versions differ.
-    """
+    """Raise if a node may compute different results."""
     for name in here | there:
         if here.get(name) != there.get(name):
             raise RunError(
@@ -74,13 +66,7 @@ class UnitActor:
         self._host = socket.gethostname()
 
     def hello(self, variables: dict[str, str], folder: str, path: list[str]) -> tuple[str, dict[str, str]]:
-        """Return the node's name and the versions installed there.
-
-        Args:
-            variables: environment variables to set before any module that reads them is imported.
-            folder: working directory of the driver, to which relative paths refer.
-            path: folders to add to the node's module path.
-        """
+        """Return the node's name and the versions installed there."""
         os.environ.update(variables)
         keep_freed_memory()
         if os.path.isdir(folder):
@@ -89,13 +75,7 @@ class UnitActor:
         return self._host, installed()
 
     def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
-        """Load dataset and model, and return the model's device.
-
-        Args:
-            pickled: pickled `Job`.
-            identity: expected identity of the model.
-            files: files of one sample, which must exist on the node.
-        """
+        """Load dataset and model, and return the model's device."""
         return answered(lambda: self._begin(pickled, identity, files))
 
     def run(self, unit: Unit, files: Files) -> Answer:

@@ -35,11 +35,7 @@ _ENDED_BY_RAY = (
 
 
 def ray_module() -> Any:
-    """Return the module `ray`.
-
-    Raises:
-        UsageError: Ray is not installed.
-    """
+    """Return the module `ray`."""
     require("ray", "the ray engine")
     import ray
 
@@ -48,19 +44,7 @@ def ray_module() -> Any:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0) -> Iterator[Any]:
-    """Yield the module `ray`, connected to a cluster; a connection or cluster started here ends with the block.
-
-    Args:
-        address: address of a cluster: "auto" (the cluster that this machine is part of, or RAY_ADDRESS), "host:port" of
-            the head, on a machine that is part of the cluster, or "ray://host:port" from any machine. None uses the
-            cluster that this process is already connected to, or else starts a local one.
-        cpus: number of CPUs of a local cluster; all CPUs of this machine by default.
-        sent_bytes: size of the data sent to every actor, in bytes.
-
-    Raises:
-        UsageError: Ray is not installed, or the address is malformed.
-        RunError: no cluster responds at the address.
-    """
+    """Yield the module `ray`, connected to a cluster; a connection or cluster started here ends with the block."""
     ray = ray_module()
     if ray.is_initialized():
         if address not in (None, "auto"):

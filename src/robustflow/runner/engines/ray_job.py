@@ -15,11 +15,7 @@ from .base import Job
 
 
 def needs_gpu(job: Job) -> bool:
-    """Return whether every actor needs its own GPU.
-
-    Raises:
-        UsageError: a specific GPU is named, but only Ray can choose the GPU.
-    """
+    """Return whether every actor needs its own GPU."""
     listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
     if any(":" in device for device in listed):
         raise UsageError(

@@ -34,19 +34,7 @@ def prepare_on_ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> None:
-    """Prepare every clip in a folder of the same name in `output`, each with one CPU, or one GPU for FLAVR.
-
-    If a node is lost, at most its current segment is lost: a different node continues from the files in the folder.
-
-    Args:
-        sources, output, preparation, progress: see `prepare_folder`.
-        workers: number of clips prepared at the same time; by default as many as fit on the cluster.
-        address: address of the cluster, see `connected`.
-
-    Raises:
-        DataError: a source cannot be prepared, or a node has no access to the sources or `output`.
-        UsageError, RunError: Ray, the cluster or a node is not usable, or a clip was lost `ATTEMPTS` times.
-    """
+    """Prepare every clip in a folder of the same name in `output`, each with one CPU, or one GPU for FLAVR."""
     proof = output / f".shared-{secrets.token_hex(8)}"
     proof.touch()
     try:

@@ -10,17 +10,10 @@ from ...runs.plan import Unit
 
 
 class Schedule:
-    """Assign units so that a sample's clean flow is computed first, a worker continues with the sample it has loaded,
-    and as few samples as possible are in progress. After the clean unit, a sample's units are assigned in reverse
-    order, because the costliest corruption (psf_blur) is at the end of the plan: if it started last, one worker would
-    be busy while the others are idle.
-
-    >>> units = [Unit("a", "clean", (0,)), Unit("a", "fog", (1,)), Unit("b", "clean", (0,))]
-    >>> schedule = Schedule(units)
-    >>> schedule.take(None).corruption, schedule.take(None).key, schedule.take(None)
-    ('clean', 'b', None)
-    >>> schedule.finished(units[0]); schedule.take("a").corruption
-    'fog'
+    """Assign units so that a sample's clean flow is computed first, a worker continues with the sample it has
+    loaded, and as few samples as possible are in progress. After the clean unit, a sample's units are assigned in
+    reverse order, because the costliest corruption (psf_blur) is at the end of the plan: if it started last, one
+    worker would be busy while the others are idle.
     """
 
     def __init__(self, units: Iterable[Unit]) -> None:
@@ -52,12 +45,7 @@ class Schedule:
             self._blocked.discard(unit.key)
 
     def give_back(self, unit: Unit) -> None:
-        """Put a unit whose worker was lost back into the queue, ahead of the rest of its sample.
-
-        >>> schedule = Schedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1,))])
-        >>> schedule.give_back(schedule.take(None)); schedule.take(None).corruption, schedule.take(None)
-        ('clean', None)
-        """
+        """Put a unit whose worker was lost back into the queue, ahead of the rest of its sample."""
         waiting = self._waiting.setdefault(unit.key, deque())
         if unit.corruption == CLEAN:
             waiting.appendleft(unit)

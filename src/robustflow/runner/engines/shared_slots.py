@@ -24,12 +24,8 @@ _PAGE = 4096
 
 
 class SharedSlots:
-    """Slots into which a feeder writes frames, and in which a predicting process replaces the frames with their flow.
-
-    The object can be passed to a child process as a start argument.
-
-    Args:
-        fewest: minimum number of slots, regardless of their size.
+    """Slots into which a feeder writes frames, and in which a predicting process replaces the frames with their
+    flow.
     """
 
     def __init__(self, fewest: int) -> None:
@@ -81,11 +77,7 @@ class SharedSlots:
         return True
 
     def take(self) -> int:
-        """Return the most recently used free slot, so that fewer slots take up memory.
-
-        Raises:
-            RunError: there is not enough memory.
-        """
+        """Return the most recently used free slot, so that fewer slots take up memory."""
         slot = self._free.pop()
         if slot not in self._used:
             try:

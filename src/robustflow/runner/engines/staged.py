@@ -30,20 +30,7 @@ from .shared_slots import SharedSlots
 def staged(
     job: Job, units: Sequence[Unit], devices: Sequence[str], feeders: int, timeout: float | None = None
 ) -> FinishedUnits:
-    """Compute the units.
-
-    Args:
-        job: job to compute; its model is loaded once per device.
-        units: units to compute.
-        devices: devices, each with one predicting process; a model loaded by name is loaded onto its device.
-        feeders: number of processes that corrupt and measure, at least the number of devices; they are assigned to the
-            devices round-robin.
-        timeout: time limit of a prediction or batch, in seconds; None for no limit.
-
-    Raises:
-        UsageError: the model object or the dataset cannot be sent to a process.
-        RunError, ModelError, DataError: as for the other engines.
-    """
+    """Compute the units."""
     pickled(job)
     schedule = CellSchedule(units)
     predictors: list[_PredictorHandle] = []

@@ -17,13 +17,7 @@ _BLURRED = 0.5
 
 
 class Look(NamedTuple):
-    """One set of drawn parameters for both frames.
-
-    Attributes:
-        jitter: colour jitter; operations with zero strength are omitted from its order.
-        blur: radius in pixels; 0 for none.
-        gamma: exponent applied to values in 0..1.
-    """
+    """One set of drawn parameters for both frames."""
 
     jitter: Jitter
     blur: float
@@ -31,11 +25,7 @@ class Look(NamedTuple):
 
 
 def draw_look(rng: Rng, settings: Appearance) -> Look:
-    """Draw the colour change and the blur as in ARFlow.
-
-    >>> draw_look(Rng.of("example"), Appearance()).jitter.order
-    ('brightness',)
-    """
+    """Draw the colour change and the blur as in ARFlow."""
     strength = Strength(settings.brightness, settings.contrast, settings.saturation, 0.0)
     drawn = draw_jitter(rng, strength)
     drawn = drawn._replace(order=tuple(name for name in drawn.order if getattr(strength, name) > 0))

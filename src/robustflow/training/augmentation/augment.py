@@ -31,18 +31,7 @@ _EVEN = 0.5
 
 @dataclass(frozen=True)
 class Augmentation:
-    """One set of drawn parameters.
-
-    Attributes:
-        jitters: one jitter for both frames, or one for each; empty for unchanged colours.
-        rectangles: rectangles erased in the second frame.
-        geometry: scale, flips and crop position.
-        crop: size (H, W) of the crop, in pixels.
-        sparse: whether the flow is scaled as sparse ground truth.
-        padding: number of rows and columns of zeros added at the bottom and on the right, before scaling, to sparse
-            pairs smaller than the crop (FlowFormer; the crops of the other methods are smaller than the frames).
-        swapped: whether the frames are swapped at the end, which leaves the pair without ground truth.
-    """
+    """One set of drawn parameters."""
 
     jitters: tuple[Jitter, ...]
     rectangles: tuple[Rectangle, ...]
@@ -56,9 +45,6 @@ class Augmentation:
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
     """Draw the augmentation of a pair, as specified by the part of the mix that it comes from; `shape` and `crop` are
     (H, W), in pixels.
-
-    Raises:
-        DataError: the frames are smaller than the crop.
     """
     if part.augmentation in ("stretched", "cropped"):
         return _draw_plain(rng, part, shape, crop)
@@ -99,17 +85,7 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
 def apply_augmentation(
     frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
 ) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Augment a labelled pair for the network.
-
-    Args:
-        frames: RGB frames, each uint8 (H, W, 3).
-        flow: ground truth, float32 (H, W, 2), in pixels.
-        valid: mask of valid pixels, bool (H, W).
-        drawn: augmentation from `draw_augmentation`, for frames of this size.
-
-    Returns:
-        Frames, flow and mask of the crop's size, as new arrays.
-    """
+    """Augment a labelled pair for the network."""
     first, second = (warp_frame(frame, drawn.geometry, drawn.crop) for frame in _recoloured(frames, drawn))
     return (first, second), *_warped(flow, valid, drawn)
 

@@ -27,13 +27,7 @@ then moved back inside, so that crops include the borders more often."""
 
 
 class Geometry(NamedTuple):
-    """One set of drawn parameters.
-
-    Attributes:
-        scale: factors (x, y); None to keep the size.
-        mirrored, upside_down: whether the frames are flipped horizontally and vertically, respectively.
-        top, left: position of the crop in the scaled and flipped frame, in pixels.
-    """
+    """One set of drawn parameters."""
 
     scale: tuple[float, float] | None
     mirrored: bool
@@ -50,20 +44,7 @@ def draw_geometry(
     flip: bool,
     sparse: bool,
 ) -> Geometry:
-    """Draw the geometry as in RAFT, for dense or sparse ground truth.
-
-    Dense frames smaller than the crop are always scaled; the original code never encounters such frames and would fail
-    on them. Sparse frames have at least the crop's size (see `padded`).
-
-    Args:
-        rng: random number generator.
-        shape: size (H, W) of the frames, in pixels.
-        crop: size (H, W) of the network's input, in pixels.
-        log2_scale: range of the base-2 logarithm of the scale.
-        flip: whether frames are flipped; sparse pairs are only flipped horizontally.
-        sparse: whether the ground truth is sparse; if so, the frame is not stretched, and crops include the borders
-            more often.
-    """
+    """Draw the geometry as in RAFT, for dense or sparse ground truth."""
     height, width = shape
     margin = _MARGIN["sparse" if sparse else "dense"]
     least = max((crop[0] + margin) / height, (crop[1] + margin) / width)

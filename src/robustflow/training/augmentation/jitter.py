@@ -41,11 +41,7 @@ class Jitter(NamedTuple):
 
 
 def draw_jitter(rng: Rng, strength: Strength) -> Jitter:
-    """Draw each factor uniformly within its strength, and a uniformly random order.
-
-    >>> draw_jitter(Rng.of("example"), DENSE)._fields
-    ('brightness', 'contrast', 'saturation', 'hue', 'order')
-    """
+    """Draw each factor uniformly within its strength, and a uniformly random order."""
     brightness, contrast, saturation = (rng.uniform(1 - most, 1 + most) for most in strength[:3])
     hue = rng.uniform(-strength.hue, strength.hue)
     order = list(OPERATIONS)

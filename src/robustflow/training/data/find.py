@@ -32,13 +32,7 @@ names."""
 
 @dataclass(frozen=True)
 class OpenPart:
-    """A part of a mix, with its dataset.
-
-    Attributes:
-        part: the part as defined in the mix.
-        dataset: opened dataset.
-        keys: keys of the training pairs.
-    """
+    """A part of a mix, with its dataset."""
 
     part: Part
     dataset: Dataset
@@ -60,17 +54,7 @@ def needs_data(recipe: Recipe) -> bool:
 
 
 def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPart:
-    """Find and open a part's dataset.
-
-    Args:
-        part: part of a mix.
-        data: folders of datasets or their parent folders, or "NAME=FOLDER" for one dataset.
-        labelled: whether training needs ground truth.
-
-    Raises:
-        DataError: the dataset is not found, or its layout is not as expected; the message names the expected folders.
-        UsageError: the name in "NAME=FOLDER" is not a dataset, or the dataset has no ground truth.
-    """
+    """Find and open a part's dataset."""
     named, roots = _named_paths_and_roots(data)
     folder = named.get(part.data)
     if folder is None and needs_folder(part.data):

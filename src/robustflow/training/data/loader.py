@@ -27,13 +27,7 @@ _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @dataclass(frozen=True)
 class WholeFrames:
-    """The uncropped frames of a batch, stacked and zero-padded on the right and at the bottom.
-
-    Attributes:
-        image1, image2: RGB frames, float32 (B, 3, H', W'), 0..255.
-        corners: x and y of each crop's first pixel, float32 (B, 2), in pixels.
-        sizes: width and height of each frame, float32 (B, 2), in pixels.
-    """
+    """The uncropped frames of a batch, stacked and zero-padded on the right and at the bottom."""
 
     image1: Tensor
     image2: Tensor
@@ -55,18 +49,7 @@ class WholeFrames:
 
 @dataclass(frozen=True)
 class Batch:
-    """The pairs of a batch.
-
-    Attributes:
-        image1, image2: RGB frames, float32 (B, 3, H, W), 0..255.
-        flow: ground truth, float32 (B, 2, H, W), in pixels.
-        valid: mask of valid pixels, float32 (B, H, W), 0 or 1.
-        names: names of the pairs.
-        time: noise step from which the ground truth is denoised, 0 (clean) to 999 (noise); None if the loss does not
-            denoise.
-        noise: standard normal noise for denoising, float32 (B, 2, H / 8, W / 8); None if the loss does not denoise.
-        whole, plain, changed: stacked fields of `TrainingPair`.
-    """
+    """The pairs of a batch."""
 
     image1: Tensor
     image2: Tensor
@@ -93,38 +76,21 @@ class Batch:
 
 @dataclass(frozen=True)
 class Share:
-    """The share of each batch that one process computes; all processes have the same number of consecutive pairs.
-
-    Attributes:
-        batch: number of pairs per step across all processes, a multiple of `world`.
-        rank: rank of this process.
-        world: number of processes.
-    """
+    """The share of each batch that one process computes; all processes have the same number of consecutive pairs."""
 
     batch: int
     rank: int = 0
     world: int = 1
 
     def positions(self, step: int) -> list[int]:
-        """Return the positions of this process's pairs in a step.
-
-        >>> Share(6, rank=1, world=2).positions(10)
-        [63, 64, 65]
-        """
+        """Return the positions of this process's pairs in a step."""
         each = self.batch // self.world
         first = step * self.batch + self.rank * each
         return list(range(first, first + each))
 
 
 def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Generator[Batch, None, None]:
-    """Yield the batches of some steps, in order. Closing the generator ends its processes.
-
-    Args:
-        pairs: training pairs.
-        share: share of this process.
-        steps: range of steps, in order.
-        workers: number of processes that read and augment in advance; 0 to do this in the current process.
-    """
+    """Yield the batches of some steps, in order. Closing the generator ends its processes."""
     loader = DataLoader(
         cast("Dataset[TrainingPair]", pairs),
         batch_sampler=map(share.positions, steps),
@@ -156,9 +122,6 @@ def _signals_blocked() -> Iterator[None]:
 def workers_watched() -> Iterator[None]:
     """Wrap all code that runs while workers are alive: PyTorch may report a dead worker at any time, even while a log
     is being closed after the first report.
-
-    Raises:
-        RunError: a worker was killed.
     """
     try:
         yield

@@ -19,22 +19,6 @@ from ...random.rng import Rng
 class Order:
     """Shuffle the pairs of each epoch; an incomplete last update of an epoch is dropped, as in a loader with
     `drop_last`.
-
-    Args:
-        count: number of places in an epoch.
-        block: number of pairs of one update.
-        seed: seed of the shuffle.
-
-    Attributes:
-        updates: number of updates per epoch.
-
-    Raises:
-        UsageError: there are fewer places than one update needs.
-
-    >>> order = Order(count=7, block=3, seed=1)
-    >>> first = [order.place(position) for position in range(6)]
-    >>> len(set(first)), order.updates
-    (6, 2)
     """
 
     def __init__(self, count: int, block: int, seed: int) -> None:
@@ -48,12 +32,7 @@ class Order:
         self._each = self.updates * block
 
     def place(self, position: int, attempt: int = 0) -> int:
-        """Return the place in the epoch, 0 to `count` - 1, for a position.
-
-        Args:
-            position: position in the training run, counted from 0.
-            attempt: 0 for the pair itself; 1 or more for replacements of an unreadable pair.
-        """
+        """Return the place in the epoch, 0 to `count` - 1, for a position."""
         if attempt:
             return Rng.of(self.seed, "replacement", position, attempt).integer(0, self.count)
         epoch, offset = divmod(position, self._each)

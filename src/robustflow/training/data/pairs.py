@@ -36,12 +36,7 @@ _ATTEMPTS = 20
 
 
 class Whole(NamedTuple):
-    """The uncropped frames of a pair.
-
-    Attributes:
-        frame1, frame2: RGB frames, float32 (3, H', W'), 0..255.
-        corner: coordinates (x, y) of the crop's first pixel in the frames, in pixels.
-    """
+    """The uncropped frames of a pair."""
 
     frame1: npt.NDArray[np.float32]
     frame2: npt.NDArray[np.float32]
@@ -49,18 +44,7 @@ class Whole(NamedTuple):
 
 
 class TrainingPair(NamedTuple):
-    """A pair as network input.
-
-    Attributes:
-        frame1, frame2: RGB frames, float32 (3, H, W), 0..255.
-        flow: ground truth, float32 (2, H, W), in pixels.
-        valid: mask of valid pixels, float32 (H, W), 0 or 1.
-        name: dataset and key of the pair.
-        whole: uncropped frames, for UPFlow and BrightFlow; otherwise None.
-        plain: cropped frames without colour changes, corruption or erasing, for BrightFlow; otherwise None.
-        changed: frames of the second pass, either with changed colours (ARFlow) or without their border and enlarged to
-            the crop's size (BrightFlow); otherwise None.
-    """
+    """A pair as network input."""
 
     frame1: npt.NDArray[np.float32]
     frame2: npt.NDArray[np.float32]
@@ -74,18 +58,7 @@ class TrainingPair(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainingPairs:
-    """A mix of data as one sequence of augmented pairs, used as the dataset of a torch `DataLoader`.
-
-    Args:
-        parts: opened parts of the mix.
-        order: order of the pairs.
-        crop: size (H, W) of the network's input, in pixels.
-        seed: seed of the augmentation.
-        corruption: corruption of the augmented frames; None for none.
-        skip_bad: whether to replace an unreadable pair, with a warning.
-        objective: objective for training without labels, which determines the additional outputs; None for training
-            with labels, which every pair must then have.
-    """
+    """A mix of data as one sequence of augmented pairs, used as the dataset of a torch `DataLoader`."""
 
     parts: Sequence[OpenPart]
     order: Order
@@ -100,11 +73,7 @@ class TrainingPairs:
         return sum(len(part) for part in self.parts)
 
     def __getitem__(self, position: int) -> TrainingPair:
-        """Return the pair at a position.
-
-        Raises:
-            DataError: the pair cannot be read; the message contains its name and files.
-        """
+        """Return the pair at a position."""
         for attempt in range(_ATTEMPTS):
             part, key = self._part_of(self.order.place(position, attempt))
             try:

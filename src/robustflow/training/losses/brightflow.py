@@ -28,10 +28,8 @@ _EPS = 1e-5
 
 
 def over_iterations(losses: Sequence[Tensor]) -> Tensor:
-    """Return the weighted sum of losses: the last one has weight 1; all others have GAMMA times the weight of the next.
-
-    >>> round(over_iterations([torch.tensor(1.0), torch.tensor(1.0)]).item(), 4)
-    1.8
+    """Return the weighted sum of losses: the last one has weight 1; all others have GAMMA times the weight of the
+    next.
     """
     return torch.stack([GAMMA ** (len(losses) - 1 - number) * loss for number, loss in enumerate(losses)]).sum()
 
@@ -51,16 +49,7 @@ def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor, occlusion: str) -> Tensor:
-    """Return the visibility of each pixel of a crop of frame 1 in the uncropped frame 2, float (N, 1, H, W), 0..1.
-
-    Pixels that leave the crop are visible, because they are sampled from the uncropped frame; pixels that leave the
-    frame are not. No gradient is propagated.
-
-    Args:
-        forward, backward: flow in both directions, float (N, 2, H, W), in pixels.
-        corners, sizes: corners of the crops and sizes of the uncropped frames, see `dilated_warp`.
-        occlusion: "brox" for the forward-backward check, or "wang" for splatting with the backward flow.
-    """
+    """Return the visibility of each pixel of a crop of frame 1 in the uncropped frame 2, float (N, 1, H, W), 0..1."""
     forward, backward = forward.detach(), backward.detach()
     seen = coverage(backward).clamp(0, 1) if occlusion == "wang" else seen_by_check(forward, backward)
     return torch.maximum(seen, leaves(forward).float()) * inside_frame(forward, corners, sizes)
@@ -86,10 +75,7 @@ def with_offsets(whole: Tensor, offsets: Tensor, corners: Tensor) -> Tensor:
 
 
 def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
-    """Return the distance between corrected frames, warped to the target frames, and the target frames; a scalar.
-
-    The distance is the `masked_mean` of the absolute difference, summed over the RGB channels, scaled to 0..1.
-    """
+    """Return the distance between corrected frames, warped to the target frames, and the target frames; a scalar."""
     return masked_mean((target - warped).abs().sum(dim=1, keepdim=True) / 255, visible)
 
 
@@ -97,11 +83,6 @@ def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor
     """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets, because they reduce its difference
     from the target frame. The frames are compared at the target pixels, and the flow maps the result to the source
     frame.
-
-    Args:
-        target: target frames, float (N, 3, H, W), 0..255.
-        warped, corrected: source frames without and with offsets, warped to the target frames.
-        flow: flow from the target frames to the source frames, float (N, 2, H, W), in pixels.
     """
     before, after = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
     return (coverage(flow, (after < before).float()) > 0).float()

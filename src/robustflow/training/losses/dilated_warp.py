@@ -11,23 +11,7 @@ from ...models.networks.blocks.allpairs import pixel_grid
 
 
 def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample uncropped frames bilinearly at corner + pixel + flow.
-
-    Args:
-        whole: uncropped frames, float (N, C, H', W'); values beyond a frame's size are ignored.
-        flow: flow of the crops, float (N, 2, H, W), in pixels.
-        corners: x and y of each crop's first pixel in its frame, (N, 2), in pixels.
-        sizes: width and height of each frame, (N, 2), in pixels.
-
-    Returns:
-        Samples, float (N, C, H, W), 0 outside the frame, and a mask, float (N, 1, H, W), 1 inside the frame.
-
-    >>> whole = torch.arange(6.0).view(1, 1, 1, 6).repeat(1, 1, 2, 1)
-    >>> flow = torch.tensor([2.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 3)
-    >>> warped, inside = dilated_warp(whole, flow, torch.tensor([[2.0, 0.0]]), torch.tensor([[6.0, 2.0]]))
-    >>> warped.flatten().tolist(), inside.flatten().tolist()
-    ([4.0, 5.0, 0.0], [1.0, 1.0, 0.0])
-    """
+    """Sample uncropped frames bilinearly at corner + pixel + flow."""
     height, width = whole.shape[2:]
     x, y = _targets(flow, corners).unbind(dim=1)
     inside = inside_frame(flow, corners, sizes)
@@ -44,9 +28,5 @@ def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
 
 
 def _targets(flow: Tensor, corners: Tensor) -> Tensor:
-    """Return the coordinates (N, 2, H, W) in the uncropped frame to which the flow of each pixel in a crop points.
-
-    Pixel and corner are integers, so the sum is rounded only once; this matters because the gradient is
-    discontinuous at the pixels of the frame.
-    """
+    """Return the coordinates (N, 2, H, W) in the uncropped frame to which the flow of each pixel in a crop points."""
     return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()

@@ -24,23 +24,8 @@ _LEAST = 1e-6
 
 
 def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
-    """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
-
-    Args:
-        confidence: confidence that coarse pixel i of frame 1 matches coarse pixel j of frame 2, float (B, P, P), 0..1,
-            for P coarse pixels per frame.
-        image1, image2: RGB frames, float (B, 3, H, W), 0..255; H and W are multiples of 8.
-        truth: ground-truth flow, float (B, 2, H, W), in pixels.
-
-    Returns:
-        The loss, a scalar; for a batch without matches, only the second mean.
-
-    Raises:
-        UsageError: the confidence has a different shape.
-
-    >>> frames, truth = torch.rand(1, 3, 16, 16), torch.zeros(1, 2, 16, 16)
-    >>> bool(matching_loss(torch.eye(4)[None], frames, frames, truth) < 1e-4)
-    True
+    """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other
+    pairs.
     """
     rows, columns = truth.shape[2] // STRIDE, truth.shape[3] // STRIDE
     places = rows * columns

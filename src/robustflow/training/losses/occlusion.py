@@ -25,17 +25,7 @@ def seen_by_splat(backward: Tensor) -> Tensor:
 
 
 def coverage(flow: Tensor, values: Tensor | None = None) -> Tensor:
-    """Move every pixel by its flow, splat its value bilinearly, and return the sum at each pixel, (N, 1, H, W).
-
-    Contributions outside the frame are lost.
-
-    Args:
-        flow: flow, float (N, 2, H, W), in pixels.
-        values: value of each pixel, float (N, 1, H, W); 1 by default.
-
-    >>> coverage(torch.zeros(1, 2, 2, 3)).flatten().tolist()
-    [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
-    """
+    """Move every pixel by its flow, splat its value bilinearly, and return the sum at each pixel, (N, 1, H, W)."""
     count, _, height, width = flow.shape
     x, y = (pixel_grid(flow) + flow).flatten(2).unbind(dim=1)
     left, top = x.floor(), y.floor()

@@ -15,30 +15,7 @@ MAX_FLOW = 400.0
 def sequence_loss(
     flows: Sequence[Tensor], truth: Tensor, valid: Tensor, gamma: float = 0.8, max_flow: float = MAX_FLOW
 ) -> Tensor:
-    """Return the sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) for the n predictions.
-
-    The mean is over ALL pixels and both components; invalid pixels count as 0, so a sample with sparse ground truth has
-    a lower weight. The original code of the RAFT family does the same.
-
-    Args:
-        flows: n predictions, each float (B, 2, H, W), in pixels; the last one is final.
-        truth: ground truth, float (B, 2, H, W), in pixels.
-        valid: mask (B, H, W); pixels with a value of at least 0.5 and ground truth shorter than `max_flow` are used.
-        gamma: weight of a prediction relative to the next one, in (0, 1].
-        max_flow: maximum length of ground-truth vectors, in pixels.
-
-    Returns:
-        The loss, a scalar.
-
-    Raises:
-        UsageError: there are no predictions, or the shapes do not match.
-
-    >>> import torch
-    >>> truth, ones = torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4)
-    >>> flow = torch.ones(1, 2, 4, 4)
-    >>> round(sequence_loss([flow, flow], truth, ones, gamma=0.8).item(), 4)
-    1.8
-    """
+    """Return the sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) for the n predictions."""
     if not flows:
         raise UsageError(
             "the network did not return any predictions to compare with the ground truth; return a list of flows"

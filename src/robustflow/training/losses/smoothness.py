@@ -6,14 +6,7 @@ from torch import Tensor
 
 
 def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """Return the mean weighted difference of neighbouring flow vectors, a scalar scaled as in ARFlow.
-
-    Args:
-        flow: flow, float (N, 2, H, W).
-        image: image, float (N, C, H, W), 0..1.
-        alpha: edge sensitivity; an edge of height g has the weight exp(-alpha g).
-        second_order: whether to use second differences, which are zero for affine motion.
-    """
+    """Return the mean weighted difference of neighbouring flow vectors, a scalar scaled as in ARFlow."""
     weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in steps(image))
     x, y = steps(flow)
     if second_order:
@@ -25,10 +18,8 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
 
 
 def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """Return BrightFlow's smoothness, a scalar: sqrt(d^2 + 0.001^2) of each difference d, summed over both components.
-
-    Second differences are weighted by the edge between the outer two of their three pixels. Arguments as for
-    `smoothness`, with the flow in pixels and the image in the range for which alpha is defined.
+    """Return BrightFlow's smoothness, a scalar: sqrt(d^2 + 0.001^2) of each difference d, summed over both
+    components.
     """
     x, y = steps(flow)
     if second_order:

@@ -17,18 +17,7 @@ from .smoothness import smoothness
 
 @dataclass(frozen=True)
 class UnsupervisedLoss:
-    """Weights and options of the loss.
-
-    Attributes:
-        l1, ssim, census: weights of the photometric terms.
-        levels: weights of the pyramid's levels, finest first; levels with weight 0 are skipped.
-        smooth: weight of the smoothness term.
-        smooth_levels: weights of the pyramid's levels in the smoothness term.
-        second_order: whether the smoothness uses second differences of the flow.
-        alpha: edge sensitivity of the smoothness.
-        splat: whether occlusion is detected by backward splatting instead of the forward-backward check.
-        both: whether the loss is averaged over both directions instead of using only the forward one.
-    """
+    """Weights and options of the loss."""
 
     l1: float = 0.15
     ssim: float = 0.85
@@ -44,12 +33,7 @@ class UnsupervisedLoss:
 
 @dataclass(frozen=True)
 class UnsupervisedTerms:
-    """The terms of the loss.
-
-    Attributes:
-        photometric, smoothness: scalars; their sum is the loss.
-        seen: mask at the finest level, float (N, 1, H, W), 1 where frame 1 is not occluded.
-    """
+    """The terms of the loss."""
 
     photometric: Tensor
     smoothness: Tensor
@@ -64,13 +48,7 @@ class UnsupervisedTerms:
 def unsupervised_loss(
     forward: Sequence[Tensor], backward: Sequence[Tensor], image1: Tensor, image2: Tensor, weights: UnsupervisedLoss
 ) -> UnsupervisedTerms:
-    """Compute the loss of a pyramid of flows.
-
-    Args:
-        forward, backward: flow at each level, finest first, float (N, 2, h, w), in pixels of the level.
-        image1, image2: RGB images, float (N, 3, H, W), 0..1; resized to each level by area averaging.
-        weights: weights and options, see `UnsupervisedLoss`.
-    """
+    """Compute the loss of a pyramid of flows."""
     photometric, smooth = image1.new_zeros(()), image1.new_zeros(())
     seen: tuple[Tensor, Tensor] | None = None
     shorter_side = min(forward[0].shape[2:])

@@ -17,15 +17,7 @@ from .smoothness import steps
 
 @dataclass(frozen=True)
 class OneWay:
-    """One direction of a pair.
-
-    Attributes:
-        flow: flow, float (N, 2, H, W), in pixels.
-        levels: flows of the pyramid, each in pixels of its level.
-        image: first frame of this direction, float (N, 3, H, W), in the network's input range.
-        warped: second frame of this direction, warped to the first by the flow, float (N, 3, H, W).
-        seen: mask, float (N, 1, H, W), 0 where the pixel is occluded by a different object.
-    """
+    """One direction of a pair."""
 
     flow: Tensor
     levels: Sequence[Tensor]
@@ -35,11 +27,7 @@ class OneWay:
 
 
 def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str, Tensor]:
-    """Return the weighted terms of the loss, each a scalar, summed over both directions.
-
-    The photometric terms have no mask. As in the original code, the census compares grey values of about -0.5..0.6
-    instead of 0..255.
-    """
+    """Return the weighted terms of the loss, each a scalar, summed over both directions."""
     q = settings.exponent
     return {
         "photometric": _sum(settings.photometric * robust(way.image - way.warped, q).mean() for way in ways),
@@ -52,10 +40,7 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
 
 
 def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
-    """Return the distance between the enlarged flow of each level and the final flow at visible pixels; a scalar.
-
-    No gradient is propagated to the final flow, which is the teacher ("upup" in the original code).
-    """
+    """Return the distance between the enlarged flow of each level and the final flow at visible pixels; a scalar."""
     height, width = way.flow.shape[2:]
     teacher, count = way.flow.detach(), way.seen.sum() + 1e-6
     far = [robust(resize_flow(level, (height, width)) - teacher, exponent) for level in way.levels]
@@ -63,12 +48,7 @@ def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
 
 
 def edge_aware(flow: Tensor, image: Tensor) -> Tensor:
-    """Return the sum, over x and y, of the mean of |flow differences| times exp(-mean |image differences|).
-
-    Args:
-        flow: flow, float (N, 2, H, W), in pixels.
-        image: image, float (N, C, H, W).
-    """
+    """Return the sum, over x and y, of the mean of |flow differences| times exp(-mean |image differences|)."""
     edges = ((-step.abs().mean(dim=1, keepdim=True)).exp() for step in steps(image))
     along_x, along_y = (step.abs() * weight for step, weight in zip(steps(flow), edges, strict=True))
     return along_x.mean() + along_y.mean()

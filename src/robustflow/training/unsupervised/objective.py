@@ -17,14 +17,7 @@ from ..recipe import Recipe
 
 @dataclass(frozen=True)
 class TrainingStep:
-    """The step of a training run to which a batch belongs.
-
-    Attributes:
-        seed: seed of all random draws.
-        number: index of the step, from 0.
-        positions: positions of the batch's pairs, see `Share`.
-        progress: fraction of the updates made so far, 0 to 1.
-    """
+    """The step of a training run to which a batch belongs."""
 
     seed: int
     number: int
@@ -33,16 +26,7 @@ class TrainingStep:
 
 
 class LabelFree(nn.Module):
-    """Base class of the objectives. `forward` returns the loss and values for the log.
-
-    Args:
-        network: network to train, whose `net` has a method `both(image1, image2)` that returns the flows of both
-            directions.
-        recipe: recipe with an objective.
-
-    Raises:
-        UsageError: the network has no such method, or does not support the crop.
-    """
+    """Base class of the objectives. `forward` returns the loss and values for the log."""
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe) -> None:
         super().__init__()

@@ -8,11 +8,7 @@ from torch import Tensor
 
 
 def pixel_grid(like: Tensor) -> Tensor:
-    """Return the coordinates (x, y) of every pixel in a map, float32 (N, 2, H, W), in pixels.
-
-    >>> pixel_grid(torch.zeros(1, 5, 2, 3))[0, :, 1, 2].tolist()
-    [2.0, 1.0]
-    """
+    """Return the coordinates (x, y) of every pixel in a map, float32 (N, 2, H, W), in pixels."""
     n, _, height, width = like.shape
     y, x = torch.meshgrid(
         torch.arange(height, device=like.device, dtype=torch.float32),
@@ -23,15 +19,7 @@ def pixel_grid(like: Tensor) -> Tensor:
 
 
 def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
-    """Compute the dot product of every pixel of map 1 with every pixel of map 2, divided by sqrt(C), in float32.
-
-    Args:
-        features1: feature map 1, (N, C, H1, W1).
-        features2: feature map 2, (N, C, H2, W2).
-
-    Returns:
-        One map of the size of map 2 for each pixel of map 1, row by row, (N * H1 * W1, 1, H2, W2).
-    """
+    """Compute the dot product of every pixel of map 1 with every pixel of map 2, divided by sqrt(C), in float32."""
     n, channels, height, width = features1.shape
     with torch.autocast(features1.device.type, enabled=False):
         rows = features1.float().flatten(2).transpose(1, 2)
@@ -40,19 +28,7 @@ def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
 
 
 def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
-    """Sample a square window around a given centre in each map: bilinear, zero outside.
-
-    The samples are in RAFT's order: sample `i * (2 * radius + 1) + j` lies at x offset `i - radius`, y offset `j -
-    radius`.
-
-    Args:
-        maps: maps to sample, (M, C, H, W).
-        centres: centres (x, y) in pixels of the maps, not necessarily integers, (M, 2).
-        radius: half the window's width, in pixels of the maps.
-
-    Returns:
-        The samples of each window, (M, C, (2 * radius + 1) ** 2).
-    """
+    """Sample a square window around a given centre in each map: bilinear, zero outside."""
     height, width = maps.shape[2:]
     offsets = torch.arange(-radius, radius + 1, device=centres.device, dtype=centres.dtype)
     side = len(offsets)
@@ -65,18 +41,7 @@ def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
 
 
 class CorrelationPyramid:
-    """The correlation volume of two feature maps; between levels, the second map is average-pooled 2 x 2.
-
-    Args:
-        features1: features of image 1, (N, C, H, W).
-        features2: features of image 2, (N, C, H, W).
-        levels: number of levels, including the full resolution.
-        radius: radius of the lookup window, in pixels of each level.
-
-    >>> features = torch.randn(1, 16, 8, 12)
-    >>> CorrelationPyramid(features, features).lookup(pixel_grid(features)).shape
-    torch.Size([1, 324, 8, 12])
-    """
+    """The correlation volume of two feature maps; between levels, the second map is average-pooled 2 x 2."""
 
     def __init__(self, features1: Tensor, features2: Tensor, levels: int = 4, radius: int = 4) -> None:
         self.radius = radius
@@ -88,15 +53,7 @@ class CorrelationPyramid:
             self.volumes.append(F.avg_pool2d(finest, pool, stride=2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Look up the correlations around the target of each pixel in map 1.
-
-        Args:
-            coordinates: targets (x, y) in pixels of map 2 at full resolution, (N, 2, H, W).
-
-        Returns:
-            The correlations, level by level, each in the order of `sample_window`, float32 (N, levels * (2 * radius +
-            1) ** 2, H, W).
-        """
+        """Look up the correlations around the target of each pixel in map 1."""
         n, _, height, width = coordinates.shape
         centres = coordinates.float().permute(0, 2, 3, 1).reshape(n * height * width, 2)
         levels = [sample_window(volume, centres / 2**i, self.radius) for i, volume in enumerate(self.volumes)]

@@ -8,41 +8,13 @@ from torch import Tensor
 
 
 def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tensor | None = None) -> Tensor:
-    """Apply softmax attention with scale 1 / sqrt(head width); the heads are consecutive groups of channels.
-
-    Args:
-        query: query tokens, (..., N, C).
-        key: key tokens, (..., M, C).
-        value: value tokens, (..., M, D).
-        heads: number of heads; divides C and D.
-        bias: bias added to the logits, broadcastable to (..., heads, N, M).
-
-    Returns:
-        The attention-weighted values, (..., N, D).
-
-    >>> tokens = torch.ones(2, 5, 8)
-    >>> attend(tokens, tokens, tokens, heads=4).shape
-    torch.Size([2, 5, 8])
-    """
+    """Apply softmax attention with scale 1 / sqrt(head width); the heads are consecutive groups of channels."""
     query, key, value = (t.unflatten(-1, (heads, -1)).transpose(-2, -3) for t in (query, key, value))
     return F.scaled_dot_product_attention(query, key, value, attn_mask=bias).transpose(-2, -3).flatten(-2)
 
 
 def linear_sine(coordinates: Tensor, channels: int) -> Tensor:
-    """Compute FlowFormer's positional encoding: sine and cosine at linearly spaced frequencies (Huang et al. 2022).
-
-    The published weights were trained with 3.14 instead of pi, and with a period unit of 200 pixels at 1/8 resolution.
-
-    Args:
-        coordinates: coordinates (x, y) in pixels, (..., 2).
-        channels: number of channels, a multiple of 4; one quarter each for sin x, cos x, sin y and cos y.
-
-    Returns:
-        The positional encoding, (..., channels).
-
-    >>> linear_sine(torch.zeros(1, 2), 8).tolist()
-    [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]]
-    """
+    """Compute FlowFormer's positional encoding: sine and cosine at linearly spaced frequencies (Huang et al. 2022)."""
     bands = torch.arange(channels // 4, dtype=coordinates.dtype, device=coordinates.device)
     angle_x, angle_y = (3.14 * coordinates[..., axis, None] * bands / 200 for axis in (0, 1))
     return torch.cat((angle_x.sin(), angle_x.cos(), angle_y.sin(), angle_y.cos()), dim=-1)

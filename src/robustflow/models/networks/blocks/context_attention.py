@@ -6,24 +6,11 @@ from torch import Tensor
 
 
 def context_attention(query_key: Tensor) -> Tensor:
-    """Compute single-head attention between all pairs of pixels from a map of queries and keys.
-
-    Args:
-        query_key: C channels of queries, then C channels of keys, (N, 2 * C, H, W).
-
-    Returns:
-        The attention weights, (N, H * W, H * W); row `i` contains the weights of all pixels for pixel `i`.
-    """
+    """Compute single-head attention between all pairs of pixels from a map of queries and keys."""
     query, key = query_key.flatten(2).chunk(2, dim=1)
     return (query.transpose(1, 2) * query.shape[1] ** -0.5 @ key).softmax(dim=-1)
 
 
 def gather(attention: Tensor, values: Tensor) -> Tensor:
-    """Return the attention-weighted mean of `values` (N, C, H, W) for every pixel, in the same shape.
-
-    >>> import torch
-    >>> features = torch.rand(1, 8, 4, 6)
-    >>> gather(torch.eye(24)[None], features).equal(features)
-    True
-    """
+    """Return the attention-weighted mean of `values` (N, C, H, W) for every pixel, in the same shape."""
     return (values.flatten(2) @ attention.transpose(1, 2)).reshape(values.shape)

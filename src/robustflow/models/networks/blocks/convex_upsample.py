@@ -9,29 +9,14 @@ from torch import Tensor, nn
 
 
 def mask_layers(factor: int = 8) -> nn.Sequential:
-    """Build the head that maps a state (N, 128, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H, W).
-
-    State-dict keys: `0 2`.
+    """Build the head that maps a state (N, 128, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H,
+    W).
     """
     return nn.Sequential(nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
 
 
 def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:
-    """Upsample a flow with a predicted mask.
-
-    Args:
-        flow: flow in coarse pixels, (N, C, H, W) with C = 2.
-        mask: logits before the softmax, (N, 9 * factor ** 2, H, W); channel `(k * factor + dy) * factor + dx` is the
-            weight of neighbour `k` (of the 3 x 3, row by row) for the fine pixel at row `dy`, column `dx` of its cell.
-        factor: number of fine pixels per coarse pixel along each axis.
-
-    Returns:
-        The flow in fine pixels, (N, C, factor * H, factor * W); values are multiplied by `factor`.
-
-    >>> import torch
-    >>> convex_upsample(torch.ones(1, 2, 4, 6), torch.zeros(1, 576, 4, 6))[0, 0, 16, 24].item()
-    8.0
-    """
+    """Upsample a flow with a predicted mask."""
     n, channels, height, width = flow.shape
     weights = mask.float().view(n, 1, 9, factor, factor, height, width).softmax(dim=2)
     neighbours = F.unfold(factor * flow.float(), kernel_size=3, padding=1)

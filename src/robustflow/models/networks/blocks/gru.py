@@ -7,14 +7,7 @@ from torch import Tensor, nn
 
 
 class SepConvGRU(nn.Module):
-    """A layer of two GRU steps, along rows and then along columns.
-
-    Args:
-        hidden: number of channels of the state.
-        inputs: number of channels of the input.
-
-    State-dict keys: `convz1 convr1 convq1` (1 x 5) and `convz2 convr2 convq2` (5 x 1), each applied to (state, input).
-    """
+    """A layer of two GRU steps, along rows and then along columns."""
 
     def __init__(self, hidden: int = 128, inputs: int = 256) -> None:
         super().__init__()

@@ -12,20 +12,7 @@ WINDOW = (2 * RADIUS + 1) ** 2
 
 
 def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS) -> Tensor:
-    """Multiply feature 1 at a pixel by feature 2 at the pixel + (dx, dy), and average over channels; zero outside.
-
-    Args:
-        features1: features of image 1, (N, C, H, W).
-        features2: features of image 2, (N, C, H, W).
-        radius: largest |dx| and |dy|, in pixels.
-
-    Returns:
-        The correlation, float32 (N, (2 * radius + 1) ** 2, H, W); channel `(dy + radius) * (2 * radius + 1) + dx +
-        radius` contains the offset (dx, dy).
-
-    >>> local_correlation(torch.ones(1, 3, 2, 2), torch.ones(1, 3, 2, 2), radius=1)[0, :, 0, 0].tolist()
-    [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0]
-    """
+    """Multiply feature 1 at a pixel by feature 2 at the pixel + (dx, dy), and average over channels; zero outside."""
     height, width = features1.shape[2:]
     features1 = features1.float()
     padded = F.pad(features2.float(), (radius,) * 4)

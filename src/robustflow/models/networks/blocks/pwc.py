@@ -14,8 +14,6 @@ def conv(
 ) -> nn.Sequential:
     """Build a convolution that keeps the size (up to its stride), followed by LeakyReLU(0.1) unless
     `linear`.
-
-    State-dict key: `0`.
     """
     padding = (kernel - 1) // 2 * dilation
     layers: list[nn.Module] = [nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation)]
@@ -23,13 +21,7 @@ def conv(
 
 
 class FeaturePyramid(nn.Module):
-    """A feature pyramid with two convolutions per level, the first with stride 2.
-
-    State-dict keys: `convs.<level>.<0|1>.0`.
-
-    Args:
-        channels: number of channels of the image, then of each level.
-    """
+    """A feature pyramid with two convolutions per level, the first with stride 2."""
 
     def __init__(self, channels: Sequence[int]) -> None:
         super().__init__()
@@ -46,10 +38,7 @@ class FeaturePyramid(nn.Module):
 
 
 class ContextNetwork(nn.Module):
-    """A context network of seven dilated convolutions that returns a flow residual.
-
-    State-dict keys: `convs.<0..6>.0`.
-    """
+    """A context network of seven dilated convolutions that returns a flow residual."""
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -67,15 +56,7 @@ class ContextNetwork(nn.Module):
 
 
 class DenseEstimator(nn.Module):
-    """A densely connected block of five convolutions and a final linear convolution.
-
-    State-dict keys: `conv1.0 ... conv5.0 conv_last.0`.
-
-    Args:
-        inputs: number of input channels.
-        widths: numbers of channels of the five convolutions.
-        outputs: number of channels of the linear convolution.
-    """
+    """A densely connected block of five convolutions and a final linear convolution."""
 
     def __init__(self, inputs: int, widths: Sequence[int], outputs: int) -> None:
         super().__init__()

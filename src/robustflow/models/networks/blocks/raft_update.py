@@ -8,13 +8,7 @@ from torch import Tensor, nn
 
 
 class MotionEncoder(nn.Module):
-    """The encoder of correlation and flow to 128 channels, the last two of which are the flow.
-
-    Args:
-        correlation: number of channels of the looked-up correlation.
-
-    State-dict keys: `convc1 convc2 convf1 convf2 conv`.
-    """
+    """The encoder of correlation and flow to 128 channels, the last two of which are the flow."""
 
     def __init__(self, correlation: int) -> None:
         super().__init__()
@@ -34,10 +28,7 @@ class MotionEncoder(nn.Module):
 
 
 class FlowHead(nn.Module):
-    """The head that maps a state to a flow residual in pixels of the state's resolution.
-
-    State-dict keys: `conv1 conv2`.
-    """
+    """The head that maps a state to a flow residual in pixels of the state's resolution."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -16,19 +16,13 @@ _SMALL = ((64, 128), (2, 4), 512)
 
 
 def mlp(width: int) -> nn.Sequential:
-    """Build an MLP that maps (..., width) to the same shape: linear to four times the width, exact GELU, linear.
-
-    State-dict keys: `fc1 fc2`.
-    """
+    """Build an MLP that maps (..., width) to the same shape: linear to four times the width, exact GELU, linear."""
     layers = {"fc1": nn.Linear(width, 4 * width), "gelu": nn.GELU(), "fc2": nn.Linear(4 * width, width)}
     return nn.Sequential(OrderedDict(layers))
 
 
 class WindowAttention(nn.Module):
-    """Self-attention in windows of 7 x 7.
-
-    State-dict keys: `qkv proj`.
-    """
+    """Self-attention in windows of 7 x 7."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -43,10 +37,7 @@ class WindowAttention(nn.Module):
 
 
 class ReducedAttention(nn.Module):
-    """Attention from every pixel to the complete map, which is downsampled by a strided convolution.
-
-    State-dict keys: `q kv proj sr norm`.
-    """
+    """Attention from every pixel to the complete map, which is downsampled by a strided convolution."""
 
     def __init__(self, width: int, heads: int, reduction: int) -> None:
         super().__init__()
@@ -65,10 +56,7 @@ class ReducedAttention(nn.Module):
 
 
 class Block(nn.Module):
-    """A transformer block: pre-norm attention and MLP, each with a residual.
-
-    State-dict keys: `norm1 attn norm2 mlp`.
-    """
+    """A transformer block: pre-norm attention and MLP, each with a residual."""
 
     def __init__(self, width: int, attention: nn.Module) -> None:
         super().__init__()
@@ -84,10 +72,7 @@ class Block(nn.Module):
 
 
 class PatchEmbedding(nn.Module):
-    """Patch embedding: a strided convolution and a norm.
-
-    State-dict keys: `proj norm`.
-    """
+    """Patch embedding: a strided convolution and a norm."""
 
     def __init__(self, inputs: int, width: int, patch: int) -> None:
         super().__init__()
@@ -107,10 +92,7 @@ class PatchEmbedding(nn.Module):
 
 
 class PositionConv(nn.Module):
-    """Positional encoding by a depthwise 3 x 3 convolution with a residual.
-
-    State-dict keys: `proj.0`.
-    """
+    """Positional encoding by a depthwise 3 x 3 convolution with a residual."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -138,15 +120,7 @@ class _Stages(nn.Module):
 
 
 class Twins(nn.Module):
-    """The first two stages of Twins-SVT (1/4 and 1/8 resolution), under the state-dict key `svt`.
-
-    Args:
-        large: whether to use Twins-SVT-Large (128 and 256 channels) instead of Twins-SVT-Small (64 and 128).
-
-    >>> import torch
-    >>> Twins(large=False)(torch.zeros(1, 3, 64, 96)).shape
-    torch.Size([1, 128, 8, 12])
-    """
+    """The first two stages of Twins-SVT (1/4 and 1/8 resolution), under the state-dict key `svt`."""
 
     def __init__(self, large: bool = True) -> None:
         super().__init__()

@@ -10,24 +10,7 @@ from .allpairs import pixel_grid
 
 
 def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool = True) -> Tensor:
-    """Sample `maps` bilinearly at pixel + flow.
-
-    Args:
-        maps: maps to sample, (N, C, H, W).
-        flow: flow (u right, v down) in pixels of `maps`, (N, 2, H, W).
-        padding: values outside the map, "zeros" or "border".
-        align_corners: whether to sample exactly at pixel + flow. False shifts and stretches the coordinates by up to
-            half a pixel, because the sampler measures them from the corners of the outer pixels; code written for
-            PyTorch versions before 1.3 behaves in this way on later versions.
-
-    Returns:
-        The sampled maps, float32 (N, C, H, W).
-
-    >>> maps = torch.arange(4.0).reshape(1, 1, 1, 4).repeat(1, 1, 2, 1)
-    >>> flow = torch.tensor([1.0, 0.0]).reshape(1, 2, 1, 1).expand(1, 2, 2, 4)
-    >>> warp(maps, flow)[0, 0, 0].tolist()
-    [1.0, 2.0, 3.0, 0.0]
-    """
+    """Sample `maps` bilinearly at pixel + flow."""
     height, width = maps.shape[2:]
     with torch.autocast(maps.device.type, enabled=False):
         x, y = (pixel_grid(maps) + flow.float()).unbind(dim=1)
@@ -38,15 +21,6 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
 def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> Tensor:
     """Return a mask of the flow targets inside the map: 1 where the bilinear weights inside the map sum to at least
     `threshold`, otherwise 0.
-
-    Args:
-        flow: flow in pixels, (N, 2, H, W).
-        threshold: threshold for the sum of the weights. At exactly 1.0, rounding also affects interior pixels, and the
-            mask differs between machines.
-        align_corners: sampling convention; see `warp`.
-
-    Returns:
-        The mask, float32 (N, 1, H, W).
     """
     ones = torch.ones_like(flow[:, :1], dtype=torch.float32)
     return (warp(ones, flow, align_corners=align_corners) >= threshold).float()
