@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from ..analysis.exclusion import missed_motion
@@ -15,9 +14,8 @@ from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
 from .arms import LEFT_OUT, PLAIN, TRAINED, arms, measured, members
-from .interval import interval
+from .interval import Array, interval
 
-Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
 
 

@@ -9,7 +9,7 @@ from ..benchmarks.facts import moving_name
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from ..layout import user_path
-from ..models import ModelSpec
+from ..models.loading import ModelSpec
 from ..runs.plan import Plan
 from ..runs.store import RunFolder
 from ..text import file_name

@@ -4,7 +4,7 @@ leave the crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow, 
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
+from torch.nn import functional as F
 from torch import Tensor
 
 from ...models.networks.blocks.allpairs import pixel_grid
