@@ -25,7 +25,7 @@ import numpy as np
 from PIL import Image
 from torchvision.transforms import functional as F
 
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 from robustflow.testing import TexturePairs
 from robustflow.training.augmentation.augment import Augmentation, apply_augmentation, draw_augmentation
 from robustflow.training.recipe import Part, mix_parts

@@ -19,16 +19,16 @@ import numpy as np
 import polars as pl
 from synthetic_runs import synthetic_runs
 
-from robustflow.runs.run import Run
-from robustflow.runs.shards import list_shards, read_shard, write_shard
-from robustflow.runs.store import RunFolder
+from robustflow.run.run import Run
+from robustflow.run.shards import list_shards, read_shard, write_shard
+from robustflow.run.store import RunFolder
 
 SHARD = 100
 """Number of pairs in a shard."""
 
 _AVERAGE = """
 import hashlib, json, pathlib, re, sys, time
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
 status = pathlib.Path("/proc/self/status")  # `getrusage` would count the memory of the process that started this one
 mib = lambda: int(re.search("VmHWM:(.*) kB", status.read_text())[1]) / 1024
 run, before, start = Run(sys.argv[1]), mib(), time.perf_counter()

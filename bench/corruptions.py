@@ -43,12 +43,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from robustflow.core.errors import AssetError
+from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import FURTHER, IMAGE_PAIR
-from robustflow.datasets.motorcycle import Motorcycle
-from robustflow.errors import AssetError
-from robustflow.images.io import read_image
-from robustflow.sample import Camera, SceneDepth
+from robustflow.data.datasets.motorcycle import Motorcycle
+from robustflow.media.images import read_image
 
 SEVERITIES = (1, 2, 3, 4, 5)
 FURTHER_NAMES = tuple(name for names in FURTHER.values() for name in names)

@@ -24,10 +24,10 @@ import cv2
 import numpy as np
 
 from robustflow import load_model
-from robustflow.datasets import load_dataset
+from robustflow.core.types import Flow, Frame, Sample
+from robustflow.data.datasets import load_dataset
 from robustflow.metrics import epe
 from robustflow.models.dis.model import OPERATING_POINTS
-from robustflow.sample import Flow, Frame, Sample
 
 Predict = Callable[[Frame, Frame], Flow]
 

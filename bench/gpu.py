@@ -86,9 +86,9 @@ def machine(device: str) -> dict[str, Any]:
 
 def make_pairs(folder: Path, size: tuple[int, int]) -> None:
     """Write three pairs of flying shapes in KITTI's layout."""
-    from robustflow.datasets import load_dataset
-    from robustflow.flowio import write_flow
-    from robustflow.images.io import write_image
+    from robustflow.data.datasets import load_dataset
+    from robustflow.media.flow import write_flow
+    from robustflow.media.images import write_image
 
     dataset = load_dataset("shapes", pairs=3, size=f"{size[0]}x{size[1]}")
     for kind in ("image_2", "flow_occ", "flow_noc"):

@@ -60,7 +60,7 @@ class Bench:
                 torch.cuda.empty_cache()
 
     def frames(self, count: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
-        from robustflow.datasets import load_dataset
+        from robustflow.data.datasets import load_dataset
 
         dataset = load_dataset("kitti2015", self.data)
         return [dataset.load(key).frames for key in dataset.keys()[:count]]
@@ -100,7 +100,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
     to the frames.
     """
     from robustflow import load_model
-    from robustflow.models.construct import parameters_of
+    from robustflow.models.loading import parameters_of
     from robustflow.models.registry import MODELS
     from tests.parity.weight_rule import fill_by_rule
 
@@ -241,7 +241,7 @@ def _steps(bench: Bench, method: str, precision: str) -> tuple[dict[str, Any], b
     from robustflow.training.networks import load_network
     from robustflow.training.optimizers import build_optimizer
     from robustflow.training.recipe import load_recipe, recipes_of
-    from robustflow.training.unsupervised.objective import TrainingStep
+    from robustflow.training.unsupervised.methods import TrainingStep
 
     crop, batch = ((128, 192), 2) if bench.quick else ((320, 448), 2)
     recipe = load_recipe(method, list(recipes_of(method))[-1])
@@ -324,7 +324,7 @@ class _Corrupted:
     """A single pair that is corrupted differently every time."""
 
     def __init__(self, pair: list[np.ndarray], count: int) -> None:
-        from robustflow.corruptions.transforms.transform import CorruptionTransform
+        from robustflow.corruptions.transform import CorruptionTransform
 
         self._pair, self._count = pair, count
         self._transform = CorruptionTransform(probability=1.0, seed=0)

@@ -31,21 +31,21 @@ import numpy as np
 
 # processes that only predict also load this file, so modules that they do not need are imported late
 if __name__ == "__main__":
-    from robustflow.benchmarks import Benchmark
+    from robustflow.core.threads import one_opencv_thread
     from robustflow.corruptions.registry import IMAGE_PAIR
-    from robustflow.datasets import load_dataset
+    from robustflow.data.benchmarks import Benchmark
+    from robustflow.data.datasets import load_dataset
     from robustflow.metrics.rows import CLEAN
     from robustflow.models import ModelSpec
-    from robustflow.runner.compute_missing import compute_missing
-    from robustflow.runner.engines.choose import choose_engine
-    from robustflow.runner.frame_stage import FrameStage
-    from robustflow.runner.measure_stage import MeasureStage
-    from robustflow.runner.seconds import no_seconds
-    from robustflow.runner.setup import set_up
-    from robustflow.runs.plan import RunOptions
-    from robustflow.runs.store import RunFolder
+    from robustflow.run.compute_missing import compute_missing
+    from robustflow.run.engines.choose import choose_engine
+    from robustflow.run.frame_stage import FrameStage
+    from robustflow.run.measure_stage import MeasureStage
+    from robustflow.run.plan import RunOptions
+    from robustflow.run.seconds import no_seconds
+    from robustflow.run.setup import set_up
+    from robustflow.run.store import RunFolder
     from robustflow.testing import TexturePairs
-    from robustflow.threads import one_opencv_thread
 
 SEVERITIES = (1, 2, 3, 4, 5)
 SIZE = (375, 1242)

@@ -22,10 +22,9 @@ import numpy as np
 import skimage.data
 from scipy.ndimage import map_coordinates
 
-from robustflow.psf import blur as engine
-from robustflow.psf.blur import KernelCache, blur
-from robustflow.psf.shipped import shipped_field
-from robustflow.psf.tiles import kernels_at
+from robustflow.corruptions.optics import blur as engine
+from robustflow.corruptions.optics.blur import KernelCache, blur
+from robustflow.corruptions.optics.psf_field import kernels_at, shipped_field
 
 SIZES = ((375, 1242), (720, 1280))
 

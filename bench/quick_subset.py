@@ -33,15 +33,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import method_of, published_results
+from robustflow.core.severity import SEVERITIES
+from robustflow.core.types import Flow, Frame, Sample
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import IMAGE_PAIR
-from robustflow.datasets import load_dataset
+from robustflow.data.datasets import load_dataset
 from robustflow.metrics.error_maps import epe_map
 from robustflow.models import load_model
-from robustflow.sample import Flow, Frame, Sample
-from robustflow.severity import SEVERITIES
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import method_of, published_results
 
 METRICS = ("epe", "cre", "rcre")
 WANTED = 0.95

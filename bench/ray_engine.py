@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import robustflow as rf
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 
 SLEEP_S = 0.04
 WORKERS = 2

@@ -24,20 +24,19 @@ from pathlib import Path
 
 import numpy as np
 
-from robustflow.benchmarks.base import Benchmark
+from robustflow.core.types import Sample
 from robustflow.corruptions.registry import PAPER_ORDER
+from robustflow.data.benchmarks.base import Benchmark
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
-from robustflow.runner.compute_missing import compute_missing
-from robustflow.runner.engines.base import Engine, FinishedUnit, Job
-from robustflow.runner.engines.schedule import Schedule
-from robustflow.runner.frame_stage import frames_digest
-from robustflow.runner.setup import set_up
-from robustflow.runs.plan import Unit
-from robustflow.runs.run import Run
-from robustflow.runs.shards import list_shards
-from robustflow.runs.store import RunFolder
-from robustflow.sample import Sample
+from robustflow.run.compute_missing import compute_missing
+from robustflow.run.engines.base import Engine, FinishedUnit, Job, Schedule
+from robustflow.run.frame_stage import frames_digest
+from robustflow.run.plan import Unit
+from robustflow.run.run import Run
+from robustflow.run.setup import set_up
+from robustflow.run.shards import list_shards
+from robustflow.run.store import RunFolder
 
 CORRUPTIONS = PAPER_ORDER[:20]
 STEPS = ("drive", "resume", "resume again", "summary", "show", "report")

@@ -19,7 +19,7 @@ import time
 
 import cv2
 
-from robustflow.datasets.shapes.dataset import FlyingShapes
+from robustflow.data.datasets.shapes.dataset import FlyingShapes
 
 
 def main() -> None:

@@ -26,10 +26,10 @@ from pathlib import Path
 
 from synthetic_runs import synthetic_runs
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import published_results
 
 _TIMING = """() => {
     const { navigationStart, domContentLoadedEventEnd, loadEventEnd } = performance.timing;

@@ -7,17 +7,16 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from robustflow.analysis.results import CLEAN
 from robustflow.api import evaluate
+from robustflow.core.severity import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
-from robustflow.runs.identity import ModelIdentity
-from robustflow.runs.manifest import Manifest, Selection
-from robustflow.runs.plan import Unit
-from robustflow.runs.provenance import Provenance
-from robustflow.runs.run import Run
-from robustflow.runs.store import RunFolder
-from robustflow.severity import SEVERITIES
+from robustflow.run.identity import ModelIdentity, Provenance
+from robustflow.run.manifest import Manifest, Selection
+from robustflow.run.plan import Unit
+from robustflow.run.run import Run
+from robustflow.run.store import RunFolder
+from robustflow.stats.results import CLEAN
 
 _SCALED = [name for name in ROW_SCHEMA if name.startswith(("epe_sum", "rcre_sum"))]
 

@@ -21,12 +21,11 @@ from pathlib import Path
 import numpy as np
 from skimage import data
 
-from robustflow.video.clip import ClipFile, read_pictures, write_clip
-from robustflow.video.codec import Encoding, abr, crf, encoder_versions, lossless
-from robustflow.video.colour import i420_to_rgb, rgb_to_i420
-from robustflow.video.flow_interpolator import FlowInterpolator
-from robustflow.video.object_motion import mean_of_windows
-from robustflow.video.variants import corrupted_stream
+from robustflow.data.video.clip import ClipFile, read_pictures, write_clip
+from robustflow.data.video.codec import Encoding, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
+from robustflow.data.video.flow_interpolator import FlowInterpolator
+from robustflow.data.video.open_clip import mean_of_windows
+from robustflow.data.video.variants import corrupted_stream
 
 HEIGHT, WIDTH, FPS = 720, 1280, Fraction(960)
 

@@ -70,7 +70,7 @@ def rain_package(tmp_path, monkeypatch) -> Iterator[Path]:
 def base(tmp_path_factory):
     """A run on two small grey frames, to which `tests.made_rows.made_run` gives other rows."""
     from robustflow.api import evaluate
-    from robustflow.images.io import write_image
+    from robustflow.media.images import write_image
     from robustflow.testing import ZeroFlow
 
     folder = tmp_path_factory.mktemp("base")
@@ -111,8 +111,8 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     long.
     """
     from robustflow import api  # imported late: the process that only distributes tests does not need it
-    from robustflow.report.site import embedded
-    from robustflow.runner import panel
+    from robustflow.report.site import examples as embedded
+    from robustflow.run import panel
 
     real = {(api, "write_report"): api.write_report, (panel, "draw_panel"): panel.draw_panel}
     real[embedded, "embedded_slider"] = embedded.embedded_slider

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from robustflow.cli.main import main
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 from tests.video import clips
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

@@ -9,14 +9,14 @@ from typing import Any
 
 import polars as pl
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.digest import digest_of_bytes
+from robustflow.core.files import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
-from robustflow.runs.cells import Cells
-from robustflow.runs.identity import FrameIdentity, Identity
-from robustflow.runs.run import Run
+from robustflow.run.cells import Cells
+from robustflow.run.identity import FrameIdentity, Identity
+from robustflow.run.run import Run
+from robustflow.stats.model_result import ModelResult
 
 _CLEAN_SUMS = {
     "epe_sum": "n_valid",

@@ -2,9 +2,8 @@
 
 import pytest  # noqa: F401  # a worker imports the main module of its parent
 
-import robustflow.runner.engines.feeder
-import robustflow.runner.engines.predictor
-import robustflow.runner.engines.processes  # noqa: F401
+import robustflow.run.engines.feeder
+import robustflow.run.engines.processes  # noqa: F401
 from robustflow.metrics.regions import Regions
 from robustflow.testing import BrightnessFlow, TexturePairs  # noqa: F401
 

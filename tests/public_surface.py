@@ -18,7 +18,7 @@ import robustflow
 import robustflow.metrics
 import robustflow.testing
 from robustflow.cli.main import app
-from robustflow.errors import AssetError
+from robustflow.core.errors import AssetError
 
 STORED = Path(__file__).with_suffix(".txt")
 """The list that the code is compared with."""

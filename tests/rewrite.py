@@ -14,7 +14,7 @@ from pathlib import Path
 
 from robustflow.corruptions import machine_check
 from robustflow.corruptions.registry import CLIP
-from robustflow.video import machine_check as clips
+from robustflow.data.video import machine_check as clips
 
 from .golden.record import STORED as GOLDEN
 from .golden.record import golden_text

@@ -9,9 +9,9 @@ import pytest
 import skimage
 
 import robustflow as rf
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.runs.cells import Cells
+from robustflow.run.cells import Cells
 from tests.made_rows import change_identity
 
 

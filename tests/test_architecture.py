@@ -33,19 +33,19 @@ def test_imports_keep_the_contracts():
 def test_planted_violations_of_the_contracts_are_reported(tmp_path):
     """Plant an upward late import, an upward type-checking import, and two files that import each other."""
     package = tmp_path / "robustflow"
-    shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "data", "*.csv"))
+    shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "*.csv"))
     late = "def table() -> object:\n    from ..report.table import Table\n\n    return Table\n"
-    typed = "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    from ..runs.run import Run\n"
+    typed = "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    from ..run.run import Run\n"
     (package / "metrics" / "planted.py").write_text(late)
-    (package / "flowio" / "planted.py").write_text(typed)
-    (package / "images" / "planted.py").write_text("from . import planted_too\n")
-    (package / "images" / "planted_too.py").write_text("def planted() -> object:\n    from . import planted\n")
+    (package / "media" / "planted_typed.py").write_text(typed)
+    (package / "media" / "planted.py").write_text("from . import planted_too\n")
+    (package / "media" / "planted_too.py").write_text("def planted() -> object:\n    from . import planted\n")
     linted = _lint(tmp_path)
     assert linted.returncode == 1
     assert "robustflow.metrics.planted -> robustflow.report.table" in linted.stdout
-    assert "robustflow.flowio.planted -> robustflow.runs.run" in linted.stdout
+    assert "robustflow.media.planted_typed -> robustflow.run.run" in linted.stdout
     cycles = linted.stdout.partition("No file imports itself through others\n---")[2]
-    assert "robustflow.images" in cycles
+    assert "robustflow.media" in cycles
     assert "planted" in cycles
 
 

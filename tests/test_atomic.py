@@ -7,8 +7,8 @@ from threading import Thread
 
 import pytest
 
-from robustflow.atomic import write_bytes
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
+from robustflow.core.files import write_bytes
 
 
 def test_a_pipe_receives_the_bytes_and_stays_a_pipe(tmp_path):

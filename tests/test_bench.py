@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.training.memory import TABLE
+from robustflow.training.plan import TABLE
 
 ROOT = Path(__file__).resolve().parent.parent
 BENCH = ROOT / "bench"

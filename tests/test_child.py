@@ -6,8 +6,8 @@ import multiprocessing
 
 import pytest
 
-from robustflow.child import Child
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
+from robustflow.core.processes import Child
 
 
 def test_child_of_a_worker_of_a_pool_is_refused():

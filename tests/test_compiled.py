@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 _SOURCE = """
-from robustflow.compiled import njit
+from robustflow.core.compiled import njit
 
 @njit(cache=True)
 def total(x):
@@ -76,7 +76,7 @@ def test_importing_what_reads_runs_compiles_nothing():
         "from numba.core.dispatcher import Dispatcher\n"
         "compiled, of = [], Dispatcher.compile\n"
         "Dispatcher.compile = lambda self, types: (compiled.append(self.py_func.__name__), of(self, types))[1]\n"
-        "import robustflow.runs.run\n"
+        "import robustflow.run.run\n"
         "print(compiled)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -13,11 +13,11 @@ import pytest
 import skimage
 import typer
 
-from robustflow.analysis.published.tables import published_results
 from robustflow.cli.main import app
 from robustflow.corruptions import FAMILIES
 from robustflow.corruptions.registry import SHIPPED
-from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
+from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
+from robustflow.stats.published.tables import published_results
 from tests.made_rows import values_frame
 
 from .guide_blocks import DOCS, blocks
@@ -146,8 +146,8 @@ def test_figures_of_the_corruption_pages_equal_a_run(generated, small_demo, tmp_
 def test_formats_name_every_field(generated):
     from robustflow.metrics.rows import ROW_SCHEMA
     from robustflow.metrics.summary import Summary
-    from robustflow.records.contents import Manifest, Record
-    from robustflow.runs.identity import Identity
+    from robustflow.run.identity import Identity
+    from robustflow.run.records.contents import Manifest, Record
 
     pages = generated("formats").files()
     assert all(f"| `{name}` |" in pages["reference/rows.md"] for name in ROW_SCHEMA)

@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from robustflow.atomic import json_bytes
+from robustflow.core.errors import DataError
+from robustflow.core.files import json_bytes, sealed, sealed_bytes, unsealed, unsealed_bytes
 from robustflow.corruptions.scale import read_table, shipped
-from robustflow.errors import DataError
-from robustflow.sealed import sealed, sealed_bytes, unsealed, unsealed_bytes
 
 
 def flips(data: bytes, count: int = 200):

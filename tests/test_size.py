@@ -2,8 +2,8 @@
 
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.size import parse_size
+from robustflow.core.errors import UsageError
+from robustflow.core.types import parse_size
 
 
 @pytest.mark.parametrize(

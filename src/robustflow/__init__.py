@@ -6,34 +6,42 @@
 
 from importlib import import_module
 
-from .version import VERSION
+from .core.version import VERSION
 
 TYPE_CHECKING = False  # with `python -m robustflow`, nothing may be imported before __main__ corrects the path
 if TYPE_CHECKING:
     from typing import Any
 
-    from . import attacks, corruptions, datasets, metrics, models, testing
+    from . import attacks, corruptions, metrics, models, testing
     from .api import Result, evaluate, load_run
     from .attacks import Attacked, attack, list_attacks
-    from .benchmarks import Benchmark
+    from .core.errors import RobustFlowError
+    from .core.types import Camera, Sample, SceneDepth
     from .corruptions import Corruption, corrupt, corrupt_clip, list_corruptions
-    from .datasets import load_dataset
-    from .errors import RobustFlowError
-    from .flowio import read_flow, write_flow
+    from .data import datasets as datasets
+    from .data.benchmarks import Benchmark
+    from .data.datasets import load_dataset
+    from .media.flow import read_flow, write_flow
     from .models import list_models, load_model
     from .models.torch.user_model import TorchModel
     from .report.comparison import Comparison, compare
-    from .sample import Camera, Sample, SceneDepth
 
 __version__ = VERSION
 
-_MODULES = ("attacks", "corruptions", "datasets", "metrics", "models", "testing")
+_MODULES = {
+    "attacks": "attacks",
+    "corruptions": "corruptions",
+    "datasets": "data.datasets",
+    "metrics": "metrics",
+    "models": "models",
+    "testing": "testing",
+}
 
 _HOMES = {
     "Attacked": "attacks",
     "attack": "attacks",
     "list_attacks": "attacks",
-    "Benchmark": "benchmarks",
+    "Benchmark": "data.benchmarks",
     "Corruption": "corruptions",
     "list_corruptions": "corruptions",
     "list_models": "models",
@@ -42,17 +50,17 @@ _HOMES = {
     "load_run": "api",
     "corrupt": "corruptions",
     "corrupt_clip": "corruptions",
-    "load_dataset": "datasets",
-    "RobustFlowError": "errors",
-    "read_flow": "flowio",
-    "write_flow": "flowio",
+    "load_dataset": "data.datasets",
+    "RobustFlowError": "core.errors",
+    "read_flow": "media.flow",
+    "write_flow": "media.flow",
     "load_model": "models",
     "TorchModel": "models.torch.user_model",
     "evaluate": "api",
     "Result": "api",
-    "Camera": "sample",
-    "Sample": "sample",
-    "SceneDepth": "sample",
+    "Camera": "core.types",
+    "Sample": "core.types",
+    "SceneDepth": "core.types",
 }
 
 __all__ = [
@@ -96,11 +104,11 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> "Any":
     """Import a public name on first use, which keeps `import robustflow` fast."""
     if name in _MODULES:
-        return import_module(f".{name}", __name__)
+        return import_module(f".{_MODULES[name]}", __name__)
     if name not in _HOMES:
         raise AttributeError(f"module 'robustflow' has no attribute '{name}'")
     if name == "TorchModel":
-        from .extras import require
+        from .core.plugins import require
 
         require("torch", "TorchModel")
     return getattr(import_module(f".{_HOMES[name]}", __name__), name)

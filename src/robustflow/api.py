@@ -9,26 +9,26 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .benchmarks import Benchmark
-from .datasets.registry import with_absolute_paths
-from .errors import RobustFlowError, UsageError
+from .core.errors import RobustFlowError, UsageError
+from .core.text import plain
+from .data.benchmarks import Benchmark
+from .data.datasets.registry import with_absolute_paths
 from .models import ModelSpec
 from .models.base import AnyModel
-from .records.load import load_any_run
-from .report.site.write import write_report
-from .runs.costs import RunCost, read_cost
-from .runs.run import Run
-from .text import plain
+from .report.site.page import write_report
+from .run.costs import RunCost, read_cost
+from .run.records.pack import load_any_run
+from .run.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .analysis.uncoupled import Uncoupled
     from .attacks.api import AnyAttack
-    from .benchmarks.base import AnyCorruption
+    from .data.benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
-    from .runner.progress import Progress
-    from .runner.setup import Setup
+    from .run.progress import Progress
+    from .run.setup import Setup
+    from .stats.uncoupled import Uncoupled
 
 
 class Result(Run):
@@ -59,8 +59,8 @@ class Result(Run):
     def uncoupled(self) -> Uncoupled:
         """Return robustness measures that depend less on clean accuracy: log ratios of errors, medians over images, the
         increase of Fl, and the partial correlation of the corrupted with the clean error; see
-        `robustflow.analysis.uncoupled`."""
-        from .analysis.uncoupled import uncoupled
+        `robustflow.stats.uncoupled`."""
+        from .stats.uncoupled import uncoupled
 
         return uncoupled(self.rows)
 
@@ -201,15 +201,14 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
-    from .child import refuse_unguarded_script
-    from .runner.compute_missing import compute_missing
-    from .runner.default_folder import default_folder, warn_of_a_fresh_start
-    from .runner.engines.choose import choose_engine
-    from .runner.progress import shown
-    from .runner.setup import open_benchmark, set_up
-    from .runner.slider_pictures import capture_slider_pictures
-    from .runs.source import RunSource
-    from .runs.store import RunFolder
+    from .core.processes import refuse_unguarded_script
+    from .run.compute_missing import compute_missing
+    from .run.engines.choose import choose_engine
+    from .run.progress import shown
+    from .run.setup import open_benchmark, set_up
+    from .run.slider_pictures import capture_slider_pictures
+    from .run.source import RunSource, default_folder, warn_of_a_fresh_start
+    from .run.store import RunFolder
 
     refuse_unguarded_script()
     if subset is not None and (still or any(given is not None for given in (corruptions, severities, attacks))):
@@ -258,10 +257,10 @@ def evaluate(
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """Draw the example pictures after the rows are saved, so that a failure here loses no rows."""
-    from .runner.cost import keep_cost
-    from .runner.displacement import keep_displacement
-    from .runner.examples import write_examples
-    from .runs.example_list import are_current, drop_examples
+    from .run.cost import keep_cost
+    from .run.displacement import keep_displacement
+    from .run.example_cells import are_current, drop_examples
+    from .run.examples import write_examples
 
     result.write_means()
     wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks

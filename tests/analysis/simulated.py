@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from robustflow.datasets.kitti_drives import drive_groups
-from robustflow.datasets.split import kitti_split
+from robustflow.data.datasets.kitti import drive_groups
+from robustflow.data.datasets.split import kitti_split
 from robustflow.metrics.rows import CLEAN
 from tests.made_rows import rows_frame
 from tests.runs.mean_rows import row

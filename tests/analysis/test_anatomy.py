@@ -7,8 +7,8 @@ from functools import partial
 import polars as pl
 import pytest
 
-from robustflow.analysis.anatomy import error_parts, severity_slopes
-from robustflow.runs.aggregate import summarize
+from robustflow.run.aggregate import summarize
+from robustflow.stats.anatomy import error_parts, severity_slopes
 from tests.made_rows import rows_frame
 from tests.runs.mean_rows import row
 

@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import AVERAGE, CLEAN
-from robustflow.analysis.results_file import parse_results, results_csv
-from robustflow.analysis.run_results import run_results
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.stats.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results import AVERAGE, CLEAN
+from robustflow.stats.results_file import parse_results, results_csv
+from robustflow.stats.run_results import run_results
 from tests.made_rows import made_run
 
 _FOUND = audit_published()

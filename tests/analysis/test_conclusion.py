@@ -13,17 +13,17 @@ import polars as pl
 import pytest
 from skimage import data
 
-from robustflow.analysis.conclusion import CAVEAT, conclusions, without_truth
-from robustflow.analysis.run_results import comparison_note, run_results
 from robustflow.api import Result, evaluate
 from robustflow.cli.main import main
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.page import render_site
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
+from robustflow.stats.conclusion import CAVEAT, conclusions, without_truth
+from robustflow.stats.run_results import comparison_note, run_results
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run
 

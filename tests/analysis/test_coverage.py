@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.analysis.uncertainty import compare_rows, intervals
-from robustflow.analysis.uncertainty.bootstrap import bootstrap
-from robustflow.analysis.uncertainty.log_scale import ErrorMean, error_intervals
-from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
+from robustflow.stats.uncertainty import compare_rows, intervals
+from robustflow.stats.uncertainty.bootstrap import bootstrap
+from robustflow.stats.uncertainty.log_scale import ErrorMean, error_intervals
+from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term
 
 from .simulated import KITTI_DRIVES, Truth, coverage, rows_of
 

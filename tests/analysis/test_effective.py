@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from robustflow.analysis.effective import effective_robustness
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results_file import parse_results
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
+from robustflow.stats.effective import effective_robustness
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results_file import parse_results
 
 _OF_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
 

@@ -9,13 +9,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.analysis.conclusion import conclusions
-from robustflow.analysis.exclusion import clean_epe, exclusion_reasons, reasons_from_rows, zero_flow_epe
-from robustflow.analysis.run_results import run_results
-from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
-from robustflow.experiments.arms import PLAIN, arms
-from robustflow.experiments.effects import left_out
+from robustflow.paper.experiment.effects import PLAIN, arms, left_out
+from robustflow.stats.conclusion import conclusions
+from robustflow.stats.exclusion import clean_epe, exclusion_reasons, reasons_from_rows, zero_flow_epe
+from robustflow.stats.run_results import run_results
+from robustflow.stats.uncertainty import compare_all, compare_rows
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run, rows_frame
 from tests.runs.mean_rows import row

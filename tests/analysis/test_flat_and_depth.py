@@ -4,11 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.analysis.flat_and_depth import TWINS, twin_comparisons
+from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import CORRUPTIONS, FURTHER
-from robustflow.errors import UsageError
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
+from robustflow.stats.flat_and_depth import TWINS, twin_comparisons
 from tests.made_rows import made_run
 
 from .simulated import rows_of

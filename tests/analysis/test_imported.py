@@ -9,10 +9,10 @@ from statistics import fmean
 
 import pytest
 
-from robustflow.analysis.imported import NOTE, read_imported
-from robustflow.analysis.results_file import parse_results, read_results, results_csv
+from robustflow.core.errors import DataError
 from robustflow.corruptions import IMAGE_PAIR
-from robustflow.errors import DataError
+from robustflow.stats.imported import NOTE, read_imported
+from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.made_rows import values_frame
 from tests.refusals import refused
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.analysis.uncertainty.bootstrap import bootstrap
-from robustflow.analysis.uncertainty.log_scale import ErrorMean, error_intervals
-from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
-from robustflow.datasets.kitti_drives import drive_groups, drives
-from robustflow.datasets.split import kitti_split
+from robustflow.data.datasets.kitti import drive_groups, drives
+from robustflow.data.datasets.split import kitti_split
+from robustflow.stats.uncertainty.bootstrap import bootstrap
+from robustflow.stats.uncertainty.log_scale import ErrorMean, error_intervals
+from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term
 
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
 GROUPS = {"pairs": KEYS, "drives": [drive_groups("kitti2015")[key] for key in KEYS]}

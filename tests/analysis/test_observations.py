@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, spearmanr, ttest_1samp, ttest_ind
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.observations import observations
-from robustflow.analysis.observations.evidence import Evidence
-from robustflow.analysis.observations.margin import of_correlation, of_difference, of_majority, of_mean
-from robustflow.analysis.published.tables import not_discussed, published_results
 from robustflow.corruptions.registry import FAMILIES
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.observations import observations
+from robustflow.stats.observations.evidence import Evidence
+from robustflow.stats.observations.margin import of_correlation, of_difference, of_majority, of_mean
+from robustflow.stats.published.tables import not_discussed, published_results
 
 _PUBLISHED = {o.number: o for o in observations(published_results())}
 

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from robustflow.analysis.uncertainty import compare_rows
-from robustflow.analysis.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
-from robustflow.datasets.kitti_drives import drive_groups
-from robustflow.datasets.split import kitti_split
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
+from robustflow.data.datasets.kitti import drive_groups
+from robustflow.data.datasets.split import kitti_split
 from robustflow.report.render import render
 from robustflow.report.standings_tables import power_table
+from robustflow.stats.uncertainty import compare_rows
+from robustflow.stats.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
 
 from .simulated import rows_of
 

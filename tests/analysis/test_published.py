@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from robustflow.analysis.published.tables import method_of, published_costs, published_methods, published_results
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from robustflow.stats.published.tables import method_of, published_costs, published_methods, published_results
 from tests.made_rows import values_frame
 
 _KITTI = {"epe": "table:kitti-fc", "cre": "table:kitti_cre", "rcre": "table:kitti_rcre"}

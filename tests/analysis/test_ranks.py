@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import rankdata
 
-from robustflow.analysis.ranking import average_ranks, competition_ranks, middle_ranks
+from robustflow.stats.ranking import average_ranks, competition_ranks, middle_ranks
 
 VALUES = st.lists(st.integers(-4, 4) | st.floats(allow_nan=False), max_size=30)
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from robustflow.analysis.model_result import Value
-from robustflow.analysis.results_file import parse_results, read_results, results_csv
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.report.table import number_text
+from robustflow.stats.model_result import Value
+from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.refusals import refused
 
 _HEAD = "setting,model,metric,corruption,value\n"

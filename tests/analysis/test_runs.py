@@ -5,22 +5,21 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from robustflow.analysis.model_result import by_frames, ranked
-from robustflow.analysis.run_names import run_names
-from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
 from robustflow.cli.tables import print_result
+from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
-from robustflow.errors import UsageError
 from robustflow.report.assemble import ALL_TABLES, ATTACK_TABLES, FLAT_AND_DEPTH, figures_of, results_of, tables_of
 from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.figures import page_figures
 from robustflow.report.site.headline import headline
-from robustflow.runs.cells import Cells
-from robustflow.runs.comparable import sample_set
-from robustflow.runs.run import Run
+from robustflow.run.cells import Cells
+from robustflow.run.comparable import sample_set
+from robustflow.run.run import Run
+from robustflow.stats.model_result import by_frames, ranked
+from robustflow.stats.run_results import comparison_note, run_names, run_results, run_setting
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, change_manifest, made_run
 

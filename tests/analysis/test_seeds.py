@@ -7,14 +7,14 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from robustflow.analysis.conditions import seed_groups
-from robustflow.analysis.uncertainty import compare_all, standings, variance_split
 from robustflow.cli.main import app
 from robustflow.cli.tables import print_results
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import FORMATS, render
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
+from robustflow.stats.conditions import seed_groups
+from robustflow.stats.uncertainty import compare_all, standings, variance_split
 from tests.made_rows import made_run
 
 from .simulated import rows_of
@@ -205,7 +205,7 @@ def test_the_command_that_is_suggested_after_several_runs_works(seeds, capsys, m
     print_results(runs)
     assert f"{question} robustflow compare" in capsys.readouterr().out
     by_path = dict(zip("abcd", runs, strict=False))
-    monkeypatch.setattr("robustflow.records.load.load_any_run", lambda path: by_path[str(path)])
+    monkeypatch.setattr("robustflow.run.records.pack.load_any_run", lambda path: by_path[str(path)])
     compared = CliRunner().invoke(app, ["compare", *by_path])
     assert compared.exit_code == 0, compared.output
 

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, false_discovery_control, t
 
-from robustflow.analysis.uncertainty import compare_all, compare_rows, intervals
-from robustflow.analysis.uncertainty.bootstrap import bootstrap, resampled_weights
-from robustflow.analysis.uncertainty.holm import holm
-from robustflow.analysis.uncertainty.log_scale import FEW, ErrorMean, error_intervals
-from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term, weighted_means
-from robustflow.errors import RunError, UsageError
-from robustflow.runs.aggregate import summarize
+from robustflow.core.errors import RunError, UsageError
+from robustflow.run.aggregate import summarize
+from robustflow.stats.uncertainty import compare_all, compare_rows, intervals
+from robustflow.stats.uncertainty.bootstrap import bootstrap, resampled_weights
+from robustflow.stats.uncertainty.log_scale import FEW, ErrorMean, error_intervals
+from robustflow.stats.uncertainty.paired import holm
+from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term, weighted_means
 
 from .simulated import Truth, rows_of
 
@@ -315,7 +315,7 @@ def test_order_of_rows_changes_nothing():
 def test_blocks_of_resamples_change_nothing(monkeypatch):
     rows = _rows(30)
     whole = intervals(rows, resamples=500)
-    monkeypatch.setattr("robustflow.analysis.uncertainty.bootstrap.BLOCK", 30 * 37)
+    monkeypatch.setattr("robustflow.stats.uncertainty.bootstrap.BLOCK", 30 * 37)
     np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
 
 

@@ -10,10 +10,10 @@ import polars as pl
 import pytest
 from scipy.stats import rankdata, spearmanr
 
-from robustflow.analysis.ranking import spearman
-from robustflow.analysis.uncoupled import UNCOUPLED, UncoupledScores, coupling, uncoupled
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.metrics.rows import CLEAN
+from robustflow.stats.ranking import spearman
+from robustflow.stats.uncoupled import UNCOUPLED, UncoupledScores, coupling, uncoupled
 
 from .simulated import PIXELS, SETTINGS, rows_of
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robustflow.app.choices import Models
-from robustflow.errors import ModelError, UsageError
+from robustflow.app.pairs import Models
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 
 

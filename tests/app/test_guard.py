@@ -18,8 +18,8 @@ from urllib.parse import urlsplit
 import pytest
 from starlette.responses import PlainTextResponse
 
-from robustflow.app.guard import Guard
-from robustflow.app.upload_folder import UploadFolder
+from robustflow.app.serve import Guard
+from robustflow.app.uploads import UploadFolder
 from robustflow.cli.main import main
 
 from ..video import clips
@@ -152,7 +152,7 @@ def test_uploads_of_a_killed_app_are_removed_by_the_next_app(tmp_path, monkeypat
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     running = UploadFolder()
     own_folder = running.new()
-    upload = "import time; from robustflow.app.upload_folder import UploadFolder as Folder; folder = Folder(); "
+    upload = "import time; from robustflow.app.uploads import UploadFolder as Folder; folder = Folder(); "
     upload += "print(folder.new(), flush=True); time.sleep(600)"
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     with subprocess.Popen([sys.executable, "-c", upload], stdout=subprocess.PIPE, text=True, env=environment) as killed:

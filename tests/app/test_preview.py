@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
-from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import load_corruption
+from robustflow.data.benchmarks.demo import DEMO_CLASSES
 
 from .launch import SCRIPTED
 from .library import direct_numbers

@@ -13,7 +13,7 @@ from PIL import Image
 
 import robustflow as rf
 from robustflow.app.pairs import KEPT
-from robustflow.flowio.flo import flo_bytes
+from robustflow.media.flow import flo_bytes
 
 from ..video import clips
 from .library import direct_numbers

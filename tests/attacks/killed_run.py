@@ -13,7 +13,7 @@ from itertools import count
 
 import robustflow as rf
 import robustflow.api
-from robustflow.benchmarks import Benchmark
+from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import BrightnessFlow, TexturePairs
 
 

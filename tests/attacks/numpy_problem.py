@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robustflow.attacks import load_attack
-from robustflow.attacks.images import images_of
+from robustflow.attacks.ball import images_of
 from robustflow.attacks.problem import Pair, Problem
 
 WEIGHTS = np.random.default_rng(5).normal(0, 1, (2, 2, 3))

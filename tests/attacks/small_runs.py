@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs
 

@@ -8,8 +8,8 @@ import pytest
 from robustflow.attacks import Attack, load_attack
 from robustflow.attacks.ball import MOVED, Ball
 from robustflow.attacks.registry import SHIPPED
-from robustflow.errors import UsageError
-from robustflow.random.rng import Rng
+from robustflow.core.errors import UsageError
+from robustflow.core.rng import Rng
 
 SHAPE = (4, 5, 3)
 FRAMES = {"both": (0, 1), "first": (0,), "second": (1,), "joint": (0, 1)}

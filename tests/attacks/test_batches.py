@@ -12,8 +12,8 @@ from robustflow.attacks import load_attack
 from robustflow.attacks.api import attack_pairs
 from robustflow.attacks.evaluation import in_lockstep
 from robustflow.attacks.problem import Pair
-from robustflow.errors import ModelError, UsageError
-from robustflow.random.rng import Rng
+from robustflow.core.errors import ModelError, UsageError
+from robustflow.core.rng import Rng
 from robustflow.testing import check_model
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")

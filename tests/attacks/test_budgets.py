@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 import robustflow as rf
 from robustflow.attacks import load_attack
-from robustflow.attacks.ball import MOVED, NORMS, Ball
-from robustflow.attacks.images import frames_of
+from robustflow.attacks.ball import MOVED, NORMS, Ball, frames_of
 from robustflow.attacks.result import norms_of
 from robustflow.testing import TexturePairs
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import robustflow as rf
 from robustflow.attacks import load_attack
 from robustflow.attacks.registry import norm_of
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 
 pytest.importorskip("torch", reason="needs the torch extra")
 

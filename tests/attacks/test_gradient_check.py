@@ -7,10 +7,9 @@ import pytest
 
 import robustflow as rf
 from robustflow.attacks import load_attack
-from robustflow.attacks.gradient_check import check_same_flow
-from robustflow.attacks.problem import Pair
-from robustflow.errors import ModelError
-from robustflow.random.rng import Rng
+from robustflow.attacks.problem import Pair, check_same_flow
+from robustflow.core.errors import ModelError
+from robustflow.core.rng import Rng
 from robustflow.testing import check_model
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robustflow.attacks.loss import LOSSES, Loss
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 
 HEIGHT, WIDTH = 3, 4
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.attacks.images import images_of
+from robustflow.attacks.ball import images_of
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 

@@ -13,8 +13,8 @@ import pytest
 import robustflow as rf
 from robustflow.attacks import Attack, load_attack
 from robustflow.attacks.api import with_controls
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs, check_attack
 

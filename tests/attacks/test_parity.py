@@ -17,7 +17,7 @@ from robustflow.attacks.loss import Loss
 from robustflow.attacks.pcfa import _Search
 from robustflow.attacks.pgd import climb
 from robustflow.attacks.problem import Pair, Problem
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 
 from ..parity.pack import Pack
 from ..shared_data import shared_root

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.attacks import load_attack  # noqa: E402
 from robustflow.attacks.pcfa import _saturated, _Search  # noqa: E402
-from robustflow.errors import UsageError  # noqa: E402
+from robustflow.core.errors import UsageError  # noqa: E402
 
 from .numpy_problem import curved_flow, numpy_problem  # noqa: E402
 

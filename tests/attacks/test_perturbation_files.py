@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.attacks.images import images_of
-from robustflow.errors import DataError
+from robustflow.attacks.ball import images_of
+from robustflow.core.errors import DataError
 
 from ..refusals import refused
 from .small_runs import still

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import DataError, ModelError, UsageError
+from robustflow.core.errors import DataError, ModelError, UsageError
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 

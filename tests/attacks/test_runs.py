@@ -11,11 +11,11 @@ import pytest
 import robustflow as rf
 from robustflow.attacks.api import with_controls
 from robustflow.attacks.registry import SHIPPED, norm_of
-from robustflow.errors import ModelError, RunError, UsageError
+from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_table import attack_table
-from robustflow.runner.frames_digest import frames_digest
-from robustflow.runs.run import Run
+from robustflow.run.frame_stage import frames_digest
+from robustflow.run.run import Run
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refused
@@ -103,11 +103,11 @@ def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_pa
 
 
 def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
-    from robustflow.runner.engines.choose import choose_engine
-    from robustflow.runner.named_model import name_model
+    from robustflow.run.engines.choose import choose_engine
+    from robustflow.run.named_model import name_model
 
     loaded = name_model(TINY)
-    monkeypatch.setattr("robustflow.runner.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
+    monkeypatch.setattr("robustflow.run.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
 
     engine = choose_engine(None, None, None, None, loaded, attacks=True)
     assert engine.describe([]) == "serial (attacks need the model in this process)"
@@ -197,7 +197,7 @@ def test_square_attacks_any_model_in_a_run(tmp_path):
 
 
 def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
-    from robustflow.runner.progress import TerminalProgress
+    from robustflow.run.progress import TerminalProgress
 
     with TerminalProgress() as progress:
         run(tmp_path / "run", still, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)

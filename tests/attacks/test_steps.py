@@ -7,7 +7,7 @@ import pytest
 
 from robustflow.attacks import load_attack
 from robustflow.attacks.square import quick_score
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 
 from .numpy_problem import NumpyProblem, numpy_problem
 

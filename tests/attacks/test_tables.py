@@ -8,14 +8,13 @@ import pytest
 from scipy.stats import spearmanr
 
 import robustflow as rf
-from robustflow.analysis.attack_ranks import predictions
-from robustflow.analysis.attacks import AttackScore, attack_scores, budget_at_double
-from robustflow.analysis.ranking import spearman, spearman_interval
-from robustflow.analysis.security_curves import security_curves
 from robustflow.attacks.ball import GREY_LEVELS
 from robustflow.attacks.registry import norm_of
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
 from robustflow.report.attack_table import attack_table, prediction_table
+from robustflow.stats.attack_ranks import predictions
+from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, security_curves
+from robustflow.stats.ranking import spearman, spearman_interval
 
 from .small_runs import DATA, run
 
@@ -170,7 +169,7 @@ def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(model
 def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(models, monkeypatch):
     doubtful = [one.model_copy(update={"warnings": {"rounding": 2}}) for one in attack_scores(models[0])]
     monkeypatch.setattr(
-        "robustflow.analysis.attack_ranks.attack_scores",
+        "robustflow.stats.attack_ranks.attack_scores",
         lambda one: doubtful if one is models[0] else attack_scores(one),
     )
 
@@ -184,7 +183,7 @@ def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_s
 def test_a_score_that_says_little_about_the_model_is_not_correlated(models, monkeypatch, warning):
     doubtful = attack_scores(models[0])[0].model_copy(update={"warnings": {warning: 1}})
     monkeypatch.setattr(
-        "robustflow.analysis.attack_ranks.attack_scores",
+        "robustflow.stats.attack_ranks.attack_scores",
         lambda one: [doubtful] if one is models[0] else attack_scores(one),
     )
 
@@ -263,7 +262,7 @@ def test_budget_that_doubles_the_error_is_interpolated_between_severities():
 
 
 def test_a_white_box_attack_that_others_beat_carries_a_warning():
-    from robustflow.analysis.attacks import _compared
+    from robustflow.stats.attacks import _compared
 
     scores = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
     scores["pgd:moved=first"] = 1  # the others change both frames

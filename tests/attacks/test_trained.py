@@ -10,20 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robustflow as rf
-from robustflow.analysis.attacks import attack_scores
 from robustflow.attacks import load_attack, patch
 from robustflow.attacks.problem import Pair
 from robustflow.attacks.universal import Universal
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import DataError, ModelError, RunError, UsageError
+from robustflow.core.errors import DataError, ModelError, RunError, UsageError
+from robustflow.core.rng import Rng
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
-from robustflow.random.rng import Rng
 from robustflow.report.attack_table import attack_table
-from robustflow.runner.attack_training import learned_patterns
-from robustflow.runner.setup import set_up
-from robustflow.runs.plan import Unit
-from robustflow.runs.sealed_array import write_array
-from robustflow.runs.store import RunFolder
+from robustflow.run.attack_stage import learned_patterns
+from robustflow.run.file_digests import write_array
+from robustflow.run.plan import Unit
+from robustflow.run.setup import set_up
+from robustflow.run.store import RunFolder
+from robustflow.stats.attacks import attack_scores
 from robustflow.testing import TexturePairs
 
 pytest.importorskip("torch", reason="needs the torch extra")

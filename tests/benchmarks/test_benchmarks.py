@@ -20,23 +20,23 @@ from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
 import robustflow as rf
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.run_results import comparison_note
-from robustflow.benchmarks import benchmark_facts, load_benchmark
-from robustflow.benchmarks.base import spread
-from robustflow.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
 from robustflow.cli.main import app
 from robustflow.cli.tables import print_result
+from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions.registry import FAMILIES, FURTHER, IMAGE_PAIR
-from robustflow.datasets.split import kitti_split
-from robustflow.errors import DataError, UsageError
+from robustflow.data.benchmarks import benchmark_facts, load_benchmark
+from robustflow.data.benchmarks.base import spread
+from robustflow.data.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
+from robustflow.data.datasets.split import kitti_split
 from robustflow.models import ModelSpec
 from robustflow.models.provenance import Training, parse_training_sets
-from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
-from robustflow.runs.comparable import sample_set
-from robustflow.runs.provenance import Provenance
+from robustflow.run.comparable import sample_set
+from robustflow.run.identity import Provenance
+from robustflow.run.records.pack import pack
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
 from tests.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame

@@ -7,15 +7,15 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.run_results import comparison_note
-from robustflow.benchmarks import load_benchmark
-from robustflow.benchmarks.export import export
-from robustflow.benchmarks.setting import setting_of
-from robustflow.errors import DataError, RunError, UsageError
+from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.export import export
+from robustflow.data.benchmarks.setting import setting_of
 from robustflow.models import ModelSpec
 from robustflow.models.provenance import Training
 from robustflow.report.site.content import run_content
 from robustflow.report.site.models import model_pages
+from robustflow.stats.run_results import comparison_note
 from tests.datasets.layouts import picture
 from tests.made_rows import made_run
 

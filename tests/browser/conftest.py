@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import pytest
 import skimage
 
-from robustflow.analysis.results_file import parse_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, whole_content
+from robustflow.stats.results_file import parse_results
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 from skimage import data
 
-from robustflow.images.io import write_image
-from robustflow.report.gallery.clip import ClipPart, clip_cells
+from robustflow.core.types import Sample
+from robustflow.media.images import write_image
 from robustflow.report.gallery.page import gallery_slider, page_of
-from robustflow.report.gallery.pictures import gallery
-from robustflow.sample import Sample
+from robustflow.report.gallery.pictures import ClipPart, clip_cells, gallery
 
 pytestmark = pytest.mark.browser
 

@@ -6,9 +6,9 @@ import polars as pl
 import pytest
 import skimage
 
-from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content
+from robustflow.stats.published.tables import published_results
 from tests.made_rows import values_frame
 
 from .conftest import HOSTILE

@@ -15,7 +15,7 @@ import skimage
 
 import robustflow as rf
 from robustflow import load_run
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.testing import ZeroFlow
 
 from ..video import clips
@@ -56,7 +56,7 @@ def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
         "    def apply(self, frame, state, index):\n        return np.rint(frame * state).astype(np.uint8)\n"
     )
     assert "all checks passed" in robustflow.prints("check", "my_rain:Rain")
-    pairs = robustflow.prints("check", "robustflow.datasets.motorcycle:Motorcycle")
+    pairs = robustflow.prints("check", "robustflow.data.datasets.motorcycle:Motorcycle")
     assert "dataset 'motorcycle': all checks passed" in pairs
     robustflow.refuses("check", "json:loads", "--kind", "corruption")
     Path("titled.py").write_text(
@@ -263,7 +263,7 @@ def test_seeds_of_a_still_run_are_draws_in_one_folder(robustflow, tmp_path):
 
 def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(robustflow, monkeypatch):
     from robustflow.corruptions import machine_check
-    from robustflow.video import machine_check as clips
+    from robustflow.data.video import machine_check as clips
 
     monkeypatch.setattr(machine_check, "CHECKED", ("contrast", "pixelate"))
     assert robustflow.prints("corrupt", "--check") == "7 of 7 corruptions match the reference bytes on this machine\n"
@@ -281,7 +281,7 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
 
 def test_corrupt_check_of_a_new_corruption_says_that_no_bytes_are_stored_and_fails(robustflow, monkeypatch):
     from robustflow.corruptions import machine_check
-    from robustflow.video import machine_check as clips
+    from robustflow.data.video import machine_check as clips
 
     Path("digests.json").write_text("{}")
     monkeypatch.setattr(machine_check, "DIGESTS", Path("digests.json"))
@@ -310,7 +310,7 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, runs, 
     def refuse(path, data):
         raise DataError(f"cannot write {path}: Read-only file system; choose an existing folder with enough free space")
 
-    monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
+    monkeypatch.setattr("robustflow.run.staleness.write_bytes", refuse)
     with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):
         out = robustflow.prints("report", "run")
     assert "clean EPE" in out

@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 import robustflow as rf
-from robustflow.images.io import write_image
-from robustflow.runs.displacement_file import read_displacement
+from robustflow.media.images import write_image
+from robustflow.run.costs import read_displacement
 
 
 def test_displacement_of_the_embedded_pair_is_its_disparity(robustflow):

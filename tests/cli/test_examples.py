@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from robustflow.api import evaluate
-from robustflow.images.io import read_image, write_image
+from robustflow.media.images import read_image, write_image
 from robustflow.models import ModelSpec
 
 from .conftest import write_frames

@@ -9,19 +9,17 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from robustflow.analysis.results_file import read_results, results_csv
 from robustflow.api import load_run
-from robustflow.atomic import json_bytes
+from robustflow.core.errors import DataError, RunError
+from robustflow.core.files import digest_of_value, json_bytes
 from robustflow.corruptions.api import STREAM_VERSION
-from robustflow.digest import digest_of_value
-from robustflow.errors import DataError, RunError
 from robustflow.metrics.rows import ROW_SCHEMA
-from robustflow.records.collection import LIST, add_records, collected
-from robustflow.records.load import load_any_run
-from robustflow.records.pack import pack, record_bytes
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.data import page_data
 from robustflow.report.site.models import model_pages
+from robustflow.run.records.collection import LIST, add_records, collected
+from robustflow.run.records.pack import load_any_run, pack, record_bytes
+from robustflow.stats.results_file import read_results, results_csv
 
 from ..records.forge import entries_of, sealed
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.analysis.imported import NOTE
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results_file import read_results
+from robustflow.stats.imported import NOTE
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results_file import read_results
 from tests.made_rows import values_frame
 
 _RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,Mine,epe,average,5.00\n"
@@ -40,7 +40,7 @@ def test_leaderboard_shows_runs_and_files_beside_published_results(robustflow, r
 
 def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, monkeypatch):
     asked = []
-    monkeypatch.setattr("robustflow.report.site.embedded.embedded_slider", lambda: asked.append(1))
+    monkeypatch.setattr("robustflow.report.site.examples.embedded_slider", lambda: asked.append(1))
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     without = shutil.ignore_patterns("examples")
     many = [shutil.copytree(run, f"many/{number}", ignore=without) for number in range(3)]

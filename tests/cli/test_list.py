@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from robustflow.corruptions.optics.psf_field import RMS_RADII
 from robustflow.models.registry import EXPORTED
-from robustflow.psf.shipped import RMS_RADII
 
 LISTED = {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kitti-fc", "datasets": "sintel"}
 

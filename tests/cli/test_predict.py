@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.images.io import read_image, write_image
+from robustflow.media.images import read_image, write_image
 
 from ..video import clips
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robustflow.api import load_run
-from robustflow.records.pack import record_bytes
+from robustflow.run.records.pack import record_bytes
 
 
 @pytest.fixture(scope="module")

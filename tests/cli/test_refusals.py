@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow import extras
+from robustflow.core import plugins as extras
 
 from .conftest import write_frames
 
@@ -251,7 +251,7 @@ def test_read_only_file_system_is_refused_in_one_line(robustflow, runs, tmp_path
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_full_disk_ends_a_run_in_one_line(robustflow, monkeypatch):
     """A genuinely full device raises its error when a shard is renamed into place."""
-    import robustflow.atomic as atomic
+    import robustflow.core.files as atomic
 
     real = open
 

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate, load_run
-from robustflow.reproduce.artefacts import ARTEFACTS
-from robustflow.reproduce.plan import choose
-from robustflow.reproduce.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
-from robustflow.reproduce.variants import paper_variants
+from robustflow.paper.plan import ARTEFACTS, choose, paper_variants
+from robustflow.paper.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
+from robustflow.stats.published.tables import published_results
 from tests.datasets.layouts import flow, picture
 from tests.video import clips
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustflow.analysis.results_file import read_results
-from robustflow.datasets.robustspring_condition import CORRUPTIONS, SEQUENCES, Condition, submitted
-from robustflow.errors import DataError, UsageError
-from robustflow.flowio import read_flow, write_flow
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets.robustspring import CORRUPTIONS, SEQUENCES, Condition, submitted
+from robustflow.media.flow import read_flow, write_flow
+from robustflow.media.images import read_image
 from robustflow.models import load_model
+from robustflow.stats.results_file import read_results
 
 from ..datasets import layouts
 
@@ -28,7 +28,7 @@ def frames(tmp_path):
 @pytest.fixture
 def export(runs, frames, monkeypatch):
     """The command that exports a run of Farneback's method on these frames, as if they were the whole test split."""
-    monkeypatch.setattr("robustflow.datasets.robustspring_condition.SEQUENCES", {3: 3, 28: 2})
+    monkeypatch.setattr("robustflow.data.datasets.robustspring.SEQUENCES", {3: 3, 28: 2})
     return ("export", runs[1], "--format", "robustspring", "--data", frames)
 
 

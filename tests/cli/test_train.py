@@ -7,10 +7,10 @@ import shlex
 import pytest
 from typer.main import get_command
 
-from robustflow import extras
 from robustflow.cli.main import app
-from robustflow.datasets import dataset_facts
-from robustflow.errors import UsageError
+from robustflow.core import plugins as extras
+from robustflow.core.errors import UsageError
+from robustflow.data.datasets import dataset_facts
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe
 from robustflow.training.request import DataPlan

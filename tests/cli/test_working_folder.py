@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow import compiled
-from robustflow.analysis.published.tables import published_results
-from robustflow.errors import UsageError
+from robustflow.core import compiled
+from robustflow.core.errors import UsageError
+from robustflow.core.paths import SAFE_PATH
 from robustflow.report.figures import clean_against_cre, figure_bytes
-from robustflow.safe_path import SAFE_PATH
+from robustflow.stats.published.tables import published_results
 
 from ..app.launch import running_app
 from ..training.chairs import write_chairs
@@ -155,7 +155,7 @@ def test_run_and_prepare_on_ray_in_a_folder_of_decoys_run_none(place, tmp_path):
 
 def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts but finds nothing
-    fetch = f"from robustflow.corruptions.weather import frost_assets as f; f._download(f.Path({str(tmp_path)!r}))"
+    fetch = f"from robustflow.corruptions.weather import frost_photographs as f; f._download(f.Path({str(tmp_path)!r}))"
     done = place.python("-P", "-c", fetch)
     assert "pip could not download" in done.stderr
     assert place.what_ran() == []
@@ -195,10 +195,10 @@ def test_settings_of_numba_and_matplotlib_in_the_working_folder_change_no_number
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
-        "from robustflow.compiled import njit\nimport numba\n"
-        "from robustflow.random.rng import Rng\nRng.of('a').uniforms(3)\n"
+        "from robustflow.core.compiled import njit\nimport numba\n"
+        "from robustflow.core.rng import Rng\nRng.of('a').uniforms(3)\n"
         "print(repr(numba.config.CACHE_DIR), numba.config.DISABLE_JIT)\n"
-        "from robustflow.analysis.published.tables import published_results\n"
+        "from robustflow.stats.published.tables import published_results\n"
         "from robustflow.report.figures import clean_against_cre, figure_bytes\n"
         "figure = clean_against_cre([line for line in published_results() if line.benchmark == 'kitti-fc'])\n"
         "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"

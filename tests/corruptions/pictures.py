@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robustflow.sample import Camera, SceneDepth
+from robustflow.core.types import Camera, SceneDepth
 
 
 def noise(height, width, seed=0):

@@ -10,7 +10,7 @@ import pytest
 
 from robustflow.corruptions import machine_check
 from robustflow.corruptions.registry import CLIP
-from robustflow.video import machine_check as clips
+from robustflow.data.video import machine_check as clips
 
 SCRIPT = """
 import ctypes
@@ -22,10 +22,10 @@ import av
 import cv2
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS
-from robustflow.datasets.motorcycle import Motorcycle
-from robustflow.errors import AssetError
-from robustflow.sample import SceneDepth
-from robustflow.video import machine_check
+from robustflow.data.datasets.motorcycle import Motorcycle
+from robustflow.core.errors import AssetError
+from robustflow.core.types import SceneDepth
+from robustflow.data.video import machine_check
 
 if "FFMPEG_WITH_SSE2" in os.environ:
     used = (line.split()[-1] for line in open("/proc/self/maps") if "libavutil" in line)

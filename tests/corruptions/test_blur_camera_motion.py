@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions.blur.camera_motion_blur import CameraMotionBlur
 from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
-from robustflow.random.rng import Rng
 
 from .line_motion import moved_along_a_line
 

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import correlate
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions.blur.defocus_blur import DefocusBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
-from robustflow.random.rng import Rng
 
 from .pictures import noise
 

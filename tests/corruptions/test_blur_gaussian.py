@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions.blur.gaussian_blur import GaussianBlur
 from robustflow.corruptions.kernels.separable import gaussian_frame, gaussian_plane
-from robustflow.random.rng import Rng
 
 from .pictures import noise
 

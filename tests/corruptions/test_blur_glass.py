@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions.blur.glass_blur import GlassBlur, draw_shuffle
-from robustflow.random.rng import Rng, hash64
 
 
 def shuffled_by_loops(pixels, rng, reach, iterations, swap):

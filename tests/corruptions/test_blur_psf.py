@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
+from robustflow.core.errors import AssetError, DataError, RunError, UsageError
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.blur import reference_stack
+from robustflow.corruptions.blur import psf_blur as reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
-from robustflow.errors import AssetError, DataError, RunError, UsageError
-from robustflow.psf.psf_field import PsfField
-from robustflow.psf.shipped import shipped_field
-from robustflow.runner.frames_digest import frames_digest
+from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.run.frame_stage import frames_digest
 
 from ..refusals import refused
 from .pictures import picture

@@ -7,12 +7,19 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
-from robustflow.benchmarks.export import export
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.files import sealed
+from robustflow.core.rng import Rng
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.calibration.paths import path
-from robustflow.corruptions.calibration.search import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
+from robustflow.corruptions.calibration.search import (
+    TARGETS,
+    TOLERANCE,
+    calibratable,
+    calibrate,
+    path,
+    reference_pictures,
+)
 from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.scale import (
     CALIBRATION_VARIABLE,
@@ -23,12 +30,11 @@ from robustflow.corruptions.scale import (
     shipped,
 )
 from robustflow.corruptions.stack import levels_of
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import write_image
-from robustflow.random.rng import Rng
-from robustflow.runner.frames_digest import frames_digest
-from robustflow.runs.plan import Plan, RunOptions
-from robustflow.sealed import sealed
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.export import export
+from robustflow.media.images import write_image
+from robustflow.run.frame_stage import frames_digest
+from robustflow.run.plan import Plan, RunOptions
 from robustflow.testing import ZeroFlow
 
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, load_corruption
-from robustflow.errors import UsageError
 
 FRAME = np.random.default_rng(3).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 

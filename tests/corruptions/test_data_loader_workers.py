@@ -23,7 +23,7 @@ SCRIPT = textwrap.dedent(
     import numpy as np
     import torch
 
-    from robustflow.corruptions.transforms.transform import CorruptionTransform
+    from robustflow.corruptions.transform import CorruptionTransform
 
     NAMES = sys.argv[2].split(",")
 

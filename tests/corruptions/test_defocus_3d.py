@@ -5,11 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.depth.defocus_3d import ThinLens
-from robustflow.corruptions.depth.far_focus import FarFocus
-from robustflow.corruptions.depth.near_focus import NearFocus
+from robustflow.core.rng import Rng
+from robustflow.corruptions.depth.defocus_3d import FarFocus, NearFocus, ThinLens
 from robustflow.corruptions.kernels.disk import convolve_disk
-from robustflow.random.rng import Rng
 
 from .pictures import picture, seen
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.rng import Rng
+from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.errors import DataError, UsageError
-from robustflow.random.rng import Rng
-from robustflow.sample import Camera, SceneDepth
 
 from .pictures import picture, ray_lengths, scene, seen
 

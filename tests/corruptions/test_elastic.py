@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions.digital.elastic_transform import ElasticTransform
-from robustflow.corruptions.kernels.smooth_field import field_row, smooth_field
-from robustflow.random.rng import Rng, hash64
+from robustflow.corruptions.kernels.fields import field_row, smooth_field
 
 
 def noise_of(rng, height, width):

@@ -9,20 +9,19 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
-from robustflow.benchmarks.demo import DEMO_CLASSES
-from robustflow.benchmarks.export import export
+from robustflow.core.errors import AssetError
+from robustflow.core.types import Sample
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.weather.frost import photograph
-from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
+from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.corruptions.weather.generated_frost import STYLES, generated_texture
-from robustflow.errors import AssetError
-from robustflow.images.io import read_image, write_image
-from robustflow.runner.frame_stage import FrameStage
-from robustflow.runner.frames_digest import frames_digest
-from robustflow.runner.seconds import no_seconds
-from robustflow.runner.setup import set_up_frames
-from robustflow.sample import Sample
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.demo import DEMO_CLASSES
+from robustflow.data.benchmarks.export import export
+from robustflow.media.images import read_image, write_image
+from robustflow.run.frame_stage import FrameStage, frames_digest
+from robustflow.run.seconds import no_seconds
+from robustflow.run.setup import set_up_frames
 from robustflow.testing import ZeroFlow
 
 OFFLINE = """

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import corrupt, corrupt_clip
-from robustflow.corruptions.transforms.transform import CorruptionTransform
-from robustflow.errors import DataError, UsageError
+from robustflow.corruptions.transform import CorruptionTransform
 
 FRAME = np.random.default_rng(1).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from skimage.color import hsv2rgb, rgb2hsv
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.random.rng import Rng
 
 SEVERITIES = (1, 2, 3, 4, 5)
 COLOURS = np.random.default_rng(6).integers(0, 256, (64, 97, 3), dtype=np.uint8)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from robustflow.core.rng import Rng
+from robustflow.core.types import SceneDepth
 from robustflow.corruptions.depth.motion_blur_3d import MotionBlur3d
-from robustflow.random.rng import Rng
-from robustflow.sample import SceneDepth
 
 from .pictures import picture, plane, seen
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.noise.gaussian_noise import gaussian_table
 from robustflow.corruptions.noise.shot_noise import shot_tables
-from robustflow.random.rng import Rng, hash64
 
 from .alias_counts import counts_of
 

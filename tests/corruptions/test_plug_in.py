@@ -11,9 +11,9 @@ from .rain import write_rain
 SCRIPT = """
 import numpy as np
 from robustflow.corruptions import CORRUPTIONS, corrupt, load_corruption
-from robustflow.corruptions.sources import user_sources
+from robustflow.corruptions.api import user_sources
 from robustflow.corruptions.stack import needs_depth
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 frame = np.full((24, 36, 3), 9, np.uint8)
 assert "rain" in CORRUPTIONS.names()
 assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()

@@ -9,13 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from robustflow.corruptions.depth.camera_path import STILL
+from robustflow.core.errors import UsageError
+from robustflow.core.rng import Rng
+from robustflow.core.types import Camera
 from robustflow.corruptions.depth.particles import EXPOSURE, FRAME_INTERVAL, NEAREST, Particles, streaks_of
-from robustflow.corruptions.depth.rain_3d import Rain3d
-from robustflow.corruptions.depth.snow_3d import Snow3d
-from robustflow.errors import UsageError
-from robustflow.random.rng import Rng
-from robustflow.sample import Camera
+from robustflow.corruptions.depth.precipitation import Rain3d, Snow3d
+from robustflow.corruptions.depth.scene import STILL
 
 from .pictures import picture, plane, ray_lengths, scene, seen
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.ndimage import convolve
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.sensor.camera import CameraColours, bytes_of_linear, draw_camera, linear_of_bytes
 from robustflow.corruptions.sensor.exposure import (
@@ -20,7 +21,6 @@ from robustflow.corruptions.sensor.exposure import (
 )
 from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
 from robustflow.corruptions.sensor.raw_noise import RawState
-from robustflow.random.rng import Rng
 
 from .pictures import picture
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.core.errors import DataError
 from robustflow.corruptions.calibration.ssim import Ssim
-from robustflow.errors import DataError
-from robustflow.images.io import read_image
+from robustflow.media.images import read_image
 
 
 def naive_ssim(a, b):

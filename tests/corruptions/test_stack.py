@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from skimage import data
 
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.stack import levels_of, parse_stack
-from robustflow.errors import UsageError
 
 FRAME = np.ascontiguousarray(data.astronaut()[:96, :128])
 

@@ -11,9 +11,9 @@ from torch.utils.data import DataLoader, Dataset  # noqa: E402
 from torchvision import tv_tensors  # noqa: E402
 from torchvision.transforms import v2  # noqa: E402
 
-from robustflow.corruptions.transforms.torch_transform import TorchCorruption  # noqa: E402
-from robustflow.corruptions.transforms.transform import CorruptionTransform  # noqa: E402
-from robustflow.errors import DataError  # noqa: E402
+from robustflow.core.errors import DataError  # noqa: E402
+from robustflow.corruptions.torch_transform import TorchCorruption  # noqa: E402
+from robustflow.corruptions.transform import CorruptionTransform  # noqa: E402
 
 
 def image(seed=0, size=(3, 24, 32)):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.rng import Rng
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.scale import calibrated_levels
-from robustflow.corruptions.transforms.transform import CorruptionTransform
-from robustflow.errors import DataError, UsageError
-from robustflow.random.rng import Rng
+from robustflow.corruptions.transform import CorruptionTransform
 
 from .pictures import picture
 

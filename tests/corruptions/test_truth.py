@@ -7,22 +7,20 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from robustflow.core.errors import AssetError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.registry import FURTHER, SHIPPED
 from robustflow.corruptions.stack import truth_under
-from robustflow.datasets import load_dataset
-from robustflow.errors import AssetError, UsageError
+from robustflow.data.datasets import load_dataset
+from robustflow.data.video.clip import write_clip
+from robustflow.data.video.codec import i420_to_rgb, lossless, rgb_to_i420
+from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
+from robustflow.data.video.variants import corrupted_stream
 from robustflow.report.gallery.strip import draw_strip, strip_columns
 from robustflow.testing import ZeroFlow
-from robustflow.testing.displacement import displacement, distortion
+from robustflow.testing.extensions import displacement, distortion
 from robustflow.training.request import DataPlan
-from robustflow.video.clip import write_clip
-from robustflow.video.codec import lossless
-from robustflow.video.colour import i420_to_rgb, rgb_to_i420
-from robustflow.video.object_motion import mean_of_windows
-from robustflow.video.rolling_shutter import rolling_frames
-from robustflow.video.variants import corrupted_stream
 
 from .pictures import seen
 

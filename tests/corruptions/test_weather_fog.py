@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.kernels.plasma import plasma_corner
+from robustflow.core.rng import Rng, hash64
+from robustflow.corruptions.kernels.fields import plasma_corner
 from robustflow.corruptions.weather.fog import Fog
-from robustflow.random.rng import Rng, hash64
 
 
 def whole_map(rng, size, decay):

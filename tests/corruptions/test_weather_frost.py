@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.cache import CACHE_VARIABLE, cache_folder
-from robustflow.corruptions.weather import frost, frost_assets
+from robustflow.core.errors import AssetError, DataError
+from robustflow.core.files import CACHE_VARIABLE, cache_folder
+from robustflow.core.rng import Rng
+from robustflow.corruptions.weather import frost
+from robustflow.corruptions.weather import frost_photographs as frost_assets
 from robustflow.corruptions.weather.frost import Frost, enlarged_shape, enlarged_texture, photograph, resize_cubic
-from robustflow.errors import AssetError, DataError
-from robustflow.random.rng import Rng
 
 from ..refusals import refused
 
@@ -154,7 +155,7 @@ def test_failed_download_names_both_remedies_in_one_line(invented, monkeypatch):
 
 FETCH_IN_A_PROCESS = """
 import json, os, shutil, subprocess, sys
-from robustflow.corruptions.weather import frost_assets
+from robustflow.corruptions.weather import frost_photographs as frost_assets
 frost_assets.TEXTURES = json.loads(sys.argv[1])
 frost_assets.find_spec = lambda name: None
 def download(command, **_):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import zoom as scipy_zoom
 
-from robustflow.corruptions.kernels.normal_field import UNIT, normal_field
+from robustflow.core.rng import Rng
+from robustflow.corruptions.kernels.fields import UNIT, normal_field
 from robustflow.corruptions.weather.snow import Snow
-from robustflow.random.rng import Rng
 
 from .line_motion import moved_along_a_line
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions.kernels.chamfer import chamfer_distance, mean_distance
-from robustflow.corruptions.kernels.normal_field import UNIT, normal_field
+from robustflow.corruptions.kernels.fields import UNIT, normal_field
 from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter
-from robustflow.random.rng import Rng
 
 
 def naive(frame, rng, parameter):

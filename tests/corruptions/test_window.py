@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robustflow.core.errors import AssetError, UsageError
 from robustflow.corruptions import corrupt, corrupt_clip
 from robustflow.corruptions.base import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER
-from robustflow.errors import AssetError, UsageError
 
 from .pictures import picture, scene
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.datasets import Dataset, load_dataset
-from robustflow.errors import DataError
-from robustflow.flowio import read_flow, write_flow
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError
+from robustflow.data.datasets import Dataset, load_dataset
+from robustflow.media.flow import read_flow, write_flow
+from robustflow.media.images import read_image
 
 from .. import refusals
 

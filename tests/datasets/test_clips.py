@@ -5,10 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-from robustflow.datasets import load_dataset
-from robustflow.datasets.base import Clips, CorruptedClips, has_clips
-from robustflow.errors import DataError
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.base import Clips, CorruptedClips, has_clips
+from robustflow.media.images import read_image
 from tests.video import clips
 
 from .layouts import HEIGHT, flow, kitti, picture, sintel, spring

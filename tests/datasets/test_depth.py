@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.ndimage import binary_erosion
 
-from robustflow.datasets import load_dataset
-from robustflow.datasets.base import Depths
-from robustflow.datasets.depth import carried, completed, scene_depth
-from robustflow.datasets.own_depth import OwnDepth
-from robustflow.datasets.shapes.render import layer_depths
-from robustflow.datasets.still import Still
-from robustflow.errors import DataError, UsageError
-from robustflow.flowio.depth import read_depth_pfm
-from robustflow.images.io import write_image
-from robustflow.sample import Camera, Sample
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.types import Camera, Sample
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.base import Depths
+from robustflow.data.datasets.depth import carried, completed, scene_depth
+from robustflow.data.datasets.own import OwnDepth
+from robustflow.data.datasets.shapes.render import layer_depths
+from robustflow.data.datasets.still import Still
+from robustflow.media.depth import read_depth_pfm
+from robustflow.media.images import write_image
 
 from ..corruptions.pictures import picture
 from ..refusals import refused

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from robustflow.datasets import load_dataset
-from robustflow.datasets.camera_motion import relative_motion, with_motion
-from robustflow.errors import DataError
-from robustflow.flowio import write_flow
-from robustflow.images.io import write_image
-from robustflow.sample import Camera
+from robustflow.core.errors import DataError
+from robustflow.core.types import Camera
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.motorcycle import relative_motion, with_motion
+from robustflow.media.flow import write_flow
+from robustflow.media.images import write_image
 
 from .layouts import picture, placed
 

@@ -4,9 +4,9 @@ import sys
 
 import pytest
 
-from robustflow.benchmarks import BENCHMARKS, BenchmarkFacts, benchmark_facts, load_benchmark
 from robustflow.corruptions import IMAGE_PAIR, PAPER_ORDER
-from robustflow.datasets import DATASETS, dataset_facts
+from robustflow.data.benchmarks import BENCHMARKS, BenchmarkFacts, benchmark_facts, load_benchmark
+from robustflow.data.datasets import DATASETS, dataset_facts
 from robustflow.models.provenance import TRAINING_SETS
 
 OURS = [name for name in DATASETS.names() if DATASETS.get(name).__module__.startswith("robustflow.")]

@@ -12,11 +12,11 @@ import av
 import numpy as np
 import pytest
 
-from robustflow.datasets import Dataset, load_dataset
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import read_image
-from robustflow.video.container import upright
-from robustflow.video.reader import VideoReader
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets import Dataset, load_dataset
+from robustflow.data.video.container import upright
+from robustflow.data.video.reader import VideoReader
+from robustflow.media.images import read_image
 
 from ..video.videos import video, write_video
 from . import layouts

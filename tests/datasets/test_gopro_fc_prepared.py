@@ -13,18 +13,18 @@ import polars as pl
 import pytest
 
 from robustflow import evaluate
-from robustflow.benchmarks import load_benchmark
+from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import CLIP, PAPER_ORDER, corrupt, load_corruption
-from robustflow.datasets import FromClips, PreCorrupted, load_dataset
-from robustflow.datasets.base import CorruptedClips
-from robustflow.datasets.gopro_fc_prepared import GoProFCPrepared
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import read_image
-from robustflow.video.clip import ClipReader, read_pictures
-from robustflow.video.colour import i420_to_rgb
-from robustflow.video.open_clip import check_master
-from robustflow.video.prepare import Preparation
-from robustflow.video.prepare_folder import find_sources, prepare_folder
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.datasets import FromClips, PreCorrupted, load_dataset
+from robustflow.data.datasets.base import CorruptedClips
+from robustflow.data.datasets.gopro import GoProFCPrepared
+from robustflow.data.video.clip import ClipReader, read_pictures
+from robustflow.data.video.codec import i420_to_rgb
+from robustflow.data.video.open_clip import check_master
+from robustflow.data.video.prepare import Preparation
+from robustflow.data.video.prepare_folder import find_sources, prepare_folder
+from robustflow.media.images import read_image
 from tests.video import clips
 
 from .layouts import picture

@@ -2,9 +2,8 @@
 
 from itertools import pairwise
 
-from robustflow.datasets.kitti import Kitti2015
-from robustflow.datasets.kitti_drives import drive_groups, drives, related
-from robustflow.datasets.split import kitti_split
+from robustflow.data.datasets.kitti import Kitti2015, drive_groups, drives, related
+from robustflow.data.datasets.split import kitti_split
 
 KEYS = [f"{number:06d}" for number in range(200)]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustflow.datasets import PreCorrupted, load_dataset
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets import PreCorrupted, load_dataset
+from robustflow.media.images import read_image
 
 from .layouts import HEIGHT, WIDTH, check, flow, kitti, picture, refused
 

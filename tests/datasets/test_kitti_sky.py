@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from robustflow.datasets import load_dataset
-from robustflow.datasets.kitti_sky import sky
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.kitti import sky
 
 from ..shared_data import shared_folder
 

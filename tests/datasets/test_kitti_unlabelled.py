@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.datasets import load_dataset
-from robustflow.datasets.split import KITTI_KEYS, kitti_split
-from robustflow.errors import DataError, UsageError
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.split import KITTI_KEYS, kitti_split
 
 from .layouts import picture
 
@@ -55,7 +55,7 @@ def test_pairs_of_a_neighbouring_scene_contain_an_evaluated_pair(multiview):
     """The drives' table records pairs 000007 and 000008 of KITTI 2015 ten frames apart, so the first pair of scene
     000008 is the evaluated pair of scene 000007; 17 evaluated pairs of the default split are such pairs.
     """
-    table = files("robustflow.datasets") / "data" / "kitti2015_drives.csv"
+    table = files("robustflow.data.datasets") / "data" / "kitti2015_drives.csv"
     lines = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
     frame_of = {line["pair"]: (line["drive"], int(line["frame"])) for line in lines}
     trained = {

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustflow.datasets import load_dataset
-from robustflow.errors import DataError, UsageError
-from robustflow.flowio import read_flow
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets import load_dataset
+from robustflow.media.flow import read_flow
+from robustflow.media.images import read_image
 
 from .layouts import HEIGHT, WIDTH, check, flow, kitti, picture, placed, refused, sintel, spring
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
-from robustflow.errors import DataError, RunError, UsageError
+from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.data.benchmarks import load_benchmark
 from robustflow.testing import ZeroFlow, check_dataset
 
 from ..refusals import refused
@@ -17,7 +17,7 @@ MODULE = """
 from pathlib import Path
 import numpy as np
 from robustflow import Sample
-from robustflow.benchmarks import Benchmark
+from robustflow.data.benchmarks import Benchmark
 
 class Noise:
     name = "noise"

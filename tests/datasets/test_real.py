@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from robustflow.datasets import load_dataset
-from robustflow.flowio import read_flow
-from robustflow.sample import Sample
+from robustflow.core.types import Sample
+from robustflow.data.datasets import load_dataset
+from robustflow.media.flow import read_flow
 
 from ..shared_data import shared_root
 

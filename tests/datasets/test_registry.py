@@ -6,8 +6,8 @@ import pickle
 
 import pytest
 
-from robustflow.datasets import Dataset, PreCorrupted, load_dataset
-from robustflow.errors import AssetError, UsageError
+from robustflow.core.errors import AssetError, UsageError
+from robustflow.data.datasets import Dataset, PreCorrupted, load_dataset
 
 from .layouts import picture
 

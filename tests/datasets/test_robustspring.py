@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.benchmarks import benchmark_facts, load_benchmark
-from robustflow.benchmarks.setting import setting_of
+from robustflow.core.errors import DataError, RobustFlowError, UsageError
 from robustflow.corruptions import CORRUPTIONS, load_corruption
-from robustflow.corruptions.names import MEMBERS, ORDER
 from robustflow.corruptions.on_disk import ROBUSTSPRING
 from robustflow.corruptions.own import register_custom
-from robustflow.datasets import load_dataset
-from robustflow.datasets.base import CorruptedClips
-from robustflow.datasets.robustspring import RobustSpring
-from robustflow.errors import DataError, RobustFlowError, UsageError
-from robustflow.images.io import read_image
+from robustflow.corruptions.registry import MEMBERS, ORDER
+from robustflow.data.benchmarks import benchmark_facts, load_benchmark
+from robustflow.data.benchmarks.setting import setting_of
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.base import CorruptedClips
+from robustflow.data.datasets.robustspring import RobustSpring
+from robustflow.media.images import read_image
 from robustflow.models.provenance import Training
 from robustflow.testing import check_dataset
 

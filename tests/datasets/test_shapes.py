@@ -11,15 +11,13 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import robustflow as rf
-from robustflow.datasets import load_dataset
-from robustflow.datasets.shapes.dataset import FlyingShapes
-from robustflow.datasets.shapes.motion import at_time, backward, forward, from_time
-from robustflow.datasets.shapes.outline import inset
-from robustflow.datasets.shapes.render import colours_at, flow_at, render_pair
-from robustflow.datasets.shapes.scene import draw_scene
-from robustflow.datasets.shapes.textures import procedural_textures
-from robustflow.errors import UsageError
-from robustflow.random.rng import Rng
+from robustflow.core.errors import UsageError
+from robustflow.core.rng import Rng
+from robustflow.data.datasets import load_dataset
+from robustflow.data.datasets.shapes.dataset import FlyingShapes
+from robustflow.data.datasets.shapes.render import colours_at, flow_at, render_pair
+from robustflow.data.datasets.shapes.scene import at_time, backward, draw_scene, forward, from_time, inset
+from robustflow.data.datasets.shapes.textures import procedural_textures
 from robustflow.testing import ZeroFlow, check_dataset
 
 SHAPE = (72, 96)

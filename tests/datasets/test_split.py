@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.datasets.kitti_drives import drives, related
-from robustflow.datasets.split import KITTI_SPLIT_SEED, drive_disjoint_split, kitti_split, read_split, selected
-from robustflow.errors import DataError, UsageError
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets.kitti import drives, related
+from robustflow.data.datasets.split import KITTI_SPLIT_SEED, drive_disjoint_split, kitti_split, read_split, selected
 
 KEYS = [f"{number:06d}" for number in range(200)]
 

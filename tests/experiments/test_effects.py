@@ -10,11 +10,19 @@ import polars as pl
 import pytest
 
 from robustflow.corruptions import FAMILIES, IMAGE_PAIR
-from robustflow.experiments.arms import ALL, LEFT_OUT, PLAIN, TRAINED, arms, measured, members
-from robustflow.experiments.effects import effects, left_out
-from robustflow.experiments.findings import findings
-from robustflow.experiments.hypotheses import PRIMARY
-from robustflow.experiments.interval import interval
+from robustflow.paper.experiment.effects import (
+    ALL,
+    LEFT_OUT,
+    PLAIN,
+    TRAINED,
+    arms,
+    effects,
+    interval,
+    left_out,
+    measured,
+    members,
+)
+from robustflow.paper.experiment.findings import PRIMARY, findings
 
 
 def test_each_arm_leaves_out_the_family_of_its_name():

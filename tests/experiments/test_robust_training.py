@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robustflow.cli.main import app
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
 
 _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "--loaders", "0"]
 
@@ -14,7 +14,7 @@ _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "-
 @pytest.mark.training
 def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
-    from robustflow.experiments.robust_training import claimed
+    from robustflow.paper.experiment.robust_training import claimed
     from robustflow.training.checkpoint import read_progress
 
     run = CliRunner().invoke
@@ -39,7 +39,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
 @pytest.mark.torch
 def test_a_dataset_given_twice_is_refused(tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
-    from robustflow.experiments.robust_training import evaluation_sets
+    from robustflow.paper.experiment.robust_training import evaluation_sets
 
     with pytest.raises(UsageError, match="kitti2015 is given twice"):
         evaluation_sets([f"kitti2015={tmp_path}", f"kitti2015={tmp_path}"], 2, "64x96")

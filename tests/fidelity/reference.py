@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.core.errors import AssetError
 from robustflow.corruptions import load_corruption
-from robustflow.errors import AssetError
 
 from ..shared_data import shared_root
 from .stats import flows

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from robustflow.core.rng import Rng
 from robustflow.corruptions import corrupt
-from robustflow.random.rng import Rng
 
 from . import reference
 from .stats import flow_stats, image_stats

@@ -9,7 +9,7 @@ and half a grey level in the standard deviations.
 import numpy as np
 import pytest
 
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 
 from . import reference
 from .stats import flow_stats, image_stats

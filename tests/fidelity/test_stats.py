@@ -2,7 +2,7 @@
 
 import pytest
 
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 
 from . import reference
 from .stats import epe, flow_stats, image_stats

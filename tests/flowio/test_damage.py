@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.errors import DataError
-from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
+from robustflow.core.errors import DataError
+from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
 
 from .. import refusals
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from robustflow.attacks.trained import read_array as read_perturbation
-from robustflow.datasets.motorcycle import Motorcycle
-from robustflow.errors import DataError
-from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
-from robustflow.flowio.depth import read_camera, read_depth_npy, read_depth_pfm, read_depth_png, read_dpt, read_dsp5
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError
+from robustflow.data.datasets.motorcycle import Motorcycle
+from robustflow.media.depth import read_camera, read_depth_npy, read_depth_pfm, read_depth_png, read_dpt, read_dsp5
+from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
+from robustflow.media.images import read_image
 
 FLIPS = 200
 FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)

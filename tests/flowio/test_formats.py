@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from robustflow.errors import AssetError, DataError
-from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
+from robustflow.core.errors import AssetError, DataError
+from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
 
 from ..refusals import refused
 

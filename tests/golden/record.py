@@ -10,9 +10,9 @@ from typing import Any
 import polars as pl
 
 import robustflow as rf
-from robustflow.digest import digest_of_bytes
+from robustflow.core.files import digest_of_bytes
 from robustflow.metrics.summary import METRICS
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
 
 from .runs import COMPARED, GOLDEN_RUNS
 

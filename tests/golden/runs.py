@@ -11,13 +11,14 @@ import numpy as np
 
 import robustflow as rf
 from robustflow.corruptions import IMAGE_PAIR
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
 from robustflow.testing import TexturePairs
 
 from ..made_rows import made_run
 from ..shared_data import shared_folder
+from .stripes import Stripes
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -34,20 +35,6 @@ def partly_invalid_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
     flow = brightness_flow(frame1, frame2)
     flow[frame1[..., 0] > 200] = np.nan
     return flow
-
-
-class Stripes:
-    """A user's corruption: every n-th row becomes black."""
-
-    severities = (32, 16, 8, 4, 2)
-
-    def draw(self, rng: Any, severity: int, shape: tuple[int, int]) -> int:
-        return self.severities[severity - 1]
-
-    def apply(self, frame: np.ndarray, state: int, index: int) -> np.ndarray:
-        striped = frame.copy()
-        striped[::state] = 0
-        return striped
 
 
 @dataclass(frozen=True)

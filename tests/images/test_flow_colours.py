@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import DataError
-from robustflow.images.flow_colours import colour_wheel, flow_colours, flow_radius
+from robustflow.core.errors import DataError
+from robustflow.media.colours import colour_wheel, flow_colours, flow_radius
 
 STRETCHES = (15, 6, 4, 11, 13, 6)
 

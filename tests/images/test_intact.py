@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from robustflow.errors import DataError
-from robustflow.flowio import read_flow
-from robustflow.images.io import read_image
+from robustflow.core.errors import DataError
+from robustflow.media.flow import read_flow
+from robustflow.media.images import read_image
 
 from ..refusals import refused
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from robustflow.errors import DataError
-from robustflow.images.io import image_size, read_image, read_mask, stored_size, write_image
+from robustflow.core.errors import DataError
+from robustflow.media.images import image_size, read_image, read_mask, stored_size, write_image
 
 from .. import refusals
 

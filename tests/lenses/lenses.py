@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from robustflow.lenses.glass import AIR, refractive_index
-from robustflow.lenses.merit import aim
-from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
-from robustflow.lenses.prescription import Lens, Surface
-from robustflow.lenses.trace import Rays
+from robustflow.corruptions.optics.lens import AIR, Lens, Surface, refractive_index
+from robustflow.corruptions.optics.merit import aim
+from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, Rays, first_order_of
 
 
 def bundle(heights, tangent=0.0, across=0.0) -> Rays:

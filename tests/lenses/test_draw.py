@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robustflow.lenses.draw import contact_sheet, lens_figure, save_figure
-from robustflow.lenses.shipped import shipped_lens
-from robustflow.psf.shipped import shipped_field
+from robustflow.corruptions.optics.design import shipped_lens
+from robustflow.corruptions.optics.draw import contact_sheet, lens_figure, save_figure
+from robustflow.corruptions.optics.psf_field import shipped_field
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.lenses.glass import SELLMEIER, abbe_number, refractive_index
+from robustflow.core.errors import UsageError
+from robustflow.corruptions.optics.lens import SELLMEIER, abbe_number, refractive_index
 
 # n_d and V_d as printed in the Schott data sheets.
 CATALOGUE = {

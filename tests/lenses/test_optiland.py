@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.lenses.glass import AIR, SELLMEIER, refractive_index
-from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
-from robustflow.lenses.prescription import Lens
-from robustflow.lenses.shipped import shipped_lens
-from robustflow.lenses.trace import Rays, trace
+from robustflow.corruptions.optics.design import shipped_lens
+from robustflow.corruptions.optics.lens import AIR, SELLMEIER, Lens, refractive_index
+from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, Rays, first_order_of, trace
 
 from .lenses import aimed, cooke_triplet, plano_hyperbolic, thin_lens
 

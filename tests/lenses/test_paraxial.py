@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.lenses.paraxial import first_order_of
-from robustflow.lenses.trace import trace
+from robustflow.corruptions.optics.trace import first_order_of, trace
 
 from .lenses import bundle, cooke_triplet, lens_of
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from robustflow.errors import DataError
-from robustflow.lenses.prescription import read_lens, write_lens
+from robustflow.core.errors import DataError
+from robustflow.corruptions.optics.lens import read_lens, write_lens
 
 from ..refusals import refused
 from .lenses import cooke_triplet

@@ -3,15 +3,20 @@
 import numpy as np
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.lenses.design import SHIPPED_SEEDS, design, prescription_of
-from robustflow.lenses.glass import refractive_index
-from robustflow.lenses.goals import SPECIFICATIONS, goal_of
-from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
-from robustflow.lenses.search import Budget, Candidate, Structure, move, random_candidate, refine, search
-from robustflow.lenses.shipped import lens_digest
-from robustflow.psf.shipped import manifest
-from robustflow.random.rng import Rng
+from robustflow.core.errors import UsageError
+from robustflow.core.rng import Rng
+from robustflow.corruptions.optics.design import (
+    SHIPPED_SEEDS,
+    SPECIFICATIONS,
+    design,
+    goal_of,
+    lens_digest,
+    prescription_of,
+)
+from robustflow.corruptions.optics.lens import refractive_index
+from robustflow.corruptions.optics.psf_field import manifest
+from robustflow.corruptions.optics.search import Budget, Candidate, Structure, move, random_candidate, refine, search
+from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, first_order_of
 
 SMALL = Budget(structures=40, screened=4, pool=3, moves=6, first_iterations=4, iterations=4, last_iterations=6)
 

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.lenses.glass import refractive_index
-from robustflow.lenses.paraxial import first_order_of
-from robustflow.lenses.trace import propagate, trace
+from robustflow.corruptions.optics.lens import refractive_index
+from robustflow.corruptions.optics.trace import first_order_of, propagate, trace
 
 from .lenses import bundle, cooke_triplet, lens_of, plano_hyperbolic, thin_lens
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from robustflow.sample import Sample
+from robustflow.core.types import Sample
 
 _ON_THRESHOLDS = st.sampled_from([0.0, 0.05, 0.15, 0.6, 0.8, 1.0, 3.0, 4.0, 5.0, 6.0, 8.0, 24.0, 32.0, 40.0, -3.0])
 _FINITE = _ON_THRESHOLDS | st.floats(-60, 60, width=32) | st.floats(-1e6, 1e6, width=32)

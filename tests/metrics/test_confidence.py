@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 from scipy.stats import spearmanr
 
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward, sparsification
 
 pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1, max_size=40)

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from robustflow.errors import DataError
-from robustflow.metrics.edges import edge_distance, motion_edges
+from robustflow.core.errors import DataError
+from robustflow.metrics.regions import edge_distance, motion_edges
 
 from . import naive
 from .strategies import flows, masks, shapes

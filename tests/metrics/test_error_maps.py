@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.metrics.error_maps import epe_map, error_sum, magnitude_map
 
 from . import naive

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.flowio import read_flow
-from robustflow.metrics.flow_reading import Reading, misread
+from robustflow.media.flow import read_flow
+from robustflow.metrics.photometric import Reading, misread
 
 from ..shared_data import shared_folder
 

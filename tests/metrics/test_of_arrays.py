@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 
 import robustflow as rf
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 
 from . import naive
 from .strategies import cases

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.metrics.outliers import WAUC_UNIT, is_fl_outlier, wauc_points
+from robustflow.metrics.error_maps import WAUC_UNIT, is_fl_outlier, wauc_points
 
 from . import naive
 

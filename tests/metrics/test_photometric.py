@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.metrics.photometric import UNIT, photometric
 
 from ..shared_data import shared_folder

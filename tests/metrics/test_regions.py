@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from robustflow.errors import DataError, UsageError
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.types import Sample
 from robustflow.metrics.regions import REGIONS, Regions
-from robustflow.sample import Sample
 
 from . import naive
 from .strategies import cases

@@ -6,10 +6,10 @@ import polars as pl
 import pytest
 from hypothesis import given
 
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
+from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import ON_REQUEST, ROW_SCHEMA, measure, rows_frame
-from robustflow.sample import Sample
 
 from . import naive
 from .strategies import cases

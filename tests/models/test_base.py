@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robustflow.errors import ModelError
+from robustflow.core.errors import ModelError
 from robustflow.models.base import model_identity, predict_checked
-from robustflow.models.construct import FunctionModel
+from robustflow.models.loading import FunctionModel
 
 FRAMES = (np.zeros((4, 5, 3), np.uint8),) * 2
 

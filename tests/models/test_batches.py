@@ -14,11 +14,11 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.func import functional_call
 
 from robustflow import load_model
+from robustflow.core.plugins import parameters_of
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.ptlflow.clips import CLIPS
 from robustflow.models.ptlflow.pairs import BATCHED
 from robustflow.models.registry import MODELS
-from robustflow.target import parameters_of
 
 from ..parity.weight_rule import fill_by_rule
 from .textures import textured_pair

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.models.devices import device_of, devices_of
+from robustflow.models.loading import device_of, devices_of
 
 
 class On:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robustflow.models.input_convention import InputConvention
+from robustflow.models.conventions import InputConvention
 
 
 @pytest.mark.parametrize("vertical", ["both", "bottom"])

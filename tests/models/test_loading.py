@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from robustflow import load_model, write_flow
-from robustflow.errors import DataError, ModelError, UsageError
+from robustflow.core.errors import DataError, ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
 from robustflow.models.base import model_identity, predict_checked
-from robustflow.models.construct import as_model
+from robustflow.models.loading import as_model
 from robustflow.testing import ZeroFlow
 
 FRAME = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)

@@ -13,7 +13,7 @@ import onnxruntime as ort
 from onnx import TensorProto, helper
 
 import robustflow as rf
-from robustflow.errors import AssetError, ModelError, UsageError
+from robustflow.core.errors import AssetError, ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.base import BatchedFlowModel
 
@@ -249,7 +249,7 @@ def test_identity_names_the_file_by_its_hash_and_what_changes_the_numbers(tmp_pa
 def test_without_the_extra_the_message_names_it(tmp_path, monkeypatch, library):
     from importlib.util import find_spec
 
-    monkeypatch.setattr("robustflow.extras.find_spec", lambda name: None if name == library else find_spec(name))
+    monkeypatch.setattr("robustflow.core.plugins.find_spec", lambda name: None if name == library else find_spec(name))
     with pytest.raises(AssetError, match=rf"needs {library}, which is not installed: pip install 'robustflow\[onnx\]'"):
         network(tmp_path)
 
@@ -343,6 +343,6 @@ def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
 def test_a_missing_file_comes_before_a_missing_library(tmp_path, monkeypatch):
     with pytest.raises(ModelError, match=r"model 'onnx' needs a file"):
         rf.load_model("onnx")
-    monkeypatch.setattr("robustflow.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("robustflow.core.plugins.find_spec", lambda name: None)
     with pytest.raises(ModelError, match="no such file; pass the path of the exported network"):
         rf.load_model(str(tmp_path / "net.onnx"))

@@ -15,7 +15,7 @@ pytest.importorskip("onnx", reason="needs the onnx extra")
 pytest.importorskip("onnxruntime", reason="needs the onnx extra")
 
 import robustflow as rf
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 
 from ..refusals import refused
 from . import onnx_graphs as graphs

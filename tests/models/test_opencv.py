@@ -6,7 +6,7 @@ import pytest
 from skimage import data
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 
 from ..refusals import refused
 

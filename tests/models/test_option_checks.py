@@ -2,8 +2,8 @@
 
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.models.option_checks import check_count, check_switch
+from robustflow.core.errors import UsageError
+from robustflow.models.conventions import check_count, check_switch
 
 
 @pytest.mark.parametrize("value", [0, -1, 1.0, "3", None, True])

@@ -8,7 +8,7 @@ from importlib import util
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import AssetError
+from robustflow.core.errors import AssetError
 
 from ..refusals import refused
 
@@ -57,6 +57,6 @@ def test_missing_files_and_libraries_are_reported_before_loading(tmp_path):
 )
 def test_without_the_extra_the_message_names_it(name, library, says, monkeypatch):
     find = util.find_spec
-    monkeypatch.setattr("robustflow.extras.find_spec", lambda module: None if module == library else find(module))
+    monkeypatch.setattr("robustflow.core.plugins.find_spec", lambda module: None if module == library else find(module))
     with refused(AssetError, f"model '{name}' {says}"):
         load_model(name, checkpoint="random")

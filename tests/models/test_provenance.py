@@ -7,17 +7,17 @@ import csv
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.published.tables import published_methods
-from robustflow.analysis.run_results import run_setting
-from robustflow.benchmarks.setting import setting_of as setting_on
-from robustflow.datasets import DATASETS, dataset_facts
-from robustflow.datasets.split import drive_disjoint_split, kitti_split
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
+from robustflow.data.benchmarks.setting import setting_of as setting_on
+from robustflow.data.datasets import DATASETS, dataset_facts
+from robustflow.data.datasets.split import drive_disjoint_split, kitti_split
 from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
 from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
-from robustflow.runs.provenance import Provenance
+from robustflow.run.identity import Provenance
+from robustflow.stats.published.tables import published_methods
+from robustflow.stats.run_results import run_setting
 from robustflow.testing import BrightnessFlow
 
 

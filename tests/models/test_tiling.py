@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import load_model
 from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights, tiled
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from robustflow.errors import ModelError
+from robustflow.core.errors import ModelError
 from robustflow.models import Window
 from robustflow.models.window import place_of_pair, window_of
 

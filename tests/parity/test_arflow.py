@@ -6,8 +6,8 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.models.execution import Execution
-from robustflow.models.input_convention import InputConvention
+from robustflow.models.conventions import InputConvention
+from robustflow.models.loading import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.torch.model import NetworkModel
 

@@ -7,7 +7,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 import torch.nn.functional as F
 
-from robustflow.models.input_convention import InputConvention
+from robustflow.models.conventions import InputConvention
 from robustflow.models.networks.brightflow import BrightFlow
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]

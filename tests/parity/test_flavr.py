@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.video.flavr import FLAVR
+from robustflow.data.video.flavr import FLAVR
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "flavr"

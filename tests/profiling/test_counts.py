@@ -10,14 +10,12 @@ import torch
 from torch import nn
 
 from robustflow import TorchModel, load_model
-from robustflow.analysis.published.tables import published_costs
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
-from robustflow.profiling.counts import count
-from robustflow.profiling.measure import measure_prediction
-from robustflow.profiling.network_of import count_prediction, network_of
-from robustflow.profiling.paper import EveryFlow
-from robustflow.runs.costs import COUNTED_SIZE
+from robustflow.run.costs import COUNTED_SIZE
+from robustflow.run.profile import count, count_prediction, measure_prediction, network_of
+from robustflow.run.profile_paper import EveryFlow
+from robustflow.stats.published.tables import published_costs
 
 pytestmark = pytest.mark.torch
 

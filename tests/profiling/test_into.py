@@ -11,11 +11,10 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.api import evaluate
 from robustflow.models import ModelSpec
-from robustflow.profiling.counts import count
-from robustflow.profiling.network_of import network_of
 from robustflow.report.site.content import whole_content
-from robustflow.runs.costs import read_cost
-from robustflow.runs.run import Run
+from robustflow.run.costs import read_cost
+from robustflow.run.profile import count, network_of
+from robustflow.run.run import Run
 
 pytestmark = pytest.mark.torch
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.signal import fftconvolve
 
-from robustflow.psf.tiles import Axis, grid_of
+from robustflow.corruptions.optics.psf_field import Axis, grid_of
 
 
 def kernel_at(stack, x: float, y: float, height: int, width: int):

@@ -8,10 +8,9 @@ import skimage.data
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.psf import blur as engine
-from robustflow.psf.blur import KernelCache, Kernels, blur
-from robustflow.psf.psf_field import PsfField
-from robustflow.psf.shipped import shipped_field
+from robustflow.corruptions.optics import blur as engine
+from robustflow.corruptions.optics.blur import KernelCache, Kernels, blur
+from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
 
 from ..corruptions.pictures import noise
 from .naive_blur import blended_blur, blurred_pixels

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from robustflow.errors import DataError
-from robustflow.lenses.prescription import PIXEL
-from robustflow.lenses.render import field_rays, render_psfs
-from robustflow.lenses.shipped import shipped_lens
-from robustflow.lenses.trace import Rays, trace
-from robustflow.psf.psf_field import PsfField
-from robustflow.psf.shipped import half_digest, halved, manifest, shipped_field
+from robustflow.core.errors import DataError
+from robustflow.corruptions.optics.design import shipped_lens
+from robustflow.corruptions.optics.lens import PIXEL
+from robustflow.corruptions.optics.psf_field import PsfField, half_digest, halved, manifest, shipped_field
+from robustflow.corruptions.optics.render import field_rays, render_psfs
+from robustflow.corruptions.optics.trace import Rays, trace
 
 SEVERITIES = (1, 2, 3, 4, 5)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import ndtri
 
-from robustflow.random.normal import normals_from_bits
+from robustflow.core.rng import normals_from_bits
 
 
 def test_normal_quantile_equals_scipy_from_the_centre_to_the_last_bit_of_the_tail():

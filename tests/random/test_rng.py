@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
-from robustflow.errors import UsageError
-from robustflow.random.rng import Rng, hash64, key_of
+from robustflow.core.errors import UsageError
+from robustflow.core.rng import Rng, hash64, key_of
 
 WORD = st.integers(0, 2**64 - 1)
 N = 1 << 17

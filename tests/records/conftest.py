@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robustflow.api import Result, evaluate
-from robustflow.records.pack import record_bytes
+from robustflow.run.records.pack import record_bytes
 
 
 @pytest.fixture(scope="session")

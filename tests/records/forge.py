@@ -11,11 +11,11 @@ from typing import Any
 
 import polars as pl
 
-from robustflow.atomic import json_bytes
-from robustflow.records.container import container_bytes, read_container
-from robustflow.records.read import Reader
-from robustflow.records.rows_text import rows_from_text, rows_to_text
-from robustflow.records.verify import Verification, verify_read
+from robustflow.core.files import json_bytes
+from robustflow.run.records.container import container_bytes, read_container
+from robustflow.run.records.contents import rows_from_text, rows_to_text
+from robustflow.run.records.read import Reader
+from robustflow.run.records.verify import Verification, verify_read
 
 Edit = Callable[[dict], object]
 

@@ -7,8 +7,8 @@ import pytest
 
 from robustflow.api import evaluate, load_run
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA
-from robustflow.records.pack import record_bytes
 from robustflow.report.attack_table import attack_tables
+from robustflow.run.records.pack import record_bytes
 
 from .forge import assert_fails, at, failure, verified, with_json, with_rows
 

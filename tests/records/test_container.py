@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.errors import DataError
-from robustflow.records.container import LIMITS, container_bytes, read_container, read_file
+from robustflow.core.errors import DataError
+from robustflow.run.records.container import LIMITS, container_bytes, read_container, read_file
 
 from .forge import entries_of, failure
 

@@ -13,15 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.api import Result, evaluate
-from robustflow.atomic import json_bytes
-from robustflow.errors import DataError, RunError, UsageError
+from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.core.files import json_bytes
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
-from robustflow.records.contents import shareable_manifest
-from robustflow.records.load import is_record, load_any_run
-from robustflow.records.pack import pack, record_bytes
-from robustflow.records.rows_text import rows_from_text, rows_to_text
-from robustflow.records.verify import verify
-from robustflow.runs.shards import write_shard
+from robustflow.run.records.contents import rows_from_text, rows_to_text, shareable_manifest
+from robustflow.run.records.pack import is_record, load_any_run, pack, record_bytes
+from robustflow.run.records.verify import verify
+from robustflow.run.shards import write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import changed_identity
 

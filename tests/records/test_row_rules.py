@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import ROW_KEY, measure, rows_frame
-from robustflow.records.row_rules import RULES, broken_rules
-from robustflow.sample import Sample
+from robustflow.run.records.row_rules import RULES, broken_rules
 
 
 def _random_rows(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: float) -> pl.DataFrame:

@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.api import evaluate
-from robustflow.atomic import json_bytes
-from robustflow.digest import digest_of_value
+from robustflow.core.files import digest_of_value, json_bytes
+from robustflow.core.files import sealed as with_digest
 from robustflow.metrics.rows import ON_REQUEST, ROW_SCHEMA
-from robustflow.records.container import container_bytes
-from robustflow.records.pack import record_bytes
-from robustflow.records.verify import VERIFICATION_CHECKS, verify
-from robustflow.sealed import sealed as with_digest
+from robustflow.run.records.container import container_bytes
+from robustflow.run.records.pack import record_bytes
+from robustflow.run.records.verify import VERIFICATION_CHECKS, verify
 from robustflow.testing import ZeroFlow
 
 from .forge import assert_fails, at, entries_of, failure, put, sealed, verified, with_json, with_rows

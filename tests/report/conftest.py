@@ -10,7 +10,7 @@ import pytest
 
 from robustflow.api import Result, evaluate
 from robustflow.cli.main import main
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 
 
 @pytest.fixture(scope="session")

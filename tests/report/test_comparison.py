@@ -7,10 +7,10 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.uncertainty import compare_rows
 from robustflow.api import evaluate
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
 from robustflow.report.comparison import Comparison
+from robustflow.stats.uncertainty import compare_rows
 from tests.made_rows import made_run
 
 from ..analysis.simulated import rows_of

@@ -13,14 +13,13 @@ import polars as pl
 import pytest
 import yaml
 
-from robustflow.analysis.uncertainty.intervals import intervals
 from robustflow.api import Result, evaluate, load_run
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.metrics.rows import ROW_SCHEMA
-from robustflow.records.pack import pack
-from robustflow.records.verify import Verification, verify
-from robustflow.report.exchange import EXCHANGE_FORMATS, exchange_files
-from robustflow.report.exchange.check import check_exported
+from robustflow.report.exchange import EXCHANGE_FORMATS, check_exported, exchange_files
+from robustflow.run.records.pack import pack
+from robustflow.run.records.verify import Verification, verify
+from robustflow.stats.uncertainty.intervals import intervals
 from tests.made_rows import made_run
 
 from ..analysis.simulated import Truth, rows_of

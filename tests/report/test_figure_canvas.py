@@ -11,8 +11,8 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.text import Annotation
 
-from robustflow.analysis.results_file import parse_results
 from robustflow.report.figures import clean_against_cre, effective_trend, figure_bytes
+from robustflow.stats.results_file import parse_results
 
 
 def _results(models: int, settings: int = 1, crer: float = 1.0):

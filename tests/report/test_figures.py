@@ -14,10 +14,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results_file import parse_results
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.report.figures import (
     FILE_FORMATS,
     all_figures,
@@ -30,8 +27,11 @@ from robustflow.report.figures import (
     severity_curves,
     write_figures,
 )
-from robustflow.report.figures.severity_curves import scale_panels
+from robustflow.report.figures.curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, FigureStyles
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results_file import parse_results
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE

@@ -9,15 +9,14 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
+from robustflow.core.errors import UsageError
+from robustflow.core.types import Sample
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
-from robustflow.errors import UsageError
-from robustflow.images.io import write_image
-from robustflow.report.gallery.figure import draw_figure
-from robustflow.report.gallery.page import WIDEST, gallery_slider, page_of
+from robustflow.media.images import write_image
+from robustflow.report.gallery.page import WIDEST, draw_figure, gallery_slider, page_of
 from robustflow.report.gallery.pictures import GalleryCell, gallery
 from robustflow.report.gallery.strip import StripColumn, draw_attacks, draw_strip
-from robustflow.sample import Sample
 from robustflow.testing import TexturePairs
 
 from .elements import Elements

@@ -10,13 +10,12 @@ import pytest
 from skimage import data
 
 import robustflow as rf
+from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import CLIP, corrupt_clip
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import write_image
-from robustflow.report.gallery.clip import LONGEST_PART, ClipPart, chosen_corruptions, clip_cells
-from robustflow.video.clip import write_clip
-from robustflow.video.codec import crf
-from robustflow.video.colour import rgb_to_i420
+from robustflow.data.video.clip import write_clip
+from robustflow.data.video.codec import crf, rgb_to_i420
+from robustflow.media.images import write_image
+from robustflow.report.gallery.pictures import LONGEST_PART, ClipPart, chosen_corruptions, clip_cells
 
 from .elements import Elements
 
@@ -159,7 +158,7 @@ def test_the_command_plays_a_video(gallery_command, video):
 
 
 def test_omitted_corruptions_are_named_on_the_page_and_in_the_terminal(gallery_command, video, monkeypatch):
-    from robustflow.report.gallery import clip
+    from robustflow.report.gallery import pictures as clip
 
     monkeypatch.setattr(clip, "IMAGE_PAIR", ("contrast",))
     monkeypatch.setattr(clip, "MADE_FROM_CLIP", ("h264_crf",))

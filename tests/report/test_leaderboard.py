@@ -11,16 +11,16 @@ from typing import ClassVar
 
 import pytest
 
-from robustflow.analysis.labels import SETTING_LABELS
-from robustflow.analysis.model_result import ModelResult, Value
-from robustflow.analysis.published.tables import published_costs, published_results
-from robustflow.analysis.results_file import parse_results, results_csv
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.leaderboard import PLACE, boards_of, by_error
 from robustflow.report.render import render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.tables import build_table
+from robustflow.stats.model_result import ModelResult, Value
+from robustflow.stats.published.tables import published_costs, published_results
+from robustflow.stats.results import SETTING_LABELS
+from robustflow.stats.results_file import parse_results, results_csv
 
 
 def _cells_of(results):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from robustflow.api import evaluate
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.report.notebook import result_table
 from robustflow.testing import BrightnessFlow
 from tests.made_rows import made_run

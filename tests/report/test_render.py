@@ -13,14 +13,14 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 
-from robustflow.analysis.published.tables import published_results
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.report.analysis_tables import observations_table
 from robustflow.report.render import FORMATS, render
 from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal
 from robustflow.report.table import Column, Line, Section, Table, TableCell
 from robustflow.report.tables import TABLES, build_table
+from robustflow.stats.published.tables import published_results
 
 from .elements import Elements
 from .hostile import HOSTILE

@@ -7,12 +7,12 @@ import numpy as np
 from PIL import Image
 
 from robustflow import corrupt, load_dataset
+from robustflow.core.types import Sample
 from robustflow.corruptions import load_corruption
-from robustflow.datasets.still import still_scene
-from robustflow.images.flow_colours import flow_colours, flow_radius
+from robustflow.data.datasets.still import still_scene
+from robustflow.media.colours import flow_colours, flow_radius
 from robustflow.report.gallery import strip
 from robustflow.report.gallery.strip import draw_strip, strip_columns
-from robustflow.sample import Sample
 from robustflow.testing import BrightnessFlow
 
 

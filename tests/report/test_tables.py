@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.analysis.conditions import SeedGroup
-from robustflow.analysis.cost_ranks import printed_cost_ranks
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_costs, published_results
-from robustflow.analysis.results_file import parse_results
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.report.tables import TABLES, build_table
+from robustflow.stats.conditions import SeedGroup
+from robustflow.stats.cost_ranks import printed_cost_ranks
+from robustflow.stats.model_result import ModelResult
+from robustflow.stats.published.tables import published_costs, published_results
+from robustflow.stats.results_file import parse_results
 from tests.made_rows import values_frame
 
 _SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}

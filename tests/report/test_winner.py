@@ -13,7 +13,7 @@ from robustflow.report.cost_table import cost_table
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.tables import build_table
-from robustflow.runs.run import Run
+from robustflow.run.run import Run
 
 _PAIRS = 16
 

@@ -4,12 +4,10 @@ import hashlib
 
 import pytest
 
-from robustflow.errors import DataError, UsageError
+from robustflow.core.errors import DataError, UsageError
 from robustflow.models.catalog import checkpoints
-from robustflow.reproduce import weights as weights_module
-from robustflow.reproduce.plan import Missing, Runnable, choose
-from robustflow.reproduce.variants import Variant, paper_variants
-from robustflow.reproduce.weights import FoundWeights, weights_in
+from robustflow.paper import plan as weights_module
+from robustflow.paper.plan import FoundWeights, Missing, Runnable, Variant, choose, paper_variants, weights_in
 
 RAFT = [Variant("RAFT", "OOD", "raft"), Variant("RAFT", "ID", "raft")]
 
@@ -26,7 +24,7 @@ def _found(model, checkpoint):
 @pytest.fixture(autouse=True)
 def installed(monkeypatch):
     """The choice does not depend on the installed libraries."""
-    monkeypatch.setattr("robustflow.reproduce.plan.is_installed", lambda method: True)
+    monkeypatch.setattr("robustflow.paper.plan.is_installed", lambda method: True)
 
 
 def test_plan_without_weights_runs_the_two_classical_methods():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 
 from ..corruptions.pictures import picture
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import robustflow as rf
 import robustflow.api
-import robustflow.runner.compute_missing
-import robustflow.runs.sealed_array
-from robustflow.benchmarks import Benchmark
+import robustflow.run.compute_missing
+import robustflow.run.file_digests
+from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import BrightnessFlow, TexturePairs
 
 

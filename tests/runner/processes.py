@@ -13,7 +13,7 @@ from pathlib import Path
 
 import polars as pl
 
-from robustflow.runs.store import RunFolder
+from robustflow.run.store import RunFolder
 
 
 def start_run(folder: Path, model: str, *options: str, **environment: str) -> subprocess.Popen[str]:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import ModelError, UsageError
-from robustflow.runner.predict_stage import PredictionRequest, PredictStage
-from robustflow.runner.seconds import no_seconds
+from robustflow.core.errors import ModelError, UsageError
+from robustflow.data.benchmarks import Benchmark
+from robustflow.run.predict_stage import PredictionRequest, PredictStage
+from robustflow.run.seconds import no_seconds
 from robustflow.testing import TexturePairs
 
 

@@ -6,13 +6,13 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR
-from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.runner.engines import choose
-from robustflow.runner.engines.choose import choose_engine
-from robustflow.runner.named_model import NamedModel
-from robustflow.runs.plan import Unit
+from robustflow.run.engines import choose
+from robustflow.run.engines.choose import choose_engine
+from robustflow.run.named_model import NamedModel
+from robustflow.run.plan import Unit
 
 UNITS = [Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2, 3, 4, 5)), Unit("a", "snow", (1, 2))]
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
-from robustflow.errors import DataError, ModelError, RunError, UsageError
-from robustflow.images.io import read_image, write_image
+from robustflow.media.images import read_image, write_image
 from robustflow.models import Window, load_model
-from robustflow.runner.engines.base import Job
-from robustflow.runner.engines.ray_job import files_of
-from robustflow.runner.setup import restore_setup
-from robustflow.runs.plan import RunOptions, Unit
-from robustflow.runs.source import RunSource
+from robustflow.run.engines.base import Job
+from robustflow.run.engines.ray import files_of
+from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.setup import restore_setup
+from robustflow.run.source import RunSource
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
 from tests.video import clips

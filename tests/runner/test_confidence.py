@@ -7,17 +7,17 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.confidence import confidence_scores
-from robustflow.errors import ModelError, RunError, UsageError
-from robustflow.flowio import write_flow
+from robustflow.core.errors import ModelError, RunError, UsageError
+from robustflow.media.flow import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.metrics.rows import ROW_KEY
 from robustflow.models import ModelSpec
-from robustflow.records.row_rules import broken_rules
-from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.report.confidence_table import confidence_table
-from robustflow.report.figures.sparsification_curves import sparsification_curves
+from robustflow.report.figures.curves import sparsification_curves
 from robustflow.report.site import render_site, run_content
+from robustflow.run.records.contents import rows_from_text, rows_to_text
+from robustflow.run.records.row_rules import broken_rules
+from robustflow.stats.confidence import confidence_scores
 from robustflow.testing import TexturePairs
 from tests.made_rows import made_run
 
@@ -70,7 +70,7 @@ def test_without_a_confidence_the_rest_of_a_row_is_the_same(whole, tmp_path):
 
 def test_a_run_with_the_models_confidence_continues_where_only_the_data_are_compared(tmp_path, monkeypatch):
     """As for a network, whose identity contains the hash of its weights."""
-    monkeypatch.setattr("robustflow.runner.resume_check.is_named_by_content", lambda identity: True)
+    monkeypatch.setattr("robustflow.run.compute_missing.is_named_by_content", lambda identity: True)
     first = run(tmp_path / "run", confidence="model", severities=[1]).rows
     assert run(tmp_path / "run", confidence="model").rows.filter(pl.col("severity") < 2).equals(first)
 

@@ -7,21 +7,21 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
-from robustflow.benchmarks.export import export
+from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import DepthCorruption, corrupt
-from robustflow.datasets import load_dataset
-from robustflow.errors import DataError, RunError, UsageError
-from robustflow.images.io import read_image
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.export import export
+from robustflow.data.datasets import load_dataset
+from robustflow.media.images import read_image
 from robustflow.models import ModelSpec
-from robustflow.runner.engines.base import Job
-from robustflow.runner.engines.ray_job import files_of
-from robustflow.runner.recheck import recheck
-from robustflow.runner.setup import restore_setup
-from robustflow.runs.plan import RunOptions, Unit
-from robustflow.runs.run import Run
-from robustflow.runs.source import RunSource
-from robustflow.sample import Camera, SceneDepth
+from robustflow.run.engines.base import Job
+from robustflow.run.engines.ray import files_of
+from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.recheck import recheck
+from robustflow.run.run import Run
+from robustflow.run.setup import restore_setup
+from robustflow.run.source import RunSource
 from robustflow.testing import TexturePairs
 
 SHAPES = {"pairs": 2, "size": "64x96"}
@@ -103,7 +103,7 @@ def test_the_paper_and_family_means_leave_corruptions_in_depth_out(whole):
 
 
 def test_depth_is_not_read_where_nothing_needs_it(monkeypatch, tmp_path):
-    from robustflow.datasets.shapes.dataset import FlyingShapes
+    from robustflow.data.datasets.shapes.dataset import FlyingShapes
 
     monkeypatch.setattr(FlyingShapes, "depth", lambda self, sample: pytest.fail("depth was read"))
     assert run(tmp_path / "run", corruptions=["contrast"]).rows.height == 6

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.benchmarks import load_benchmark
-from robustflow.errors import DataError, ModelError, UsageError
-from robustflow.runner.displacement import EDGES, displacement_histogram, histogram
+from robustflow.core.errors import DataError, ModelError, UsageError
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.run.displacement import EDGES, displacement_histogram, histogram
 from robustflow.testing import ZeroFlow
 
 
@@ -53,7 +53,7 @@ def test_a_flow_that_is_not_finite_is_refused():
 
 
 def test_displacement_without_ground_truth_needs_a_model(tmp_path):
-    from robustflow.images.io import write_image
+    from robustflow.media.images import write_image
 
     for index in range(2):
         write_image(tmp_path / f"{index}.png", np.zeros((8, 8, 3), np.uint8))

@@ -9,13 +9,12 @@ import time
 import pytest
 
 import robustflow as rf
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.runner.engines.base import Engine, Job
-from robustflow.runner.engines.processes import processes
-from robustflow.runner.engines.serial import serial
-from robustflow.runner.progress import Silent
-from robustflow.runs.plan import RunOptions, Unit
+from robustflow.run.engines.base import Engine, Job
+from robustflow.run.engines.processes import processes, serial
+from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.progress import Silent
 from robustflow.testing import TexturePairs, ZeroFlow
 
 MODELS = "tests.runner.models_for_tests"
@@ -75,7 +74,7 @@ def test_an_engine_does_not_start_without_units(tmp_path, monkeypatch):
         started.append(len(units))
         yield from serial(job, units)
 
-    monkeypatch.setattr("robustflow.runner.engines.choose.SERIAL", Engine(lambda units: "", compute))
+    monkeypatch.setattr("robustflow.run.engines.choose.SERIAL", Engine(lambda units: "", compute))
     for _ in range(2):
         rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1])
     assert started == [2]
@@ -107,6 +106,6 @@ def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeyp
         def advance(self, done):
             raise KeyboardInterrupt("first")
 
-    monkeypatch.setattr("robustflow.runner.engines.choose.SERIAL", Engine(lambda units: "", compute))
+    monkeypatch.setattr("robustflow.run.engines.choose.SERIAL", Engine(lambda units: "", compute))
     with pytest.raises(KeyboardInterrupt, match="second"):
         rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1], progress=Stopped())

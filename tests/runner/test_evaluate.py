@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
+from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.corruptions.digital.contrast import Contrast
-from robustflow.errors import ModelError, RunError, UsageError
-from robustflow.flowio import write_flow
+from robustflow.data.benchmarks import Benchmark
+from robustflow.media.flow import write_flow
 from robustflow.models import ModelSpec
-from robustflow.runner.frames_digest import frames_digest
-from robustflow.runs.sealed_array import write_array
-from robustflow.runs.store import RunFolder
+from robustflow.run.file_digests import write_array
+from robustflow.run.frame_stage import frames_digest
+from robustflow.run.store import RunFolder
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from .conftest import FAST, SMALLEST
@@ -261,7 +261,7 @@ def test_script_without_a_main_guard_is_told_to_add_one(tmp_path):
     )
     ended = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode == 1
-    errors = [line for line in ended.stderr.splitlines() if line.startswith("robustflow.errors.")]
+    errors = [line for line in ended.stderr.splitlines() if line.startswith("robustflow.core.errors.")]
     assert errors
     assert all("needs its code under `if __name__" in line for line in errors)
 

@@ -16,17 +16,17 @@ from PIL import Image
 from skimage import data
 
 import robustflow as rf
+from robustflow.core.errors import RunError
 from robustflow.corruptions.digital.contrast import Contrast
-from robustflow.errors import RunError
-from robustflow.images.io import write_image
+from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.runner import examples as examples_module
-from robustflow.runner.recheck import recheck
-from robustflow.runner.setup import restore_setup
-from robustflow.runs.example_list import are_current
-from robustflow.runs.run import Run
-from robustflow.runs.source import RunSource
-from robustflow.runs.store import RunFolder
+from robustflow.run import examples as examples_module
+from robustflow.run.example_cells import are_current
+from robustflow.run.recheck import recheck
+from robustflow.run.run import Run
+from robustflow.run.setup import restore_setup
+from robustflow.run.source import RunSource
+from robustflow.run.store import RunFolder
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity
 

@@ -7,7 +7,7 @@ import resource
 import numpy as np
 import pytest
 
-from robustflow.child import Child
+from robustflow.core.processes import Child
 
 FRAMES = (375, 1242, 3)
 

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from robustflow.runs.shards import list_shards, shard_name
-from robustflow.runs.store import RunFolder
+from robustflow.run.shards import list_shards, shard_name
+from robustflow.run.store import RunFolder
 
 from . import killed_at_each_write as script
 

@@ -3,10 +3,10 @@
 import pytest
 
 import robustflow as rf
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models.catalog import methods
-from robustflow.records.pack import pack
 from robustflow.report.site.content import run_content
+from robustflow.run.records.pack import pack
 from robustflow.testing import ZeroFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.testing import ZeroFlow
 
 OPTIONS = {"workers": "workers", "batch_size": "batch-size", "timeout": "timeout", "limit": "limit", "draws": "draws"}

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.errors import RobustFlowError, UsageError
+from robustflow.core.errors import RobustFlowError, UsageError
 from robustflow.testing import ZeroFlow
 from tests.corruptions.rain import forget
 

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN_COLOUR, error_colours
-from robustflow.images.flow_colours import flow_colours
-from robustflow.images.sparse import REACH, SPARSE, thickened
-from robustflow.runner.panel import Panel, draw_panel, panel_title
-from robustflow.sample import Sample
+from robustflow.core.types import Sample
+from robustflow.media.colours import REACH, SPARSE, flow_colours, thickened
+from robustflow.media.error_colours import HIGHEST, LOWEST, UNKNOWN_COLOUR, error_colours
+from robustflow.run.panel import Panel, draw_panel, panel_title
 
 
 def _panel(height: int, width: int, truth: bool, title: str = "title") -> Panel:

@@ -18,15 +18,15 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import DataError, ModelError, RunError
-from robustflow.images.io import write_image
+from robustflow.core.errors import DataError, ModelError, RunError
+from robustflow.data.video.prepare import Preparation
+from robustflow.data.video.prepare_folder import find_sources, prepare_folder
+from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.runner.engines.base import Job
-from robustflow.runner.engines.ray_actor import UnitActor, installed
-from robustflow.runner.engines.ray_prepare import prepare_on_ray
-from robustflow.runs.plan import RunOptions
-from robustflow.video.prepare import Preparation
-from robustflow.video.prepare_folder import find_sources, prepare_folder
+from robustflow.run.engines.base import Job
+from robustflow.run.engines.ray_actor import UnitActor, installed
+from robustflow.run.engines.ray_prepare import prepare_on_ray
+from robustflow.run.plan import RunOptions
 
 from ..video import clips
 from .conftest import FAST
@@ -209,7 +209,7 @@ def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkey
 
 
 def test_a_node_with_other_versions_is_named(two_nodes, frames, tmp_path, monkeypatch):
-    monkeypatch.setattr("robustflow.runner.engines.ray.installed", lambda: installed() | {"numpy": "0.1"})
+    monkeypatch.setattr("robustflow.run.engines.ray.installed", lambda: installed() | {"numpy": "0.1"})
     words = r"^node \S+ has numpy \S+, but the run was started with 0\.1.*install the same version"
     with pytest.raises(RunError, match=words):
         _run(tmp_path / "run", frames, workers=1, **two_nodes.engine)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import AssetError, RunError, UsageError
+from robustflow.core.errors import AssetError, RunError, UsageError
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs, ZeroFlow
 
@@ -115,7 +115,7 @@ def test_address_without_a_cluster_is_refused(tmp_path, monkeypatch, address, er
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
 def test_address_of_a_different_service_is_refused(tmp_path, scheme, monkeypatch):
-    monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 0.2)
+    monkeypatch.setattr("robustflow.run.engines.ray_cluster.REACH_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(RunError, match="does not respond like a Ray cluster; check host and port"):

@@ -4,10 +4,10 @@ from fractions import Fraction
 
 import pytest
 
-from robustflow.errors import RunError
-from robustflow.runner.engines import ray_prepare
-from robustflow.video.prepare import Preparation
-from robustflow.video.prepare_folder import find_sources
+from robustflow.core.errors import RunError
+from robustflow.data.video.prepare import Preparation
+from robustflow.data.video.prepare_folder import find_sources
+from robustflow.run.engines import ray_prepare
 
 from ..video import clips
 

@@ -6,11 +6,10 @@ import polars as pl
 import pytest
 
 from robustflow.api import evaluate
-from robustflow.errors import RobustFlowError, RunError, UsageError
+from robustflow.core.errors import RobustFlowError, RunError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.records.load import load_any_run
-from robustflow.records.pack import pack
-from robustflow.runner.recheck import recheck
+from robustflow.run.recheck import recheck
+from robustflow.run.records.pack import load_any_run, pack
 from robustflow.testing import ZeroClipFlow
 from tests.made_rows import changed_identity
 

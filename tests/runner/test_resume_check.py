@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import RunError
+from robustflow.core.errors import RunError
+from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import TexturePairs
 
 

@@ -10,21 +10,20 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.analysis.results_file import read_results, results_csv
-from robustflow.analysis.robustspring import robustspring_results
-from robustflow.analysis.run_results import comparison_note, run_results
 from robustflow.api import evaluate
-from robustflow.atomic import json_bytes
-from robustflow.benchmarks import load_benchmark
-from robustflow.datasets import load_dataset
-from robustflow.digest import digest_of_value
-from robustflow.images.io import write_image
+from robustflow.core.files import digest_of_value, json_bytes
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.datasets import load_dataset
+from robustflow.media.images import write_image
 from robustflow.models import load_model
-from robustflow.records.pack import record_bytes
 from robustflow.report.leaderboard import boards_of
 from robustflow.report.tables import build_table
-from robustflow.runner.submission import Robustness, Submitted
-from robustflow.runs.source import RunSource
+from robustflow.run.records.pack import record_bytes
+from robustflow.run.source import RunSource
+from robustflow.run.submission import Robustness, Submitted
+from robustflow.stats.results_file import read_results, results_csv
+from robustflow.stats.robustspring import robustspring_results
+from robustflow.stats.run_results import comparison_note, run_results
 from robustflow.testing import ZeroClipFlow
 from tests.records.forge import entries_of as entries_of_record
 from tests.records.forge import failure, sealed, verified

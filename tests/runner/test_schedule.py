@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.metrics.rows import CLEAN
-from robustflow.runner.engines.cell_schedule import CellSchedule
-from robustflow.runner.engines.schedule import Schedule
-from robustflow.runs.plan import Unit
+from robustflow.run.engines.base import Schedule
+from robustflow.run.engines.staged import CellSchedule
+from robustflow.run.plan import Unit
 
 
 def _units(samples, corruptions, without_clean=()):

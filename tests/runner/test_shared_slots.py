@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from robustflow.runner.engines.shared_slots import BUDGET, MOST_SLOTS, SharedSlots
+from robustflow.run.engines.feeder import BUDGET, MOST_SLOTS, SharedSlots
 
 
 def _add_one(pipe, slots):

@@ -7,12 +7,11 @@ import threading
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
-from robustflow.runner.engines.base import Job
-from robustflow.runner.engines.feeder import _Feeder, cells_ahead
-from robustflow.runner.engines.shared_slots import SharedSlots
-from robustflow.runs.plan import RunOptions
+from robustflow.run.engines.base import Job
+from robustflow.run.engines.feeder import SharedSlots, _Feeder, cells_ahead
+from robustflow.run.plan import RunOptions
 from robustflow.testing import TexturePairs
 
 from .conftest import FAST

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import ModelError, RunError
+from robustflow.core.errors import ModelError, RunError
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs
 

@@ -9,17 +9,16 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.exclusion import exclusion_reasons
-from robustflow.analysis.still import phantom_motion
-from robustflow.datasets.still import Still
-from robustflow.errors import ModelError, RunError, UsageError
-from robustflow.flowio import write_flow
-from robustflow.images.io import read_image
+from robustflow.core.errors import ModelError, RunError, UsageError
+from robustflow.data.datasets.still import Still
+from robustflow.media.flow import write_flow
+from robustflow.media.images import read_image
 from robustflow.models import ModelSpec
 from robustflow.report.site import render_site, run_content
-from robustflow.runner.panel import Panel, draw_panel
-from robustflow.runner.recheck import recheck
-from robustflow.runs.comparable import sample_set
+from robustflow.run.comparable import sample_set
+from robustflow.run.panel import Panel, draw_panel
+from robustflow.run.recheck import recheck
+from robustflow.stats.exclusion import exclusion_reasons, phantom_motion
 from robustflow.testing import BrightnessFlow, TexturePairs
 
 from .conftest import FRAMES
@@ -141,7 +140,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
 
 def test_still_run_on_training_frames_is_labelled_leaked():
     training = rf.models.provenance.Training(("kitti2015",), "declared")
-    assert rf.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
+    assert rf.data.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
 
 
 class Pairs(BrightnessFlow):

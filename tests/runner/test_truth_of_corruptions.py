@@ -8,17 +8,17 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.audit.checks import check_averages
-from robustflow.analysis.run_results import run_results
-from robustflow.analysis.uncertainty import intervals
-from robustflow.analysis.uncertainty.variance import variance_split
 from robustflow.cli.tables import print_result
-from robustflow.errors import RunError
+from robustflow.core.errors import RunError
 from robustflow.metrics.regions import REGIONS
-from robustflow.records.row_rules import broken_rules
-from robustflow.report.run_tables import corruptions_table
-from robustflow.runner.recheck import recheck
-from robustflow.runs.example_cells import example_cells
+from robustflow.report.tables import corruptions_table
+from robustflow.run.example_cells import example_cells
+from robustflow.run.recheck import recheck
+from robustflow.run.records.row_rules import broken_rules
+from robustflow.stats.audit.checks import check_averages
+from robustflow.stats.run_results import run_results
+from robustflow.stats.uncertainty import intervals
+from robustflow.stats.uncertainty.variance import variance_split
 
 NAMES = ["contrast", "elastic_transform", "fog:2+elastic_transform:1"]
 WITHOUT = {"elastic_transform", "fog:2+elastic_transform:1", "rolls"}

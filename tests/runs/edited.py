@@ -9,9 +9,8 @@ from typing import Any
 
 import polars as pl
 
-from robustflow.digest import digest_of_value
-from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
-from robustflow.sealed import sealed
+from robustflow.core.files import digest_of_value, sealed
+from robustflow.run.shards import list_shards, read_shard, shard_name, write_shard
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robustflow.core.errors import RunError, UsageError
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
-from robustflow.errors import RunError, UsageError
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.metrics.summary import METRICS, has_gaps
-from robustflow.runs.aggregate import summarize
-from robustflow.runs.means import image_mean
+from robustflow.run.aggregate import summarize
+from robustflow.run.means import image_mean
 from tests.made_rows import rows_frame
 
 from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
@@ -255,7 +255,7 @@ def test_neither_the_order_of_rows_nor_reading_a_column_at_a_time_changes_a_byte
     halves = pl.concat([rows_frame(shuffled[::2]), rows_frame(shuffled[1::2])])
     assert summarize(halves, averaging).model_dump_json(indent=1) == expected
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("robustflow.runs.aggregate._FEW_ROWS", -1)
+        patch.setattr("robustflow.run.aggregate._FEW_ROWS", -1)
         assert summarize(rows_frame(shuffled).lazy(), averaging).model_dump_json(indent=1) == expected
 
 

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark
 from robustflow.cli.tables import as_json_text
-from robustflow.records.pack import record_bytes
-from robustflow.records.read import Reader
-from robustflow.records.verify import verify_read
-from robustflow.runs.cells import UNEVEN, Cells, union
+from robustflow.data.benchmarks import Benchmark
+from robustflow.run.cells import UNEVEN, Cells, union
+from robustflow.run.records.pack import record_bytes
+from robustflow.run.records.read import Reader
+from robustflow.run.records.verify import verify_read
 from robustflow.testing import BrightnessFlow, TexturePairs
 
 KEYS = ("0", "1", "2")

@@ -6,23 +6,20 @@ import polars as pl
 import pytest
 from pydantic.fields import FieldInfo
 
-from robustflow.analysis.conditions import seeds_of
-from robustflow.analysis.run_results import comparison_notes, run_results
 from robustflow.api import evaluate
-from robustflow.atomic import write_json
-from robustflow.digest import digest_of_value
-from robustflow.errors import RunError
+from robustflow.core.errors import RunError
+from robustflow.core.files import digest_of_value, sealed, write_json
 from robustflow.metrics.rows import CLEAN
-from robustflow.records.load import load_any_run
-from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.comparison import compare
-from robustflow.runner.recheck import recheck
-from robustflow.runs.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
-from robustflow.runs.identity import FrameIdentity, Identity
-from robustflow.runs.manifest import Manifest
-from robustflow.runs.run import Run
-from robustflow.sealed import sealed
+from robustflow.run.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
+from robustflow.run.identity import FrameIdentity, Identity
+from robustflow.run.manifest import Manifest
+from robustflow.run.recheck import recheck
+from robustflow.run.records.pack import load_any_run, pack
+from robustflow.run.run import Run
+from robustflow.stats.conditions import seeds_of
+from robustflow.stats.run_results import comparison_notes, run_results
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
 

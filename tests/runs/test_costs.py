@@ -9,13 +9,12 @@ import shutil
 import pytest
 
 from robustflow.api import Result, evaluate
-from robustflow.errors import RunError, UsageError
-from robustflow.records.load import load_any_run
-from robustflow.records.pack import pack
+from robustflow.core.errors import RunError, UsageError
+from robustflow.core.files import sealed
 from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import whole_content
-from robustflow.runs.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
-from robustflow.sealed import sealed
+from robustflow.run.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
+from robustflow.run.records.pack import load_any_run, pack
 from robustflow.testing import ConstantFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -52,7 +51,7 @@ def measured(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def no_exclusions(monkeypatch):
     """Turn off exclusions, which would apply to models that move every pixel alike."""
-    monkeypatch.setattr("robustflow.analysis.run_results.exclusions", lambda runs: [""] * len(runs))
+    monkeypatch.setattr("robustflow.stats.run_results.exclusions", lambda runs: [""] * len(runs))
 
 
 @pytest.fixture

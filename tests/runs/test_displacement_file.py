@@ -9,18 +9,18 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.displacements import displacements_of
-from robustflow.benchmarks import load_benchmark
-from robustflow.errors import RunError, UsageError
-from robustflow.flowio import write_flow
-from robustflow.images.io import write_image
+from robustflow.core.errors import RunError, UsageError
+from robustflow.core.files import sealed
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.media.flow import write_flow
+from robustflow.media.images import write_image
 from robustflow.report.assemble import figures_of
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
-from robustflow.runner.displacement import displacement_histogram
-from robustflow.runs.cells import Cells
-from robustflow.runs.displacement_file import read_displacement, write_displacement
-from robustflow.sealed import sealed
+from robustflow.run.cells import Cells
+from robustflow.run.costs import read_displacement, write_displacement
+from robustflow.run.displacement import displacement_histogram
+from robustflow.stats.anatomy import displacements_of
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_manifest
 

@@ -7,7 +7,7 @@ from statistics import fmean
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.runs.example_cells import example_cells
+from robustflow.run.example_cells import example_cells
 from tests.made_rows import rows_frame
 
 from .mean_rows import NO_TRUTH, row

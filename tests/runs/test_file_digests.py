@@ -13,12 +13,12 @@ from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
-from robustflow.benchmarks import load_benchmark
-from robustflow.benchmarks.export import export
 from robustflow.cli.main import app
-from robustflow.errors import DataError, RobustFlowError, RunError
-from robustflow.images.io import image_size, read_image, stored_size
-from robustflow.runs.file_digests import DIGEST_LIST, file_digests
+from robustflow.core.errors import DataError, RobustFlowError, RunError
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.export import export
+from robustflow.media.images import image_size, read_image, stored_size
+from robustflow.run.file_digests import DIGEST_LIST, file_digests
 from robustflow.testing import ZeroFlow
 
 CHOSEN = {"corruptions": ["contrast"], "severities": [1]}

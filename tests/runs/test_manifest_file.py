@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import RunError
-from robustflow.runs.run import Run
-from robustflow.runs.source import RunSource
-from robustflow.sealed import sealed
+from robustflow.core.errors import RunError
+from robustflow.core.files import sealed
+from robustflow.run.run import Run
+from robustflow.run.source import RunSource
 
 from .edited import fitting
 

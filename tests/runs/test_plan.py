@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.api import evaluate, load_run
-from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions.scale import calibration_digest
-from robustflow.runs.cells import Cells
-from robustflow.runs.manifest import Manifest
-from robustflow.runs.plan import Plan, RunOptions, Unit, unfinished_samples
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.run.cells import Cells
+from robustflow.run.manifest import Manifest
+from robustflow.run.plan import Plan, RunOptions, Unit, unfinished_samples
 from robustflow.testing import ZeroFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")

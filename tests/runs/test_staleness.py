@@ -8,16 +8,16 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow import atomic
-from robustflow.analysis.exclusion import exclusion_reasons
-from robustflow.analysis.uncertainty.of_runs import interval_ends
-from robustflow.errors import DataError, RunError
-from robustflow.report.site import write as site_write
-from robustflow.runs import run as run_module
-from robustflow.runs.comparable import measured_in_words, sample_set
-from robustflow.runs.shards import list_shards
-from robustflow.runs.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, write_made
-from robustflow.runs.store import RunFolder
+from robustflow.core import files as atomic
+from robustflow.core.errors import DataError, RunError
+from robustflow.report.site import page as site_write
+from robustflow.run import run as run_module
+from robustflow.run.comparable import measured_in_words, sample_set
+from robustflow.run.shards import list_shards
+from robustflow.run.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, write_made
+from robustflow.run.store import RunFolder
+from robustflow.stats.exclusion import exclusion_reasons
+from robustflow.stats.uncertainty.intervals import interval_ends
 from robustflow.testing import ConstantFlow
 
 from .edited import edit_manifest, edit_rows
@@ -186,7 +186,7 @@ def test_means_written_by_another_process_meanwhile_are_not_used(folder, monkeyp
     earlier = (folder / "summary.json").read_bytes()
     _double_errors(folder)
     monkeypatch.setattr(
-        "robustflow.runs.staleness.write_bytes", lambda path, data: atomic.write_bytes(path, earlier)
+        "robustflow.run.staleness.write_bytes", lambda path, data: atomic.write_bytes(path, earlier)
     )  # the other process replaces the file as soon as it is written
     run = rf.load_run(folder)
     run.write_means()
@@ -201,7 +201,7 @@ def test_read_only_run_folder_stores_no_summary(folder, monkeypatch):
     def refuse(*_):
         raise DataError("read-only")
 
-    monkeypatch.setattr("robustflow.runs.staleness.write_bytes", refuse)
+    monkeypatch.setattr("robustflow.run.staleness.write_bytes", refuse)
     run.keep()
     assert _page_values(rf.load_run(folder)) == whole
 

@@ -8,15 +8,15 @@ import threading
 import numpy as np
 import pytest
 
-from robustflow.errors import RunError
+from robustflow.core.errors import RunError
+from robustflow.core.files import sealed_bytes
+from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
-from robustflow.runs.plan import Unit
-from robustflow.runs.sealed_array import read_array, write_array
-from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
-from robustflow.runs.store import RunFolder
-from robustflow.sample import Sample
-from robustflow.sealed import sealed_bytes
+from robustflow.run.file_digests import read_array, write_array
+from robustflow.run.plan import Unit
+from robustflow.run.shards import list_shards, read_shard, shard_name, write_shard
+from robustflow.run.store import RunFolder
 
 
 def _row(key: str, corruption: str, severity: int) -> dict:

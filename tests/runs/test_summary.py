@@ -4,11 +4,11 @@ import pytest
 from pydantic import ValidationError
 
 from robustflow.api import evaluate
-from robustflow.errors import RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
 from robustflow.metrics.summary import METRICS, Scores, Summary
-from robustflow.runs.aggregate import summarize
-from robustflow.runs.run import Run
-from robustflow.runs.shards import list_shards, read_shards, write_shard
+from robustflow.run.aggregate import summarize
+from robustflow.run.run import Run
+from robustflow.run.shards import list_shards, read_shards, write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import rows_frame
 

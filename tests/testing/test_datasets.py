@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.benchmarks import Benchmark, load_benchmark
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
+from robustflow.data.benchmarks import Benchmark, load_benchmark
 from robustflow.testing import ShiftedTruth, TexturePairs, check_dataset
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 

@@ -21,7 +21,7 @@ from robustflow.models.networks.table import NETWORKS  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
-from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
+from robustflow.training.unsupervised.methods import TrainingStep  # noqa: E402
 
 from .pack_steps import TrainingPack, cases_of  # noqa: E402
 

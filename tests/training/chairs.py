@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.flowio import write_flow
+from robustflow.media.flow import write_flow
 from robustflow.testing import TexturePairs
 
 

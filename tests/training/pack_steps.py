@@ -18,7 +18,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from robustflow.images.io import read_image
+from robustflow.media.images import read_image
 from robustflow.training import network_with_loss
 from robustflow.training.data.loader import Batch
 from robustflow.training.networks import TrainedNetwork, learning_parameters, load_network

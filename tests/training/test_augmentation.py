@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 from robustflow.testing import TexturePairs
-from robustflow.training.augmentation.augment import apply_augmentation, draw_augmentation
-from robustflow.training.augmentation.eraser import draw_eraser, erase
+from robustflow.training.augmentation.augment import apply_augmentation, draw_augmentation, draw_eraser, erase
 from robustflow.training.augmentation.geometry import (
     Geometry,
     draw_geometry,
@@ -22,8 +21,7 @@ from robustflow.training.augmentation.geometry import (
     warp_frame,
     warp_sparse,
 )
-from robustflow.training.data.find import OpenPart
-from robustflow.training.data.order import Order
+from robustflow.training.data.find import OpenPart, Order
 from robustflow.training.data.pairs import TrainingPairs
 from robustflow.training.recipe import Part
 

@@ -14,10 +14,11 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from torch import Tensor  # noqa: E402
 
-from robustflow.training.corrector import Corrector  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses import brightflow as losses  # noqa: E402
-from robustflow.training.losses import dilated_warp, photometric  # noqa: E402
+from robustflow.training.losses import terms as dilated_warp  # noqa: E402
+from robustflow.training.losses import terms as photometric  # noqa: E402
+from robustflow.training.losses import unsupervised as losses  # noqa: E402
+from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import SCHEDULES  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402

@@ -14,9 +14,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
-from robustflow.errors import DataError, ModelError, RunError  # noqa: E402
+from robustflow.core.errors import DataError, ModelError, RunError  # noqa: E402
 from robustflow.training.checkpoint import TrainingProgress, read_progress, save_training  # noqa: E402
-from robustflow.training.log import METRICS_FILE, MetricsLog  # noqa: E402
+from robustflow.training.loop import METRICS_FILE, MetricsLog  # noqa: E402
 from robustflow.training.request import Checkpoints  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageEnhance
 
-from robustflow.random.rng import Rng
+from robustflow.core.rng import Rng
 from robustflow.training.augmentation.jitter import DENSE, OPERATIONS, SPARSE, Jitter, apply_jitter, draw_jitter
 
 pytestmark = pytest.mark.training

@@ -26,12 +26,12 @@ pytest.importorskip("torchvision", reason="needs the torch extra")
 from torch import distributed  # noqa: E402
 
 import robustflow as rf  # noqa: E402
-from robustflow.benchmarks.setting import setting_of  # noqa: E402
-from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
+from robustflow.core.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
+from robustflow.data.benchmarks.setting import setting_of  # noqa: E402
 from robustflow.models.provenance import training_of  # noqa: E402
-from robustflow.models.torch.raft_net import TorchvisionRaft  # noqa: E402
-from robustflow.runner.named_model import name_model  # noqa: E402
-from robustflow.runs.run import Run  # noqa: E402
+from robustflow.models.torch.module_net import TorchvisionRaft  # noqa: E402
+from robustflow.run.named_model import name_model  # noqa: E402
+from robustflow.run.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402

@@ -8,12 +8,25 @@ from scipy import ndimage
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.training.losses import brightflow, photometric  # noqa: E402
-from robustflow.training.losses.occlusion import coverage, seen_by_check, seen_by_splat  # noqa: E402
-from robustflow.training.losses.smoothness import charbonnier, robust_smoothness, smoothness  # noqa: E402
-from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
-from robustflow.training.losses.upflow import OneWay, distillation, edge_aware, upflow_terms  # noqa: E402
-from robustflow.training.objectives import UpflowObjective  # noqa: E402
+from robustflow.training.losses import terms as photometric  # noqa: E402
+from robustflow.training.losses import unsupervised as brightflow  # noqa: E402
+from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
+    charbonnier,
+    coverage,
+    robust_smoothness,
+    seen_by_check,
+    seen_by_splat,
+    smoothness,
+)
+from robustflow.training.losses.unsupervised import (  # noqa: E402  # noqa: E402
+    OneWay,
+    UnsupervisedLoss,
+    distillation,
+    edge_aware,
+    unsupervised_loss,
+    upflow_terms,
+)
+from robustflow.training.recipe import UpflowObjective  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 

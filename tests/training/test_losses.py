@@ -5,11 +5,16 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.errors import UsageError  # noqa: E402
-from robustflow.training.losses.occlusion import coverage, seen_by_check, seen_by_splat  # noqa: E402
-from robustflow.training.losses.photometric import census_distance, ssim_distance  # noqa: E402
-from robustflow.training.losses.sequence import end_point_error, sequence_loss  # noqa: E402
-from robustflow.training.losses.smoothness import smoothness  # noqa: E402
+from robustflow.core.errors import UsageError  # noqa: E402
+from robustflow.training.losses.supervised import end_point_error, sequence_loss  # noqa: E402
+from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
+    census_distance,
+    coverage,
+    seen_by_check,
+    seen_by_splat,
+    smoothness,
+    ssim_distance,
+)
 from robustflow.training.schedules import SCHEDULES, one_cycle  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -116,7 +121,7 @@ def test_smoothness_is_zero_for_motion_of_its_order(second_order):
 
 
 def test_shares_of_a_batch_are_normalised_separately_and_the_first_updates_the_statistics():
-    from robustflow.training.norms import group_batchnorm
+    from robustflow.training.networks import group_batchnorm
 
     inputs = torch.randn(6, 4, 5, 5, generator=torch.Generator().manual_seed(3)) * 3 + 1
     plain, parted = torch.nn.BatchNorm2d(4), torch.nn.Sequential(torch.nn.BatchNorm2d(4))

@@ -9,8 +9,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.errors import UsageError  # noqa: E402
-from robustflow.training.losses.matching import matching_loss, true_matches  # noqa: E402
+from robustflow.core.errors import UsageError  # noqa: E402
+from robustflow.training.losses.supervised import matching_loss, true_matches  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 

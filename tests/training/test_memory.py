@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.training.memory import expected_memory
-from robustflow.training.plan import plan_text
+from robustflow.training.plan import expected_memory, plan_text
 from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
 from robustflow.training.request import DataPlan
 
@@ -15,7 +14,7 @@ pytestmark = pytest.mark.training
 def test_memory_of_a_different_crop_is_estimated():
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
-    from robustflow.training.losses.sequence import sequence_loss
+    from robustflow.training.losses.supervised import sequence_loss
     from robustflow.training.networks import load_network
 
     recipe = load_recipe("raft_small", "things").changed(crop=(160, 224), batch=2, iterations=2, devices=1)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import UsageError
-from robustflow.training.data.order import Order
+from robustflow.core.errors import UsageError
+from robustflow.training.data.find import Order
 
 pytestmark = pytest.mark.training
 

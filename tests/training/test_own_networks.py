@@ -10,7 +10,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 import robustflow as rf  # noqa: E402
-from robustflow.errors import ModelError, UsageError  # noqa: E402
+from robustflow.core.errors import ModelError, UsageError  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 from robustflow.training.request import Validation  # noqa: E402

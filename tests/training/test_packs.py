@@ -12,9 +12,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.images.io import read_image  # noqa: E402
-from robustflow.training.losses.occlusion import seen_by_check, seen_by_splat  # noqa: E402
-from robustflow.training.losses.sequence import end_point_error, sequence_loss  # noqa: E402
+from robustflow.media.images import read_image  # noqa: E402
+from robustflow.training.losses.supervised import end_point_error, sequence_loss  # noqa: E402
+from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noqa: E402
 from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.optimizers import build_optimizer, set_rate  # noqa: E402

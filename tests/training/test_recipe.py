@@ -6,7 +6,7 @@ from importlib.resources import files
 
 import pytest
 
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models.registry import MODELS
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
@@ -76,7 +76,7 @@ def test_recipes_of_craft_normalise_each_batch_in_two_shares():
 
 @pytest.mark.parametrize("method", trained_methods())
 def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method):
-    from robustflow.datasets import DATASETS
+    from robustflow.data.datasets import DATASETS
 
     assert method in MODELS or method == "gmflownet_mix"
     for stage, recipe in recipes_of(method).items():

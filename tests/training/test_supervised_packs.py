@@ -19,8 +19,11 @@ import torch.nn.functional as F  # noqa: E402
 from robustflow.models.networks import flowdiffuser  # noqa: E402
 from robustflow.models.networks.window_volume import WindowVolume  # noqa: E402
 from robustflow.models.ptlflow.net import _with_own_context  # noqa: E402
-from robustflow.training.losses.matching import matching_loss, true_matches  # noqa: E402
-from robustflow.training.losses.sequence import sequence_loss  # noqa: E402
+from robustflow.training.losses.supervised import (  # noqa: E402
+    matching_loss,
+    sequence_loss,
+    true_matches,
+)
 from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 from robustflow.training.schedules import one_cycle, rate_of  # noqa: E402

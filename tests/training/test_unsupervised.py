@@ -10,7 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.errors import UsageError  # noqa: E402
+from robustflow.core.errors import UsageError  # noqa: E402
 from robustflow.models import load_model  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.plan import plan_text  # noqa: E402

@@ -7,29 +7,31 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from robustflow.random.rng import Rng
-from robustflow.training.augmentation.appearance import apply_look, draw_look
-from robustflow.training.augmentation.augment import augmented_whole, draw_augmentation
-from robustflow.training.data.find import open_part
-from robustflow.training.data.order import Order
+from robustflow.core.rng import Rng
+from robustflow.training.augmentation.augment import apply_look, augmented_whole, draw_augmentation, draw_look
+from robustflow.training.data.find import Order, open_part
 from robustflow.training.data.pairs import TrainingPairs
-from robustflow.training.objectives import Appearance, Objective, Spatial
-from robustflow.training.recipe import Part, load_recipe
+from robustflow.training.recipe import Appearance, Objective, Part, Spatial, load_recipe
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.training.augmentation.affine import Moves, draw_moves, moved, moved_flow  # noqa: E402
-from robustflow.training.losses.brightflow import (  # noqa: E402
+from robustflow.training.losses.terms import (  # noqa: E402
+    LUMA,
+    census_sum,
+    dilated_warp,
+    robust_smoothness,
+)
+from robustflow.training.losses.unsupervised import (  # noqa: E402
+    OneWay,
     correction_loss,
+    distillation,
+    edge_aware,
     kept_offsets,
     masked_census,
     self_supervised,
     with_offsets,
 )
-from robustflow.training.losses.dilated_warp import dilated_warp  # noqa: E402
-from robustflow.training.losses.photometric import LUMA, census_sum  # noqa: E402
-from robustflow.training.losses.smoothness import robust_smoothness  # noqa: E402
-from robustflow.training.losses.upflow import OneWay, distillation, edge_aware  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 

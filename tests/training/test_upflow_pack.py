@@ -14,16 +14,16 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.models.networks import upflow  # noqa: E402
-from robustflow.models.networks.blocks.warp import leaves  # noqa: E402
+from robustflow.models.networks.blocks.pwc import leaves  # noqa: E402
 from robustflow.models.networks.upflow import BothFlows, Sampling  # noqa: E402
-from robustflow.models.torch.resize import resize_flow  # noqa: E402
+from robustflow.models.torch.fit import resize_flow  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses.photometric import census_sum, robust  # noqa: E402
-from robustflow.training.losses.upflow import OneWay, upflow_terms  # noqa: E402
+from robustflow.training.losses.terms import census_sum, robust  # noqa: E402
+from robustflow.training.losses.unsupervised import OneWay, upflow_terms  # noqa: E402
 from robustflow.training.network_with_loss import build_objective  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
-from robustflow.training.unsupervised import upflow as objective  # noqa: E402
-from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
+from robustflow.training.unsupervised import methods as objective  # noqa: E402
+from robustflow.training.unsupervised.methods import TrainingStep  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402
 from .pack_steps import Step, TrainingPack, cases_of, steps  # noqa: E402

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from robustflow.images.io import write_image
-from robustflow.video.clip import ClipFile, write_clip
-from robustflow.video.codec import Encoding, lossless
-from robustflow.video.colour import rgb_to_i420
-from robustflow.video.fill import Fill
+from robustflow.data.video.clip import ClipFile, write_clip
+from robustflow.data.video.codec import Encoding, lossless, rgb_to_i420
+from robustflow.data.video.variants import Fill
+from robustflow.media.images import write_image
 
 from .render import Scene
 

@@ -12,11 +12,10 @@ import av
 import numpy as np
 import pytest
 
-from robustflow.errors import DataError
-from robustflow.video.clip import ClipFile, read_header, read_packets, read_pictures, write_clip
-from robustflow.video.codec import Decoder, Encoding, Packet, crf, lossless
-from robustflow.video.fill import Fill, fill_lost
-from robustflow.video.variants import corrupted_stream
+from robustflow.core.errors import DataError
+from robustflow.data.video.clip import ClipFile, read_header, read_packets, read_pictures, write_clip
+from robustflow.data.video.codec import Decoder, Encoding, Packet, crf, lossless
+from robustflow.data.video.variants import Fill, corrupted_stream, fill_lost
 
 from . import clips
 

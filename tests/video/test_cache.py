@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustflow.errors import DataError
-from robustflow.video.cache import FolderCache
+from robustflow.core.errors import DataError
+from robustflow.data.video.prepared import FolderCache
 
 
 def make(folder: Path, size: int = 100) -> None:
@@ -44,7 +44,7 @@ def test_cache_entry_is_made_once_by_several_processes(tmp_path):
     code = f"""
 import os, time
 from pathlib import Path
-from robustflow.video.cache import FolderCache
+from robustflow.data.video.prepared import FolderCache
 root = Path({str(tmp_path)!r})
 def slowly(folder):
     (root / f"made-{{os.getpid()}}").touch()
@@ -97,7 +97,7 @@ def test_cache_lock_of_a_killed_process_is_released(tmp_path):
     code = f"""
 import time
 from pathlib import Path
-from robustflow.video.cache import FolderCache
+from robustflow.data.video.prepared import FolderCache
 def slowly(folder):
     print("making", flush=True)
     time.sleep(600)

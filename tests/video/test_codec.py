@@ -12,10 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.errors import DataError, UsageError
-from robustflow.video.clip import ClipReader, read_header, read_packets, read_pictures, write_clip
-from robustflow.video.codec import Decoder, Encoder, abr, crf, lossless
-from robustflow.video.colour import even_size
+from robustflow.core.errors import DataError, UsageError
+from robustflow.data.video.clip import ClipReader, read_header, read_packets, read_pictures, write_clip
+from robustflow.data.video.codec import Decoder, Encoder, abr, crf, even_size, lossless
 
 from . import clips
 
@@ -67,7 +66,7 @@ def test_uninitialised_memory_does_not_change_the_encoded_bytes(encoding):
     code = f"""
 import hashlib, sys
 from fractions import Fraction
-from robustflow.video.codec import Encoder, Encoding
+from robustflow.data.video.codec import Encoder, Encoding
 from tests.video.clips import pictures
 encoder = Encoder(96, 128, Fraction(960), {encoding!r})
 print(hashlib.sha256(b"".join(p.data for p in encoder.encode(enumerate(pictures(30, 96, 128))))).hexdigest())

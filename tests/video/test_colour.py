@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robustflow.video.colour import i420_to_rgb, rgb_to_i420
+from robustflow.data.video.codec import i420_to_rgb, rgb_to_i420
 
 from .clips import frames
 

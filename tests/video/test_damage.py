@@ -8,10 +8,10 @@ from av.bitstream import BitStreamFilterContext
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import UsageError
-from robustflow.video.clip import ClipFile, read_packets
-from robustflow.video.codec import Packet
-from robustflow.video.damage import Damage, NoiseFilter, damage_packets
+from robustflow.core.errors import UsageError
+from robustflow.data.video.clip import ClipFile, read_packets
+from robustflow.data.video.codec import Packet
+from robustflow.data.video.damage import Damage, NoiseFilter, damage_packets
 
 from . import clips
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import DataError
-from robustflow.video.fill import REORDER, Fill, fill_lost, pictures_in_order
+from robustflow.core.errors import DataError
+from robustflow.data.video.variants import REORDER, Fill, fill_lost, pictures_in_order
 
 from . import clips
 

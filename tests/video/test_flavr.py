@@ -9,10 +9,10 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.digest import sha256_of_file
-from robustflow.errors import ModelError, UsageError
-from robustflow.video.flavr import FLAVR, load_flavr
-from robustflow.video.flavr_interpolator import FlavrInterpolator
+from robustflow.core.errors import ModelError, UsageError
+from robustflow.core.files import sha256_of_file
+from robustflow.data.video.flavr import FLAVR, load_flavr
+from robustflow.data.video.flavr_interpolator import FlavrInterpolator
 
 pytestmark = pytest.mark.torch
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.errors import AssetError, UsageError
-from robustflow.video.flow_interpolator import FlowInterpolator
-from robustflow.video.interpolation import interpolate, interpolated_count, load_interpolator
+from robustflow.core.errors import AssetError, UsageError
+from robustflow.data.video.flow_interpolator import FlowInterpolator
+from robustflow.data.video.interpolation import interpolate, interpolated_count, load_interpolator
 
 from .render import Scene
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import load_corruption
-from robustflow.errors import UsageError
-from robustflow.video.flow_interpolator import FlowInterpolator
-from robustflow.video.interpolation import interpolate
-from robustflow.video.object_motion import mean_of_windows
+from robustflow.data.video.flow_interpolator import FlowInterpolator
+from robustflow.data.video.interpolation import interpolate
+from robustflow.data.video.open_clip import mean_of_windows
 
 from .render import Scene
 

@@ -13,24 +13,23 @@ from threading import Event, Thread
 
 import pytest
 
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.files import sealed
 from robustflow.corruptions.registry import CLIP
-from robustflow.errors import DataError, UsageError
-from robustflow.images.io import read_image
-from robustflow.sealed import sealed
-from robustflow.video import prepare as prepare_module
-from robustflow.video import prepare_folder as prepare_folder_module
-from robustflow.video import prepared as prepared_module
-from robustflow.video.cache import FolderCache
-from robustflow.video.clip import read_pictures
-from robustflow.video.colour import i420_to_rgb, rgb_to_i420
-from robustflow.video.disk import check_room, estimate_disk
-from robustflow.video.flow_interpolator import FlowInterpolator
-from robustflow.video.interpolation import interpolate
-from robustflow.video.open_clip import OpenClip
-from robustflow.video.prepare import Preparation, clip_timing, prepare_clip
-from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder, prepare_video
-from robustflow.video.prepared import VERSION, PreparedClip, choose_key_frames, read_folder
-from robustflow.video.source import PictureFolder
+from robustflow.data.video import prepare as prepare_module
+from robustflow.data.video import prepare_folder as prepare_folder_module
+from robustflow.data.video import prepared as prepared_module
+from robustflow.data.video.clip import read_pictures
+from robustflow.data.video.codec import i420_to_rgb, rgb_to_i420
+from robustflow.data.video.disk import check_room, estimate_disk
+from robustflow.data.video.flow_interpolator import FlowInterpolator
+from robustflow.data.video.interpolation import interpolate
+from robustflow.data.video.open_clip import OpenClip
+from robustflow.data.video.prepare import Preparation, clip_timing, prepare_clip
+from robustflow.data.video.prepare_folder import SEQUENCES, find_sources, prepare_folder, prepare_video
+from robustflow.data.video.prepared import VERSION, FolderCache, PreparedClip, choose_key_frames, read_folder
+from robustflow.data.video.source import PictureFolder
+from robustflow.media.images import read_image
 
 from . import clips
 

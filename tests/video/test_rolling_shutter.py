@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import load_corruption
-from robustflow.errors import UsageError
-from robustflow.video.prepared import REACH
-from robustflow.video.rolling_shutter import rolling_frames, row_offsets
+from robustflow.data.video.open_clip import rolling_frames, row_offsets
+from robustflow.data.video.prepared import REACH
 
 READOUTS = load_corruption("rolling_shutter").severities
 

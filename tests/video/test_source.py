@@ -9,12 +9,12 @@ import av
 import numpy as np
 import pytest
 
-from robustflow.datasets import load_dataset
-from robustflow.errors import DataError
-from robustflow.images.io import write_image
-from robustflow.video.colour import rgb_to_i420
-from robustflow.video.reader import VideoReader
-from robustflow.video.source import PictureFolder, VideoFile
+from robustflow.core.errors import DataError
+from robustflow.data.datasets import load_dataset
+from robustflow.data.video.codec import rgb_to_i420
+from robustflow.data.video.reader import VideoReader
+from robustflow.data.video.source import PictureFolder, VideoFile
+from robustflow.media.images import write_image
 
 from ..refusals import refused
 from . import clips

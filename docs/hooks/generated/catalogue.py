@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from robustflow.benchmarks import BENCHMARKS, benchmark_facts
-from robustflow.benchmarks.setting import setting_of
-from robustflow.datasets import DATASETS, dataset_facts
+from robustflow.data.benchmarks import BENCHMARKS, benchmark_facts
+from robustflow.data.benchmarks.setting import setting_of
+from robustflow.data.datasets import DATASETS, dataset_facts
 from robustflow.models.catalog import CheckpointEntry, checkpoints, methods
 from robustflow.models.provenance import training_of_entry
 from robustflow.training.recipe import recipes_of, trained_methods

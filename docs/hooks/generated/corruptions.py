@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from robustflow.analysis.published.tables import published_results
 from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIES, load_corruption
 from robustflow.corruptions.registry import CLIP, SHIPPED
 from robustflow.corruptions.scale import calibrated_severities
 from robustflow.corruptions.stack import needs_depth, truth_under
-from robustflow.images.flow_colours import flow_colours, flow_radius
+from robustflow.media.colours import flow_colours, flow_radius
+from robustflow.stats.published.tables import published_results
 
 from . import families
 from .corruption_notes import NOTES

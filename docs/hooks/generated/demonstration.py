@@ -14,14 +14,13 @@ import cv2
 import numpy as np
 
 from robustflow import corrupt, load_dataset, load_model
-from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
-from robustflow.video.object_motion import mean_of_windows
-from robustflow.video.rolling_shutter import rolling_frames
-from robustflow.video.short_clip import ShortClip
+from robustflow.data.benchmarks.demo import DEMO_CLASSES
+from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
+from robustflow.data.video.short_clip import ShortClip
 
 KEY = "motorcycle"
 _FRAMES, _RATE = 64, Fraction(960)

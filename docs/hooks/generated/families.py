@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import fsum
 
-from robustflow.analysis.labels import setting_words
-from robustflow.analysis.published.tables import published_results
 from robustflow.corruptions import FAMILIES, SEVERITIES
 from robustflow.corruptions.registry import CLIP
-from robustflow.runs.family_means import family_means
+from robustflow.run.means import family_means
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results import setting_words
 
 from .demonstration import Numbers
 from .tables import table

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from robustflow.metrics import regions, rows, summary
-from robustflow.records import contents
+from robustflow.run.records import contents
 
 from .tables import table
 

@@ -1,5 +1,6 @@
-"""The available pairs: the demo pair, uploaded pairs, and pairs from uploaded clips. Only the most recent uploads are
-kept."""
+"""The models offered on the page, and the loaded model. The available pairs: the demo pair, uploaded pairs, and
+pairs from uploaded clips. Only the most recent uploads are kept.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +8,106 @@ import secrets
 import shutil
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
-from ..benchmarks.demo import DEMO_CLASSES
+from ..core.errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..core.plugins import needed_options
+from ..core.types import Sample
 from ..corruptions import Corruption
-from ..datasets.motorcycle import Motorcycle
-from ..datasets.video import Video
-from ..errors import UsageError
-from ..sample import Sample
+from ..data.benchmarks.demo import DEMO_CLASSES
+from ..data.datasets.clips import Video
+from ..data.datasets.motorcycle import Motorcycle
+from ..models import MODELS, FlowModel, ModelSpec
+from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
+from ..models.registry import EXPORTED
+from ..models.torch.network import RANDOM
+
+
+class Models:
+    """Models by name: first those given on the command line, then all models that this installation can run."""
+
+    def __init__(self, given: Sequence[ModelSpec]) -> None:
+        known = methods()
+        here = [
+            name for name in MODELS.names() if (_runs_on_pairs(known[name]) if name in known else _needs_nothing(name))
+        ]
+        here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # models that need no weights
+        self._specs = {spec.name: spec for spec in given} | {
+            name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
+        }
+        self._loaded: tuple[tuple[str, str], FlowModel] | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Model names in the order in which the page offers them."""
+        return list(self._specs)
+
+    @property
+    def offers(self) -> list[dict[str, Any]]:
+        """Return each model's name, whether it accepts a checkpoint, and its published checkpoints, for the page."""
+        known = methods()
+        published: dict[str, list[str]] = {}
+        for entry in checkpoints():
+            published.setdefault(entry.model, []).append(entry.checkpoint)
+        return [
+            {
+                "name": name,
+                "takes_checkpoint": name in known and known[name].type != "knowledge",
+                "checkpoints": [RANDOM, *published.get(name, [])],
+            }
+            for name in self.names
+        ]
+
+    def check(self, name: str, checkpoint: str = "") -> None:
+        """Raise for an unknown name, before any model is imported or loaded."""
+        if name not in self._specs:
+            raise unknown_name("model of this app", name, self.names)
+        method = methods().get(name)
+        if checkpoint and method is not None and method.type == "knowledge":
+            raise UsageError(f"{name} has no weights: leave the checkpoint empty")
+
+    def load(self, name: str, checkpoint: str = "") -> FlowModel:
+        """Return a model, loading it unless it is already loaded. `checkpoint` takes precedence over the model's
+        default checkpoint.
+        """
+        self.check(name, checkpoint)
+        if self._loaded is None or self._loaded[0] != (name, checkpoint):
+            self._loaded = None  # two networks may not fit into memory
+            spec = self._specs[name]
+            if checkpoint:
+                spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
+            try:
+                model = spec.load()
+            except RobustFlowError as error:
+                raise type(error)(_page_message(str(error))) from error
+            if not isinstance(model, FlowModel):
+                raise ModelError(f"model '{name}' does not predict from two frames; choose a different model")
+            self._loaded = ((name, checkpoint), model)
+        return self._loaded[1]
+
+
+def _page_message(message: str) -> str:
+    """Reword an error about a command-line option for the page's field.
+
+    >>> _page_message("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
+    "model 'raft' needs its checkpoint: get it, and give its path in the Checkpoint field"
+    """
+    return message.replace("as --checkpoint", "in the Checkpoint field").replace("--checkpoint", "the Checkpoint field")
+
+
+def _runs_on_pairs(method: MethodEntry) -> bool:
+    """Return whether a method is installed and is a two-frame method."""
+    return is_installed(method) and method.frames == 2
+
+
+def _needs_nothing(name: str) -> bool:
+    """Return whether a model can be loaded without options, unlike flow files or an exported network."""
+    return name not in EXPORTED.values() and not needed_options(MODELS.get(name))
+
 
 DEMO = "demo"
 KEPT = 4

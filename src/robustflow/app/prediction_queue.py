@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import RobustFlowError, UsageError
+from ..core.errors import RobustFlowError, UsageError
 
 WAITING = 8
 """Maximum number of waiting jobs, one for each page."""

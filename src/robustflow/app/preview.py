@@ -11,25 +11,22 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from ..core.errors import UsageError
+from ..core.threads import one_opencv_thread
+from ..core.types import Flow, Frame, Sample
+from ..core.validated import Frozen
 from ..corruptions import Corruption, corrupt, load_corruption
 from ..corruptions.stack import levels_of
-from ..errors import UsageError
-from ..images.error_colours import error_colours
-from ..images.flow_colours import flow_colours, flow_radius
-from ..images.io import png_address, shrunk
-from ..images.sparse import thickened
-from ..metrics.error_maps import epe_map
+from ..media.colours import flow_colours, flow_radius, thickened
+from ..media.error_colours import error_colours
+from ..media.images import png_address, shrunk
+from ..metrics.error_maps import crer, epe_map
 from ..metrics.regions import Regions
-from ..metrics.robustness import crer
 from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
-from ..runs.example_cells import cell_scores
-from ..sample import Flow, Frame, Sample
-from ..threads import one_opencv_thread
-from ..validated import Frozen
-from .choices import Models
-from .pairs import SourceStore
+from ..run.example_cells import cell_scores
+from .pairs import Models, SourceStore
 
 _WIDEST = 1280
 """Maximum width of a picture, in pixels; metrics are computed at full resolution."""
@@ -123,7 +120,7 @@ def _described(wanted: PreviewRequest, classes: Mapping[str, type[Corruption]]) 
     name, _ = wanted.corruption
     if all(layer.name not in classes for layer in wanted.layers):
         return f'"{name}"'
-    return f'load_corruption("{name}", classes=robustflow.benchmarks.demo.DEMO_CLASSES)'
+    return f'load_corruption("{name}", classes=robustflow.data.benchmarks.demo.DEMO_CLASSES)'
 
 
 def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) -> dict[str, Any]:

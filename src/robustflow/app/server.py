@@ -19,17 +19,15 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from ..core.errors import RobustFlowError, first_misfit
 from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES, PAPER_ORDER
-from ..errors import RobustFlowError, first_misfit
-from ..images.error_colours import HIGHEST, LOWEST, error_colours
-from ..images.flow_colours import flow_colours
-from ..images.io import png_address
-from .choices import Models
-from .pairs import DEMO, SourceStore
+from ..media.colours import flow_colours
+from ..media.error_colours import HIGHEST, LOWEST, error_colours
+from ..media.images import png_address
+from .pairs import DEMO, Models, SourceStore
 from .prediction_queue import Message, PredictionQueue, QueuedPrediction
 from .preview import Previewer, PreviewRequest
-from .upload_folder import UploadFolder
-from .uploads import MAX_BYTES, limited, source_of
+from .uploads import MAX_BYTES, UploadFolder, limited, source_of
 
 _MAX_REQUEST = 2**14
 FILES = {

@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError, ModelError, UsageError
+from ..core.errors import DataError, ModelError, UsageError
+from ..core.plugins import own_name
+from ..core.severity import check_severity
+from ..core.types import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..models.base import AnyModel, FlowModel, predict_checked
-from ..models.construct import as_model
-from ..models.loading import load_model
-from ..sample import Flow, Frame, Mask, Sample, check_frame, described_array
-from ..severity import check_severity
-from ..target import own_name
+from ..models.loading import as_model, load_model
+from .ball import frames_of
 from .base import Attack, is_of_package
 from .evaluation import in_lockstep
-from .images import frames_of
 from .loss import Loss
 from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
 from .problem import Pair

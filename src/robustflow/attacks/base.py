@@ -16,17 +16,15 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import UsageError, unknown_name
+from ..core.errors import UsageError, unknown_name
+from ..core.rng import Rng
+from ..core.severity import check_severity
+from ..core.source_digest import source_digest
+from ..core.types import Flow
 from ..models.base import AnyModel
-from ..random.rng import Rng
-from ..sample import Flow
-from ..severity import check_severity
-from ..source_digest import source_digest
-from .ball import GREY_LEVELS, MOVED, Ball
-from .gradient_check import check_gradient
-from .images import Images
+from .ball import GREY_LEVELS, MOVED, Ball, Images
 from .loss import LOSSES, Loss
-from .problem import Pair, Problem, refuse_without_gradient
+from .problem import Pair, Problem, check_gradient, refuse_without_gradient
 from .registry import norm_of
 
 _PACKAGE = __name__.partition(".")[0] + "."

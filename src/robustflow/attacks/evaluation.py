@@ -18,7 +18,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from ..errors import ModelError
+from ..core.errors import ModelError
+from ..core.types import Flow, Frame
 from ..models.base import (
     AnyModel,
     BatchedFlowModel,
@@ -29,8 +30,7 @@ from ..models.base import (
     predict_batch_checked,
     predict_checked,
 )
-from ..sample import Flow, Frame
-from .images import Images
+from .ball import Images
 from .loss import Loss
 
 _Result = TypeVar("_Result")
@@ -115,7 +115,7 @@ def _settings() -> Any:
     affect each other."""
     if "torch" not in sys.modules:
         return nullcontext()
-    from ..models.torch.reproducible import reproducible
+    from ..models.torch.model import reproducible
 
     return reproducible()
 
@@ -192,7 +192,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
     """Compute flows, and gradients if requested, with PyTorch."""
     import torch
 
-    from ..models.torch.reproducible import reproducible
+    from ..models.torch.model import reproducible
 
     model, gradient = asked[0].model, asked[0].loss is not None
     assert isinstance(model, Differentiable)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import UsageError
-from ..sample import Flow, Mask
+from ..core.errors import UsageError
+from ..core.types import Flow, Mask
 
 LOSSES = ("epe", "mse", "cosine", "capped")
 """`epe`: mean end-point error; `mse`: mean squared difference of u and v; `cosine`: 1 minus the cosine between flow and

@@ -11,14 +11,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from ..errors import UsageError, unknown_name
+from ..core.errors import UsageError, unknown_name
+from ..core.plugins import called, checked_name, described, import_target, is_target, own_name
+from ..core.rng import Rng
+from ..core.source_digest import source_digest
+from ..core.types import Flow
 from ..models.base import AnyModel
-from ..random.rng import Rng
-from ..sample import Flow
-from ..source_digest import source_digest
-from ..target import called, checked_name, described, import_target, is_target, own_name
+from .ball import Images
 from .base import Attack
-from .images import Images
 from .problem import Pair, Problem
 from .registry import ATTACKS, split_name
 

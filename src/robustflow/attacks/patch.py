@@ -1,4 +1,6 @@
-"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022)."""
+"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022).
+Control: a disc of random colours at the same position as in the attack `patch`.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DataError, unknown_name
-from ..random.rng import Rng
-from .base import Pattern
-from .images import Images
+from ..core.errors import DataError, unknown_name
+from ..core.rng import Rng
+from .ball import Images
+from .base import Control, Pattern
 from .problem import Problem
 from .trained import Trained
 
@@ -155,3 +157,19 @@ def paste(problem: Problem, pattern: Pattern, place: Disc) -> Images:
 def _disc(size: int) -> npt.NDArray[np.bool_]:
     distances = np.arange(size) - (size - 1) / 2
     return np.hypot(distances[:, None], distances) <= size / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomPatch(Control):
+    """Fill a disc of the budget's area with random colours, without querying the model."""
+
+    name: ClassVar[str] = "random_patch"
+    norms: ClassVar[tuple[str, ...]] = ("area",)
+
+    norm: str = "area"
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        size = diameter(problem)
+        colours = rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
+        return paste(problem, colours, Disc.of(problem, problem.pair.stream("patch")))

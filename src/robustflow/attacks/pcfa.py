@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..errors import UsageError, unknown_name
-from ..random.rng import Rng
+from ..core.errors import UsageError, unknown_name
+from ..core.rng import Rng
+from .ball import WHITE, Images
 from .base import Attack
-from .images import WHITE, Images
 from .problem import Problem
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Pcfa(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; deterministic."""
-        from ..models.torch.reproducible import reproducible
+        from ..models.torch.model import reproducible
 
         if self.box == "change" and _saturated(problem.ball.clean) > _SATURATED:
             problem.troubles.add("saturated")

@@ -1,4 +1,9 @@
-"""PGD: steps along the sign of the gradient from random starts, projected into the ball (Madry et al. 2018)."""
+"""PGD: steps along the sign of the gradient from random starts, projected into the ball (Madry et al. 2018). FGSM:
+a single step of the full budget along the sign of the gradient (Goodfellow et al. 2015). BIM: PGD from the clean
+pair (Kurakin et al. 2017). CosPGD: PGD in which pixels are weighted by their agreement with the reference
+(Agnihotri et al. 2024). APGD: PGD with momentum and automatic step halving (Croce and Hein 2020, as in
+AutoAttack).
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..errors import UsageError
-from ..random.rng import Rng
+import numpy as np
+
+from ..core.errors import UsageError
+from ..core.rng import Rng
+from .ball import WHITE, Images
 from .base import Attack
-from .images import WHITE, Images
 from .problem import Problem
 
 FLOWBENCH_STEP = 0.01 * WHITE
@@ -71,3 +78,101 @@ class Pgd(Attack):
             return [FLOWBENCH_STEP] * self.steps
         first = max(0.5, 4 / self.steps) * budget
         return [first * (1 - number / self.steps) for number in range(self.steps)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fgsm(Attack):
+    """A single gradient step. If the loss is the distance to the clean flow, which has no gradient at the clean frames,
+    the attack starts at a random pair.
+    """
+
+    name: ClassVar[str] = "fgsm"
+    variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        ball = problem.ball
+        images = start_of(problem, rng, at_random=False)
+        _, gradient = problem.slope(images)
+        gradient = np.sign(gradient) if self.variant == "flowbench" else gradient
+        return ball.step(images, gradient, ball.budget)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bim(Pgd):
+    """Projected gradient ascent from the clean pair."""
+
+    name: ClassVar[str] = "bim"
+    at_random: ClassVar[bool] = False
+
+    starts: int = 1
+
+    def step_sizes(self, budget: float) -> list[float]:
+        """See `Pgd.step_sizes`."""
+        return [budget] * self.steps if self.variant == "flowbench" else super().step_sizes(budget)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CosPgd(Pgd):
+    """PGD in which the loss of each pixel is weighted by the cosine between softmax(u, v) of the flow and of the
+    reference.
+    """
+
+    name: ClassVar[str] = "cospgd"
+    agreeing: ClassVar[bool] = True
+
+
+_MOMENTUM = 0.75
+"""Weight of the projected step; the remaining weight applies to the previous step."""
+_IMPROVED = 0.75
+"""The step size is halved if fewer than this share of the steps since the last check raised the score."""
+_FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
+"""Interval before the first check, decrease of the interval after each check, and minimum interval, as fractions of the
+number of steps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apgd(Attack):
+    """Projected gradient ascent with an initial step size of twice the budget. If too few steps since the last check
+    raised the score, or the best score did not improve, the step size is halved and the search resumes at the best
+    pair.
+    """
+
+    name: ClassVar[str] = "apgd"
+
+    steps: int = 100
+    starts: int = 3
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        for number in range(self.starts):
+            problem.begin()
+            self._climb(problem, problem.ball.random(rng.spawn(number)))
+        return problem.best
+
+    def _climb(self, problem: Problem, images: Images) -> None:
+        ball, size = problem.ball, 2 * problem.ball.budget
+        score, gradient = problem.slope(images)
+        before = images
+        best, best_score, best_gradient = images, score, gradient
+        pause, shortest = max(int(_FIRST * self.steps), 1), max(int(_SHORTEST * self.steps), 1)
+        at_last_check, halved, since, improved = best_score, True, 0, 0
+        for number in range(self.steps):
+            stepped = ball.step(images, gradient, size)
+            weight = _MOMENTUM if number else 1.0
+            moved = ball.project(images + (stepped - images) * weight + (images - before) * (1 - weight))
+            before, images = images, moved
+            last, (score, gradient) = score, problem.slope(images)
+            improved += score > last
+            if score > best_score:
+                best, best_score, best_gradient = images, score, gradient
+            since += 1
+            if since < pause:
+                continue
+            stuck = not halved and at_last_check >= best_score
+            halved = improved <= _IMPROVED * since or stuck
+            if halved:
+                size /= 2
+                images, gradient = best, best_gradient
+            at_last_check, since, improved = best_score, 0, 0
+            pause = max(pause - max(int(_SHORTER * self.steps), 1), shortest)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..errors import UsageError
-from ..registry import Registry
+from ..core.errors import UsageError
+from ..core.plugins import Registry
 
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
@@ -19,14 +19,14 @@ PATCH_CONTROL = "random_patch"
 """The control for patches."""
 
 _CLASSES = {
-    "random_sign": "random_sign:RandomSign",
-    "random_gauss": "random_gauss:RandomGauss",
-    "random_patch": "random_patch:RandomPatch",
-    "fgsm": "fgsm:Fgsm",
-    "bim": "bim:Bim",
+    "random_sign": "random_noise:RandomSign",
+    "random_gauss": "random_noise:RandomGauss",
+    "random_patch": "patch:RandomPatch",
+    "fgsm": "pgd:Fgsm",
+    "bim": "pgd:Bim",
     "pgd": "pgd:Pgd",
-    "cospgd": "cospgd:CosPgd",
-    "apgd": "apgd:Apgd",
+    "cospgd": "pgd:CosPgd",
+    "apgd": "pgd:Apgd",
     "pcfa": "pcfa:Pcfa",
     "square": "square:Square",
     "transfer": "transfer:Transfer",

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..sample import Flow, Frame
-from .images import Images
+from ..core.types import Flow, Frame
+from .ball import Images
 
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",

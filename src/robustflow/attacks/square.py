@@ -8,10 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..random.rng import Rng
-from .ball import Ball
+from ..core.rng import Rng
+from .ball import WHITE, Ball, Images, frames_of, grey_levels_of
 from .base import Attack
-from .images import WHITE, Images, frames_of, grey_levels_of
 from .problem import Problem
 
 _LARGEST = 0.8

@@ -10,17 +10,16 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ..digest import digest_of_bytes
-from ..errors import DataError, UsageError
-from ..layout import user_path
+from ..core.errors import DataError, UsageError
+from ..core.files import digest_of_bytes
+from ..core.paths import user_path
+from ..core.rng import Rng
+from ..core.types import Flow
 from ..models.base import AnyModel
-from ..random.rng import Rng
-from ..sample import Flow
+from .ball import Images
 from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep
-from .gradient_check import check_gradient
-from .images import Images
-from .problem import Pair, Problem, refuse_without_gradient
+from .problem import Pair, Problem, check_gradient, refuse_without_gradient
 
 _MOMENTUM = 0.75
 """Weight of earlier gradients in the running mean."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
-from ..digest import digest_of_value
-from ..errors import ModelError, UsageError
+from ..core.errors import ModelError, UsageError
+from ..core.files import digest_of_value
+from ..core.rng import Rng
 from ..models.base import AnyModel, FlowModel, predict_checked
-from ..models.construct import as_model
-from ..models.loading import ModelSpec
-from ..random.rng import Rng
+from ..models.loading import ModelSpec, as_model
 from .api import load_attack
-from .ball import NORMS
+from .ball import NORMS, Images
 from .base import VARIANTS, Attack, Learned
-from .images import Images
 from .problem import Problem
 from .trained import Trained
 

@@ -9,13 +9,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ..digest import digest_of_bytes
-from ..errors import DataError, UsageError
+from ..core.errors import DataError, UsageError
+from ..core.files import digest_of_bytes
+from ..core.rng import Rng
 from ..models.base import AnyModel
-from ..random.rng import Rng
-from .ball import Ball
+from .ball import Ball, Images
 from .base import Pattern
-from .images import Images
 from .problem import Problem
 from .trained import Trained, read_array, read_file
 

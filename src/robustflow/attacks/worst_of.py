@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from ..digest import digest_of_value
-from ..errors import UsageError, unknown_name
+from ..core.errors import UsageError, unknown_name
+from ..core.files import digest_of_value
+from ..core.rng import Rng
 from ..models.base import AnyModel
-from ..random.rng import Rng
 from .api import load_attack
-from .ball import NORMS
+from .ball import NORMS, Images, frames_of, images_of
 from .base import VARIANTS, Attack, Learned
-from .images import Images, frames_of, images_of
 from .problem import Problem
 
 _PLUS = "+"

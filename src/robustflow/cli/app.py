@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UsageError, plain_warning
-from ..extras import require
-from .interrupt import terminate_as_on_ctrl_c
+from ..core.errors import UsageError, plain_warning
+from ..core.plugins import require
+from .complete import terminate_as_on_ctrl_c
 from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_options, use_psf_dir
 
 

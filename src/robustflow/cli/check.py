@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 
 KINDS = ("model", "corruption", "attack", "dataset")
 
@@ -24,9 +24,9 @@ def check(
       robustflow check mypackage.climb:Climb
       robustflow check mypackage.data:MyPairs --kind dataset
     """
-    from ..target import called, import_target, needed_options
+    from ..core.plugins import called, import_target, needed_options
+    from ..core.text import plain
     from ..testing import check_attack, check_corruption, check_dataset, check_model
-    from ..text import plain
 
     if kind not in (None, *KINDS):
         raise UsageError(f"--kind {kind}: choose from {', '.join(KINDS)}")

@@ -55,21 +55,20 @@ def compare(
     """
     import polars as pl
 
-    from ..analysis.conditions import seeds_of
-    from ..analysis.labels import METRIC_LABELS
-    from ..analysis.model_result import not_ranked
-    from ..analysis.run_names import named_runs
-    from ..analysis.run_results import run_results
-    from ..analysis.uncertainty import compare_all, standings, variance_split
-    from ..analysis.uncertainty.power import plan_pairs
-    from ..analysis.uncertainty.sums import INTERVAL_METRICS
-    from ..errors import RunError, UsageError, unknown_name
-    from ..records.load import load_any_run
+    from ..core.errors import RunError, UsageError, unknown_name
+    from ..core.text import plain
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
     from ..report.standings_tables import power_table, standings_table, variance_table
-    from ..runs.comparable import common_to
-    from ..text import plain
+    from ..run.comparable import common_to
+    from ..run.records.pack import load_any_run
+    from ..stats.conditions import seeds_of
+    from ..stats.model_result import not_ranked
+    from ..stats.results import METRIC_LABELS
+    from ..stats.run_results import named_runs, run_results
+    from ..stats.uncertainty import compare_all, standings, variance_split
+    from ..stats.uncertainty.power import plan_pairs
+    from ..stats.uncertainty.sums import INTERVAL_METRICS
     from .tables import as_text, check_format, write_text
 
     if metric is not None and metric not in INTERVAL_METRICS:

@@ -66,16 +66,16 @@ def corrupt(
         refuse_unused(context, set(context.params) - {"check"}, "with --check")
         _check_machine()
         return
-    from ..atomic import make_folder
-    from ..benchmarks import Benchmark
-    from ..benchmarks.registry import with_own_depth
+    from ..core.errors import UsageError
+    from ..core.files import make_folder
+    from ..core.types import Sample
     from ..corruptions import IMAGE_PAIR, corruption_name, load_corruption
     from ..corruptions import corrupt as corrupt_pair
-    from ..corruptions.names import with_families
-    from ..errors import UsageError
-    from ..images.io import read_image, write_image
-    from ..runner.predict import frames_of
-    from ..sample import Sample
+    from ..corruptions.registry import with_families
+    from ..data.benchmarks import Benchmark
+    from ..data.benchmarks.registry import with_own_depth
+    from ..media.images import read_image, write_image
+    from ..run.predict import frames_of
 
     if frame1 is None or frame2 is None or corruptions is None:
         raise UsageError("give two frames and --corruptions, or --check alone")
@@ -107,7 +107,7 @@ def corrupt(
 def _check_machine() -> None:
     """Print a line for every corruption whose result differs on this machine; exit with 1 if there are any."""
     from ..corruptions.machine_check import compare_with_package
-    from ..video import machine_check as clips
+    from ..data.video import machine_check as clips
 
     compared = [*compare_with_package(), *clips.compare_with_package()]
     for name, difference in compared:

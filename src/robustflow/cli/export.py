@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from .options import (
     Checkpoint,
     CommonDraws,
@@ -108,11 +108,11 @@ def export(
         _export_run(context, Path(benchmark), format, output, hub_dataset)
         return
     refuse_unused(context, {"hub_dataset", *_OF_MODEL}, "without --format")
-    from ..benchmarks import BENCHMARKS, load_benchmark
-    from ..benchmarks.export import export as write
+    from ..core.progress import ProgressBar
+    from ..core.text import counted
     from ..corruptions.stack import levels_of
-    from ..progress_bar import ProgressBar
-    from ..text import counted
+    from ..data.benchmarks import BENCHMARKS, load_benchmark
+    from ..data.benchmarks.export import export as write
 
     if benchmark not in BENCHMARKS and Path(benchmark).exists():
         raise UsageError(
@@ -140,11 +140,11 @@ def export(
 
 
 def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
-    from ..atomic import make_folder, write_bytes
-    from ..errors import unknown_name
-    from ..records.load import load_any_run
+    from ..core.errors import unknown_name
+    from ..core.files import make_folder, write_bytes
     from ..report.exchange import EXCHANGE_FORMATS, exchange_files
-    from ..runs.rows_file import ROWS_FORMATS, rows_bytes
+    from ..run.records.pack import load_any_run
+    from ..run.run import ROWS_FORMATS, rows_bytes
 
     if format not in (*ROWS_FORMATS, *EXCHANGE_FORMATS):
         raise unknown_name("format of a run", format, (*ROWS_FORMATS, *EXCHANGE_FORMATS, "robustspring"))
@@ -171,16 +171,16 @@ def _export_submission(
     corruptions: list[str] | None,
     limit: int | None,
 ) -> None:
-    from ..analysis.results import AVERAGE
-    from ..analysis.results_file import results_csv
-    from ..analysis.robustspring import robustness_csv, robustness_means, robustspring_results
-    from ..atomic import write_bytes
-    from ..datasets.robustspring_condition import CORRUPTIONS, submitted
+    from ..core.files import write_bytes
+    from ..core.progress import ProgressBar
+    from ..data.datasets.robustspring import CORRUPTIONS, submitted
     from ..models import ModelSpec
-    from ..progress_bar import ProgressBar
-    from ..records.load import load_any_run
-    from ..runner.submission import Robustness, condition_pairs, model_of, write_submission
-    from ..runs.source import RunSource
+    from ..run.records.pack import load_any_run
+    from ..run.source import RunSource
+    from ..run.submission import Robustness, condition_pairs, model_of, write_submission
+    from ..stats.results import AVERAGE
+    from ..stats.results_file import results_csv
+    from ..stats.robustspring import robustness_csv, robustness_means, robustspring_results
 
     if data is None:
         raise UsageError(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from .options import (
     Attacks,
     Corruptions,
@@ -23,9 +23,9 @@ from .options import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from ..core.types import Frame, Sample, SceneDepth
     from ..corruptions import Corruption
     from ..report.gallery.pictures import GalleryCell
-    from ..sample import Frame, Sample, SceneDepth
 
 
 def gallery(
@@ -77,7 +77,7 @@ def gallery(
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
-    from ..severity import check_severity
+    from ..core.severity import check_severity
 
     if frames is not None and clip is not None:
         raise UsageError("--frames and --clip are both given; choose one")
@@ -98,7 +98,7 @@ def gallery(
     wanted = names(corruptions)
     if wanted is not None:
         from ..corruptions import IMAGE_PAIR, PAPER_ORDER, corruption_name
-        from ..corruptions.names import with_families
+        from ..corruptions.registry import with_families
 
         possible = IMAGE_PAIR if clip is None else PAPER_ORDER
         wanted = [corruption_name(name) for name in with_families(wanted, possible)]
@@ -132,11 +132,11 @@ def _write_pair_gallery(
     focal: float | None,
     still: bool,
 ) -> None:
-    from ..benchmarks.demo import DEMO_CLASSES
-    from ..datasets.still import still_scene
+    from ..core.severity import SEVERITIES
+    from ..data.benchmarks.demo import DEMO_CLASSES
+    from ..data.datasets.still import still_scene
     from ..report.gallery.page import gallery_slider, page_of
     from ..report.gallery.pictures import gallery as cells_of
-    from ..severity import SEVERITIES
 
     sample, what = _sample_of(frames)
     if still:
@@ -154,9 +154,9 @@ def _write_pair_gallery(
 
 def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
     """Return the pair and its name."""
-    from ..datasets import load_dataset
-    from ..images.io import read_image
-    from ..sample import Sample
+    from ..core.types import Sample
+    from ..data.datasets import load_dataset
+    from ..media.images import read_image
 
     if frames is None:
         return load_dataset("motorcycle", None).load("motorcycle"), "the motorcycle pair"
@@ -168,10 +168,10 @@ def _depth_of(
     frames: tuple[Path, Path] | None, sample: "Sample", corruptions: list[str], depth: Path | None, focal: float | None
 ) -> "SceneDepth | None":
     """Return the depth of the pair if a corruption needs it."""
-    from ..benchmarks import Benchmark
-    from ..benchmarks.registry import with_own_depth
-    from ..datasets import load_dataset
-    from ..runner.predict import frames_of
+    from ..data.benchmarks import Benchmark
+    from ..data.benchmarks.registry import with_own_depth
+    from ..data.datasets import load_dataset
+    from ..run.predict import frames_of
 
     dataset = load_dataset("motorcycle") if frames is None else frames_of(list(frames), {})
     pair = Benchmark("gallery", dataset, (sample.key,), tuple(corruptions))
@@ -182,9 +182,9 @@ def _depth_of(
 def _attacked(shown: _GalleryRequest, sample: "Sample", attacks: list[str], model: str) -> None:
     from functools import partial
 
-    from ..atomic import make_folder, write_bytes
     from ..attacks import attack, load_attack
     from ..attacks.api import with_controls
+    from ..core.files import make_folder, write_bytes
     from ..models import load_model
     from ..report.gallery.strip import draw_attacks
 
@@ -213,7 +213,7 @@ def _write_strip(
     corruptions: list[str],
     classes: "Mapping[str, type[Corruption]]",
 ) -> None:
-    from ..atomic import write_bytes
+    from ..core.files import write_bytes
     from ..corruptions import load_corruption
     from ..models import load_model
     from ..models.base import FlowModel
@@ -233,10 +233,10 @@ def _write_clip_gallery(
 ) -> None:
     from tempfile import TemporaryDirectory
 
-    from ..progress_bar import ProgressBar
-    from ..report.gallery.clip import SHOWN, ClipPart, chosen_corruptions, clip_cells
+    from ..core.progress import ProgressBar
+    from ..core.severity import SEVERITIES
     from ..report.gallery.page import gallery_slider, page_of
-    from ..severity import SEVERITIES
+    from ..report.gallery.pictures import SHOWN, ClipPart, chosen_corruptions, clip_cells
 
     chosen, remarks = chosen_corruptions(shown.corruptions, shown.scale)
     part = ClipPart(clip, start, stop, SHOWN if length is None else length)
@@ -268,8 +268,8 @@ def _write_clip_gallery(
 
 
 def _write(shown: _GalleryRequest, clean: "Frame", at: "Sequence[GalleryCell]", title: str, page: str) -> None:
-    from ..atomic import make_folder, write_bytes
-    from ..report.gallery.figure import draw_figure
+    from ..core.files import make_folder, write_bytes
+    from ..report.gallery.page import draw_figure
 
     make_folder(shown.output)
     title = f"{title}, severity {shown.severity}"

@@ -54,17 +54,17 @@ def leaderboard(
       robustflow leaderboard site --add runs/kitti-fc_mine_1a2b3c4d --supersede
       robustflow leaderboard site -o site
     """
-    from ..analysis.imported import read_imported
-    from ..analysis.results_file import read_results, results_csv
-    from ..atomic import make_folder, write_bytes
-    from ..errors import RobustFlowError, UsageError
-    from ..records.collection import add_records, collected, is_collection
-    from ..records.load import load_any_run
+    from ..core.errors import RobustFlowError, UsageError
+    from ..core.files import make_folder, write_bytes
+    from ..core.text import plain
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
-    from ..report.site.embedded import embedded_slider
-    from ..runs.example_list import FOLDER as EXAMPLES
-    from ..text import plain
+    from ..report.site.examples import embedded_slider
+    from ..run.example_cells import FOLDER as EXAMPLES
+    from ..run.records.collection import add_records, collected, is_collection
+    from ..run.records.pack import load_any_run
+    from ..stats.imported import read_imported
+    from ..stats.results_file import read_results, results_csv
 
     if add:
         if len(sources or []) != 1 or output not in (None, *(sources or [])):

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UsageError, unknown_name
-from ..severity import SEVERITIES
+from ..core.errors import UsageError, unknown_name
+from ..core.severity import SEVERITIES
 from . import complete
 from .complete import KINDS
 
@@ -61,12 +61,12 @@ def list_things(
 
 
 def _models() -> list[str]:
-    from ..benchmarks.setting import setting_of
+    from ..data.benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_in_ptlflow, is_installed, methods
     from ..models.provenance import DECLARED, Training, parse_training_sets, training_of_entry
     from ..models.ptlflow.pairs import BESIDES
-    from ..models.tiny.shipped import SHIPPED, shipped_weights
+    from ..models.tiny.model import SHIPPED, shipped_weights
 
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():
@@ -116,7 +116,7 @@ def _models() -> list[str]:
 
 def _published(search: str) -> list[str]:
     """Print the published checkpoints of models with `search` in their name, with their training data."""
-    from ..benchmarks.setting import setting_of
+    from ..data.benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, entries_of, methods
     from ..models.provenance import training_of_entry
@@ -147,7 +147,7 @@ def _aligned(lines: list[tuple[str, ...]]) -> list[str]:
 
 def _corruptions() -> list[str]:
     from ..corruptions import CORRUPTIONS, load_corruption
-    from ..psf.shipped import RMS_RADII
+    from ..corruptions.optics.psf_field import RMS_RADII
 
     lines = []
     for name in CORRUPTIONS.names():
@@ -177,8 +177,8 @@ def _attacks() -> list[str]:
 
 
 def _benchmarks() -> list[str]:
-    from ..benchmarks import BENCHMARKS, benchmark_facts
-    from ..datasets import DATASETS, dataset_facts
+    from ..data.benchmarks import BENCHMARKS, benchmark_facts
+    from ..data.datasets import DATASETS, dataset_facts
 
     lines = []
     for name in (*BENCHMARKS.names(), *(name for name in DATASETS.names() if dataset_facts(name).corruptions)):
@@ -190,7 +190,7 @@ def _benchmarks() -> list[str]:
 
 
 def _datasets() -> list[str]:
-    from ..datasets import DATASETS, dataset_facts
+    from ..data.datasets import DATASETS, dataset_facts
 
     lines = []
     for name in DATASETS.names():

@@ -15,11 +15,10 @@ import typer
 from typer.core import TyperCommand, TyperOption
 
 from .. import __version__
-from ..errors import RobustFlowError, UsageError, plain_warning
-from ..figure_style import ignore_local_settings
-from ..layout import user_path
-from ..safe_path import SAFE_PATH
-from ..text import is_utf8, plain
+from ..core.errors import RobustFlowError, UsageError, plain_warning
+from ..core.figure_style import ignore_local_settings
+from ..core.paths import SAFE_PATH, user_path
+from ..core.text import is_utf8, plain
 from .app import app as local_app
 from .check import check
 from .compare import compare

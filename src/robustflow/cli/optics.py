@@ -34,13 +34,12 @@ def design(
       robustflow optics design --severity 2
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
-    from ..lenses.design import SHIPPED_SEEDS, structure_line
-    from ..lenses.design import design as search_lens
-    from ..lenses.prescription import write_lens
-    from ..lenses.render import render_psfs
-    from ..lenses.shipped import lens_digest, ship_lens
-    from ..psf.shipped import manifest
-    from ..severity import check_severity
+    from ..core.severity import check_severity
+    from ..corruptions.optics.design import SHIPPED_SEEDS, lens_digest, ship_lens, structure_line
+    from ..corruptions.optics.design import design as search_lens
+    from ..corruptions.optics.lens import write_lens
+    from ..corruptions.optics.psf_field import manifest
+    from ..corruptions.optics.render import render_psfs
 
     chosen = SHIPPED_SEEDS[check_severity(severity) - 1] if seed is None else seed
     lens = search_lens(severity, chosen, report=typer.echo)
@@ -73,12 +72,12 @@ def show(
       robustflow optics show
       robustflow optics show --severity 4 --output figures
     """
-    from ..atomic import make_folder
-    from ..lenses.draw import contact_sheet, lens_figure, profile_figure, save_figure
-    from ..lenses.prescription import read_lens
-    from ..lenses.render import render_psfs
-    from ..lenses.shipped import shipped_lens
-    from ..psf.shipped import shipped_field
+    from ..core.files import make_folder
+    from ..corruptions.optics.design import shipped_lens
+    from ..corruptions.optics.draw import contact_sheet, lens_figure, profile_figure, save_figure
+    from ..corruptions.optics.lens import read_lens
+    from ..corruptions.optics.psf_field import shipped_field
+    from ..corruptions.optics.render import render_psfs
 
     if lens is not None:
         refuse_unused(context, {"severity"}, "with --lens")
@@ -119,12 +118,12 @@ def render(
 
     import numpy as np
 
-    from ..atomic import write_bytes
-    from ..errors import DataError, UsageError
-    from ..lenses.prescription import read_lens
-    from ..lenses.render import render_psfs
-    from ..lenses.shipped import shipped_lens
-    from ..psf.shipped import half_digest, halved, manifest
+    from ..core.errors import DataError, UsageError
+    from ..core.files import write_bytes
+    from ..corruptions.optics.design import shipped_lens
+    from ..corruptions.optics.lens import read_lens
+    from ..corruptions.optics.psf_field import half_digest, halved, manifest
+    from ..corruptions.optics.render import render_psfs
 
     if (lens is None) != (output is None):
         raise UsageError("give --lens and --output together: the prescription, and the file for its PSFs")
@@ -166,11 +165,10 @@ def calibrate(
       robustflow optics calibrate --seed 0 --output calibrated.json
       robustflow optics calibrate --data ~/frames --corruptions fog,contrast --output mine.json
     """
-    from ..atomic import write_json
+    from ..core.files import sealed, write_json
     from ..corruptions.calibration.search import calibratable, reference_pictures
     from ..corruptions.calibration.search import calibrate as measure
     from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped
-    from ..sealed import sealed
 
     def show(name: str, result: CalibratedCorruption) -> None:
         low, high = result.reachable

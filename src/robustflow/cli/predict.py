@@ -58,10 +58,10 @@ def predict(
       robustflow predict --model raft --checkpoint things frames/ -o flows --format png
       robustflow predict --model farneback clip.mp4 --video flow.mp4 --no-pictures
     """
-    from ..errors import UsageError
+    from ..core.errors import UsageError
+    from ..core.progress import ProgressBar
     from ..models import ModelSpec
-    from ..progress_bar import ProgressBar
-    from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
+    from ..run.predict import frames_of, predict_flows, write_pictures, write_video
 
     if video is None:
         refuse_unused(context, {"fps"} if pictures else {"fps", "radius"}, "without --video")

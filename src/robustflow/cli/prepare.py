@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import UsageError, unknown_name
-from ..text import counted
+from ..core.errors import UsageError, unknown_name
+from ..core.text import counted
 from .options import refuse_unused
 
 if TYPE_CHECKING:
-    from ..video.prepare_folder import PrepareAll
+    from ..data.video.prepare_folder import PrepareAll
 
 prepare = typer.Typer(
     help="Prepare a benchmark's data from recordings, or list the digests of a dataset.", no_args_is_help=True
@@ -76,10 +76,10 @@ def gopro_fc(
       robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
-    from ..progress_bar import ProgressBar
-    from ..video.disk import check_room, estimate_disk
-    from ..video.prepare import Preparation
-    from ..video.prepare_folder import find_sources, prepare_folder
+    from ..core.progress import ProgressBar
+    from ..data.video.disk import check_room, estimate_disk
+    from ..data.video.prepare import Preparation
+    from ..data.video.prepare_folder import find_sources, prepare_folder
 
     if interpolator == "flow":
         refuse_unused(context, {"checkpoint", "device"}, "with --interpolator flow")
@@ -118,9 +118,9 @@ def digests(
     Example:
       robustflow prepare digests --data ~/kitti
     """
-    from ..errors import DataError
-    from ..progress_bar import ProgressBar
-    from ..runs.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
+    from ..core.errors import DataError
+    from ..core.progress import ProgressBar
+    from ..run.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     if not data.is_dir():
         raise DataError(f"{data}: no such folder; give the folder of the dataset")
@@ -155,7 +155,7 @@ def _ray_preparation(engine: str, workers: int | None, address: str | None) -> "
         return None
     if workers is not None and workers < 1:
         raise UsageError(f"{workers} is not a valid number of workers: give 1 or more")
-    from ..runner.engines.ray_prepare import prepare_on_ray
+    from ..run.engines.ray_prepare import prepare_on_ray
 
     return partial(prepare_on_ray, workers=workers, address=address)
 

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import UsageError
-from ..text import plain
+from ..core.errors import UsageError
+from ..core.text import plain
 from . import complete
 from .options import Device, ModelOptions, Precision, model_options, refuse_unused
 
 if TYPE_CHECKING:
-    from ..profiling.counts import Counts
-    from ..profiling.measure import PredictionCost
+    from ..run.profile import Counts, PredictionCost
 
 
 def profile(
@@ -54,7 +53,7 @@ def profile(
       robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
     """
-    from ..extras import require
+    from ..core.plugins import require
 
     if paper:
         refuse_unused(context, set(context.params) - {"paper", "models"}, "with --paper")
@@ -82,15 +81,14 @@ def _print_model(
     iterations: int | None,
     into: Path | None,
 ) -> "tuple[Counts, PredictionCost | None]":
+    from ..core.types import parse_size
     from ..models import ModelSpec
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel
     from ..models.torch.find_checkpoint import RANDOM
-    from ..profiling.measure import measure_prediction
-    from ..profiling.network_of import count_prediction, network_of
-    from ..runs.costs import RunCost, check_profiled_model, write_cost
-    from ..runs.run import Run
-    from ..size import parse_size
+    from ..run.costs import RunCost, check_profiled_model, write_cost
+    from ..run.profile import count_prediction, measure_prediction, network_of
+    from ..run.run import Run
 
     run = None if into is None else Run(into)
     height, width = parse_size(size)
@@ -149,9 +147,9 @@ _LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
 
 
 def _print_paper() -> None:
-    from ..analysis.published.tables import published_costs
-    from ..profiling.paper import count_as_the_paper
-    from ..runs.costs import COUNTED_SIZE
+    from ..run.costs import COUNTED_SIZE
+    from ..run.profile_paper import count_as_the_paper
+    from ..stats.published.tables import published_costs
 
     groups = ("", "", "params", "(M)", "", "", "MACs", "(G)", "", "")
     typer.echo(_LINE.format(*groups).rstrip())

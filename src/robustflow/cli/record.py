@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from .options import (
     Checkpoint,
     DataOptions,
@@ -24,8 +24,8 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..models import ModelSpec
-    from ..records.read import Reader
-    from ..records.verify import Verification
+    from ..run.records.read import Reader
+    from ..run.records.verify import Verification
 
 app = typer.Typer(
     name="record",
@@ -64,9 +64,9 @@ def pack(
       robustflow record pack runs/kitti-fc_mine_1a2b3c4d
       robustflow record pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
-    from ..records.pack import pack as pack_run
-    from ..runs.run import Run
-    from ..text import plain
+    from ..core.text import plain
+    from ..run.records.pack import pack as pack_run
+    from ..run.run import Run
 
     path = pack_run(
         Run(run),
@@ -133,7 +133,7 @@ def verify(
     import json
 
     from ..models import ModelSpec
-    from ..records.verify import verify as verify_file
+    from ..run.records.verify import verify as verify_file
 
     if model is None and (checkpoint is not None or device is not None or option):
         raise UsageError("--checkpoint, --device and -O are model options: give the model with --model")
@@ -157,7 +157,7 @@ def verify(
 
 
 def _compare_exported(reader: "Reader", paths: list[Path]) -> str:
-    from ..report.exchange.check import check_exported
+    from ..report.exchange import check_exported
 
     return check_exported(reader, paths)
 
@@ -176,7 +176,7 @@ class _Rows:
         skipped because their frames depend on the model."""
         import polars as pl
 
-        from ..runner.recheck import recheck
+        from ..run.recheck import recheck
 
         return recheck(
             reader.plan.identity,
@@ -190,8 +190,8 @@ class _Rows:
 
 
 def _print(result: "Verification") -> None:
-    from ..records.verify import VERIFICATION_CHECKS
-    from ..text import plain
+    from ..core.text import plain
+    from ..run.records.verify import VERIFICATION_CHECKS
 
     container, *others = result.checks
     if container.status == "failed" and not any(check.status == "ok" for check in others):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import DataError, UsageError, unknown_name
+from ..core.errors import DataError, UsageError, unknown_name
 from . import complete
 from .options import (
     Data,
@@ -22,8 +22,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..runs.run import Run
-    from ..runs.source import RunSource
+    from ..run.run import Run
+    from ..run.source import RunSource
 
 PAGE = "page"
 _PRINTING = ("metric", "as_json")
@@ -108,14 +108,14 @@ def report(
       robustflow report RUN --examples --data /mnt/kitti
       robustflow report RUN --sample 000010_10 --corruption fog --severity 3 -o fog.png
     """
+    from ..core.plugins import is_target
     from ..models import ModelSpec
-    from ..records.load import load_any_run, with_runs_inside
     from ..report.assemble import ROW, figures_of, tables_of
     from ..report.render import FORMATS
     from ..report.render.latex import only_lines
-    from ..runs.run import Run
-    from ..runs.source import RunSource
-    from ..target import is_target
+    from ..run.records.pack import load_any_run, with_runs_inside
+    from ..run.run import Run
+    from ..run.source import RunSource
     from .tables import as_text, write_text
 
     if examples or sample is not None:
@@ -170,7 +170,7 @@ def report(
 
 
 def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> None:
-    from ..report.site.write import write_report
+    from ..report.site.page import write_report
     from .tables import as_json_text, print_result, print_results
 
     current = set()
@@ -193,11 +193,11 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 
 
 def _draw_examples(run: "Run", source: "RunSource") -> None:
-    from ..report.site.write import write_report
-    from ..runner.examples import write_examples
-    from ..runner.setup import restore_setup
-    from ..runs.example_list import FOLDER
-    from ..runs.store import RunFolder
+    from ..report.site.page import write_report
+    from ..run.example_cells import FOLDER
+    from ..run.examples import write_examples
+    from ..run.setup import restore_setup
+    from ..run.store import RunFolder
 
     setup, store = restore_setup(run, source), RunFolder(run.path)
     store.lock()
@@ -210,9 +210,9 @@ def _draw_examples(run: "Run", source: "RunSource") -> None:
 
 
 def _draw_sample(run: "Run", source: "RunSource", cell: tuple[str, str, int], output: Path | None) -> None:
-    from ..atomic import write_bytes
-    from ..runner.examples import draw_example
-    from ..runner.setup import restore_setup
+    from ..core.files import write_bytes
+    from ..run.examples import draw_example
+    from ..run.setup import restore_setup
 
     sample, corruption, severity = cell
     target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")

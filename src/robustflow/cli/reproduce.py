@@ -6,18 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from ..errors import UsageError
-from .audit import audit
-from .displacement import displacement
-from .experiment import experiment
-from .interrupt import stopped, terminate_as_on_ctrl_c
+from ..core.errors import UsageError
+from .complete import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
+from .paper import audit, displacement, experiment
 
 if TYPE_CHECKING:
     from ..api import Result
+    from ..paper.plan import Artefact, Missing, Runnable
     from ..report.table import Table
-    from ..reproduce.artefacts import Artefact
-    from ..reproduce.plan import Missing, Runnable
 
     Measured = tuple[Runnable, Result] | Missing
 
@@ -91,13 +88,19 @@ def table(
       robustflow reproduce tab2 --data ~/kitti --models dis,raft --random --limit 1 --corruptions fog,snow
       robustflow reproduce fig4 --data ~/kitti --checkpoints ~/ckpts --output reproduced
     """
-    from ..atomic import make_folder
+    from ..core.files import make_folder
+    from ..paper.plan import (
+        artefact_of,
+        choose,
+        contents,
+        data_hint,
+        paper_variants,
+        plan_table,
+        summary_sentence,
+        weights_in,
+    )
+    from ..paper.side_by_side import comparison_table, paper_alone
     from ..report.render import renderer
-    from ..reproduce.artefacts import artefact_of, contents, data_hint
-    from ..reproduce.plan import choose, plan_table, summary_sentence
-    from ..reproduce.side_by_side import comparison_table, paper_alone
-    from ..reproduce.variants import paper_variants
-    from ..reproduce.weights import weights_in
 
     renderer(format)
     if what is None:
@@ -132,7 +135,7 @@ def _check_part(artefact: "Artefact", data: Path, part: dict[str, Any]) -> None:
     """Raise if no variant could run on the data, or if the paper has no values to compare with."""
     from warnings import catch_warnings, simplefilter
 
-    from ..benchmarks import load_benchmark
+    from ..data.benchmarks import load_benchmark
 
     with catch_warnings():
         simplefilter("ignore")  # every run repeats them
@@ -151,8 +154,8 @@ def _measured(
     device: str | None,
     options: dict[str, Any],
 ) -> "list[Measured]":
-    from ..reproduce.measure import measure_variants
-    from ..runner.progress import TerminalProgress
+    from ..paper.measure import measure_variants
+    from ..run.progress import TerminalProgress
 
     terminate_as_on_ctrl_c()
     progress, measured = TerminalProgress(), []
@@ -168,9 +171,9 @@ def _measured(
 def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format: str) -> None:
     """Print the new values next to the published ones, then what was not run. Write everything to a file and, if a
     figure was requested, draw it."""
-    from ..atomic import write_bytes
-    from ..reproduce.plan import Missing, plan_table, summary_sentence
-    from ..reproduce.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
+    from ..core.files import write_bytes
+    from ..paper.plan import Missing, plan_table, summary_sentence
+    from ..paper.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
 
     missing = [each for each in measured if isinstance(each, Missing)]
     ran = [each for each in measured if not isinstance(each, Missing)]

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from . import complete
-from .interrupt import stopped, terminate_as_on_ctrl_c
+from .complete import stopped, terminate_as_on_ctrl_c
 from .options import (
     HOW,
     OUTPUT,
@@ -217,8 +217,8 @@ def run(
         spec.preflight()  # check before the imports below, which take seconds
     use_psf_dir(psf_dir)
     from ..api import Result, evaluate
-    from ..runner.progress import TerminalProgress
-    from ..text import file_name
+    from ..core.text import file_name
+    from ..run.progress import TerminalProgress
     from .tables import as_json_text, print_result, print_results
 
     results: list[Result] = []

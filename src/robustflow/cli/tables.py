@@ -13,29 +13,28 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from ..analysis.attacks import attack_scores
-from ..analysis.conclusion import conclusions, enough_to_compare
-from ..analysis.conditions import seed_groups, seeds_of
-from ..analysis.exclusion import exclusion_reasons
-from ..analysis.labels import METRIC_LABELS
-from ..analysis.model_result import ModelResult
-from ..analysis.run_results import estimate_of, run_results
-from ..analysis.still import PHANTOM, phantom_motion
-from ..analysis.uncoupled import UNCOUPLED, uncoupled
-from ..atomic import write_bytes
-from ..benchmarks.facts import sample_noun, truth_remark
-from ..errors import UsageError, unknown_name
+from ..core.errors import UsageError, unknown_name
+from ..core.files import write_bytes
+from ..core.text import counted, joined, plain
+from ..data.benchmarks.facts import sample_noun, truth_remark
 from ..metrics.summary import METRICS, Scores
 from ..report.attack_table import attack_table
 from ..report.confidence_table import confidence_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
-from ..report.run_tables import corruptions_table, runs_table, severities_table
 from ..report.table import Table, number_text
-from ..runs.cells import UNEVEN
-from ..runs.plan import left_out_sentence
-from ..runs.run import Run
-from ..text import counted, joined, plain
+from ..report.tables import corruptions_table, runs_table, severities_table
+from ..run.cells import UNEVEN
+from ..run.plan import left_out_sentence
+from ..run.run import Run
+from ..stats.attacks import attack_scores
+from ..stats.conclusion import conclusions, enough_to_compare
+from ..stats.conditions import seed_groups, seeds_of
+from ..stats.exclusion import PHANTOM, exclusion_reasons, phantom_motion
+from ..stats.model_result import ModelResult
+from ..stats.results import METRIC_LABELS
+from ..stats.run_results import estimate_of, run_results
+from ..stats.uncoupled import UNCOUPLED, uncoupled
 
 
 def as_json_text(results: Sequence[Run]) -> str:

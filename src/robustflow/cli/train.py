@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from . import complete
-from .interrupt import Interrupted, stopped
+from .complete import Interrupted, stopped
 from .options import Device, ModelOptions, keyword_options, names, refuse_unused
 
 
@@ -109,8 +109,8 @@ def train(
       robustflow train raft --recipe kitti --data kitti2015=~/kitti --init random --steps 100 --batch-size 2
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
-    from ..extras import require
-    from ..size import parse_size
+    from ..core.plugins import require
+    from ..core.types import parse_size
 
     if corrupt is None:
         refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
@@ -177,7 +177,6 @@ def train(
 
 def _corruptions(text: str | None) -> list[str]:
     """Return names of corruptions; a family expands to all of its corruptions that apply to image pairs."""
-    from ..corruptions.names import with_families
-    from ..corruptions.registry import IMAGE_PAIR
+    from ..corruptions.registry import IMAGE_PAIR, with_families
 
     return with_families(names(text) or [], IMAGE_PAIR)

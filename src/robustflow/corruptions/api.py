@@ -1,4 +1,7 @@
-"""Load corruptions by name and apply them to pairs and clips."""
+"""Reproduce the channel order of the published results: the reference code treats BGR frames as RGB. Convert images
+passed by the user as arrays or Pillow images. Load corruptions by name and apply them to pairs and clips.
+Identifiers of user files that affect the output of corruptions, as part of the identity of results.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +10,84 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Any, overload
 
-from ..errors import UsageError, unknown_name
-from ..random.rng import Rng, check_seed
-from ..sample import Frame, SceneDepth, check_frame
-from ..severity import check_severity
-from ..target import own_name
+import numpy as np
+from PIL import Image
+
+from ..core.errors import DataError, UsageError, unknown_name
+from ..core.plugins import own_name
+from ..core.rng import Rng, check_seed
+from ..core.severity import check_severity
+from ..core.types import Frame, SceneDepth, check_frame
 from .base import BGR, SCALES, Corruption
-from .channel_order import ChannelsReversed
-from .given_images import as_frame, to_input_type
 from .on_disk import refuse_on_disk
 from .own import OwnCorruption, own_among, own_corruption, register_custom
-from .registry import CORRUPTIONS
+from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_severities
-from .stack import Stack, is_stack, parse_stack, with_targets_registered
+from .stack import Stack, is_stack, parse_stack, split_stack, with_targets_registered
+
+
+class ChannelsReversed(Corruption):
+    """A corruption applied with red and blue swapped (variant "reference-bgr"); input and output frames are RGB.
+
+    >>> import numpy as np
+    >>> from robustflow.corruptions import load_corruption
+    >>> red = np.zeros((16, 16, 3), np.uint8)
+    >>> red[..., 0] = 200
+    >>> as_red, as_blue = (load_corruption("jpeg_compression", v).apply(red, 25, 0) for v in ("reference", BGR))
+    >>> as_red[0, 0].tolist() == as_blue[0, 0].tolist()
+    False
+    """
+
+    def __init__(self, inner: Corruption) -> None:
+        self.name = inner.name
+        self.family = inner.family
+        self.temporal = inner.temporal
+        self.truth = inner.truth
+        self.paper_severities = inner.paper_severities
+        super().__init__(inner.variant, inner.severities)
+        self.variant = BGR
+        self.needs_depth = inner.needs_depth
+        self._inner = inner
+
+    @property
+    def source(self) -> str:
+        """Return the inner corruption's source."""
+        return self._inner.source
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
+        """Return the inner corruption's state."""
+        return self._inner.draw(rng, severity, shape)
+
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
+        """Return the inner corruption's state."""
+        return self._inner.draw_with_depth(rng, severity, shape, depth)
+
+    def apply(self, frame: Frame, state: Any, index: int) -> Frame:
+        """Reverse the channels, corrupt the frame, and restore the channel order."""
+        corrupted = self._inner.apply(np.ascontiguousarray(frame[..., ::-1]), state, index)
+        return np.ascontiguousarray(corrupted[..., ::-1])
+
+
+_EIGHT_BITS = ("RGB", "L", "P", "1")
+
+
+def as_frame(image: Any) -> Frame:
+    """Convert an image to RGB uint8 (H, W, 3); arrays are returned unchanged and checked later.
+
+    >>> as_frame(Image.new("L", (4, 3), 7)).shape
+    (3, 4, 3)
+    """
+    if not isinstance(image, Image.Image):
+        return image
+    if image.mode not in _EIGHT_BITS or "transparency" in image.info:
+        raise DataError(f"an image has the mode {image.mode}: corruptions require 8-bit RGB; use image.convert('RGB')")
+    return np.asarray(image.convert("RGB"))
+
+
+def to_input_type(frame: Frame, given: Any) -> Any:
+    """Convert a corrupted frame to the type of the input, a Pillow image or an array."""
+    return Image.fromarray(frame) if isinstance(given, Image.Image) else frame
+
 
 STREAM_VERSION = 3
 """Version of the corruptions' output. It is part of every run's identity and is incremented when the output of any
@@ -244,3 +312,21 @@ def _applied(corruption: Corruption, frames: Iterable[Frame], head: Frame, state
                 "use pairs and a model with two input frames"
             )
         yield corruption.apply(frame, state, first + number)
+
+
+OWN_KEY = "corruptions"
+"""Key for custom corruptions and those from installed packages; its value maps each name to a hash of the source."""
+
+
+def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
+    """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are
+    used.
+    """
+    sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
+    parts = {part for name in names for part, _ in split_stack(name)}
+    own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
+    return {key: source for key, source in sources.items() if source} | ({OWN_KEY: own} if own else {})
+
+
+def _kinds_with_sources() -> list[type[Corruption]]:
+    return [kind for kind in map(CORRUPTIONS.get, SHIPPED) if kind.source_key]

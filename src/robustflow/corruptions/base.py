@@ -11,10 +11,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-from ..errors import DataError, UsageError
-from ..random.rng import Rng
-from ..sample import Frame, SceneDepth
-from ..severity import SEVERITIES, check_severity
+from ..core.errors import DataError, UsageError
+from ..core.rng import Rng
+from ..core.severity import SEVERITIES, check_severity
+from ..core.types import Frame, SceneDepth
 
 VARIANTS = ("default", "reference", "paper")
 """`default` follows docs/design/discrepancies.md, `reference` follows the reference code, and `paper` follows the

@@ -9,11 +9,11 @@ from importlib.resources.abc import Traversable
 
 import numpy as np
 
-from ..digest import quick_digest_of_bytes
-from ..errors import AssetError, first_line
-from ..random.rng import Rng
-from ..sample import Camera, DepthMap, Frame, SceneDepth
-from ..threads import one_opencv_thread
+from ..core.errors import AssetError, first_line
+from ..core.files import quick_digest_of_bytes
+from ..core.rng import Rng
+from ..core.threads import one_opencv_thread
+from ..core.types import Camera, DepthMap, Frame, SceneDepth
 from .api import corrupt
 from .registry import CLIP, SHIPPED
 

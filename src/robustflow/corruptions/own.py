@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import UsageError
-from ..random.rng import Rng
-from ..sample import TRUTHS, Frame, SceneDepth, described_array
-from ..severity import SEVERITIES
-from ..source_digest import source_digest
-from ..target import called, checked_name, described, own_name
+from ..core.errors import UsageError
+from ..core.plugins import called, checked_name, described, own_name
+from ..core.rng import Rng
+from ..core.severity import SEVERITIES
+from ..core.source_digest import source_digest
+from ..core.types import TRUTHS, Frame, SceneDepth, described_array
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
 from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED

@@ -15,12 +15,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from ..digest import digest_of_bytes
-from ..errors import DataError, UsageError, first_misfit
-from ..layout import user_path
-from ..sealed import unsealed
-from ..severity import SEVERITIES
-from ..validated import FrozenFinite
+from ..core.errors import DataError, UsageError, first_misfit
+from ..core.files import digest_of_bytes, unsealed
+from ..core.paths import user_path
+from ..core.severity import SEVERITIES
+from ..core.validated import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
 """Environment variable that specifies a table to use instead of the shipped table."""

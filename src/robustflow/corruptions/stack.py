@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..errors import UsageError
-from ..random.rng import Rng
-from ..sample import Frame, SceneDepth
-from ..severity import SEVERITIES, check_severity
-from ..target import import_target, is_target
+from ..core.errors import UsageError
+from ..core.plugins import import_target, is_target
+from ..core.rng import Rng
+from ..core.severity import SEVERITIES, check_severity
+from ..core.types import Frame, SceneDepth
 from .base import Corruption
 from .on_disk import refuse_on_disk
 from .own import is_known, own_corruption, register_custom

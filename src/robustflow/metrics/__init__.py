@@ -1,10 +1,9 @@
-"""Compute error sums from flows, and rows from these sums; `robustflow.runs.aggregate` computes means from the rows."""
+"""Compute error sums from flows, and rows from these sums; `robustflow.run.aggregate` computes means from the rows."""
 
 from .confidence import Sparsification, ause, confidence_correlation, error_at, forward_backward, sparsification
-from .error_maps import epe_map
+from .error_maps import cre, crer, epe_map
 from .of_arrays import epe, fl_all, rcre
 from .regions import REGIONS, Regions
-from .robustness import cre, crer
 from .rows import CLEAN, ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, measure, rows_frame
 from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary
 

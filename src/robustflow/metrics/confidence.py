@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DataError
-from ..sample import Flow, Mask
+from ..core.errors import DataError
+from ..core.types import Flow, Mask
 
 STEPS = 100
 """Number of steps of the sparsification curve."""

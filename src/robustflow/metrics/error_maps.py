@@ -1,4 +1,25 @@
-"""Compute end-point error maps (the Euclidean distance between two flow fields) and their sums.
+"""Compute outlier rates: Fl, the 1/3/5-px rates, and the weighted area under the inlier curve (WAUC). Compute the
+paper's robustness metrics CRE, CREr and RCRE (section "Robustness Metrics"). Compute end-point error maps (the
+Euclidean distance between two flow fields) and their sums.
+
+- Fl (KITTI 2015 development kit): error > 3 px and error > 5 % of the ground-truth flow magnitude.
+- n px: error > n px.
+- WAUC (VIPER, Richter et al. 2017; computed as in the Spring benchmark): with thresholds t_i = i / 20 px, i = 1..100,
+  and weights w_i = 1 - (i - 1) / 100,
+
+      WAUC = sum_i w_i * share(error <= t_i) / sum_i w_i
+
+  which is 1 for a perfect flow; the benchmarks report it in percent. If t_k is the smallest threshold that is not below
+  a pixel's error, the pixel contributes sum_{i>=k} w_i / sum_i w_i = (101 - k)(102 - k) / 10100. These contributions
+  are summed as integers.
+
+CRE and CREr are computed from the mean errors over an image, a corruption or the complete run:
+
+    CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
+    CREr      = CRE / EPE_clean                  relative robustness, dimensionless
+    RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels (`of_arrays.rcre`)
+
+CRE is negative if a corruption reduces the error, and RCRE >= |CRE| over the same pixels.
 
 All metrics follow the same pattern: a pure function computes *sums* over one image, a mean is sum / count, and averages
 over images are computed later from the sums (`aggregate`). All arithmetic on the float32 flows is done in float64; sums
@@ -13,9 +34,49 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import njit_late, types
-from ..errors import DataError
-from ..sample import Flow, Mask, described_array
+from ..core.compiled import njit, njit_late, types
+from ..core.errors import DataError
+from ..core.types import Flow, Mask, described_array
+
+FL_PIXELS = 3.0
+FL_SHARE = 0.05
+WAUC_STEPS = 100
+WAUC_PER_PIXEL = 20
+"""Number of WAUC thresholds per pixel of error; the largest threshold is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
+WAUC_UNIT = WAUC_STEPS * (WAUC_STEPS + 1)
+"""The WAUC of a pixel without error, in units of 1 / `WAUC_UNIT`."""
+
+
+@njit(inline="always", cache=True)
+def is_fl_outlier(error: Any, magnitude: Any) -> Any:
+    """Return whether one pixel is an outlier by the Fl criterion; for use inside compiled loops."""
+    return error > FL_PIXELS and error > FL_SHARE * magnitude
+
+
+@njit(inline="always", cache=True)
+def wauc_points(error: Any) -> Any:
+    """Return the WAUC of one pixel, in units of 1 / `WAUC_UNIT`."""
+    if error > WAUC_STEPS / WAUC_PER_PIXEL:
+        return 0
+    k = max(1, math.ceil(error * WAUC_PER_PIXEL))
+    # For an error just above a threshold, the product may be rounded down to the threshold.
+    if error > k / WAUC_PER_PIXEL:
+        k += 1
+    return (WAUC_STEPS + 1 - k) * (WAUC_STEPS + 2 - k)
+
+
+def cre(epe: float | None, epe_clean: float | None) -> float | None:
+    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None."""
+    return None if epe is None or epe_clean is None else epe - epe_clean
+
+
+def crer(cre: float | None, epe_clean: float | None) -> float | None:
+    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is exactly 0."""
+    if cre is None or not epe_clean:
+        return None
+    ratio = cre / epe_clean
+    return ratio if math.isfinite(ratio) else None
+
 
 Errors = npt.NDArray[np.float64]
 """A map of errors or flow magnitudes, float64 (H, W), in pixels; NaN where undefined."""

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DataError
-from ..sample import Flow, Mask, unmasked
-from .error_maps import epe_map, error_sum, magnitude_map
-from .outliers import FL_PIXELS, FL_SHARE
+from ..core.errors import DataError
+from ..core.types import Flow, Mask, unmasked
+from .error_maps import FL_PIXELS, FL_SHARE, epe_map, error_sum, magnitude_map
 
 
 def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:

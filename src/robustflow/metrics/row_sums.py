@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import njit_late, types
-from ..sample import Flow
-from .error_maps import ERRORS_TYPE, FLOW_TYPE, dense, flow_array, flow_pair
-from .outliers import WAUC_UNIT, is_fl_outlier, wauc_points
+from ..core.compiled import njit_late, types
+from ..core.types import Flow
+from .error_maps import ERRORS_TYPE, FLOW_TYPE, WAUC_UNIT, dense, flow_array, flow_pair, is_fl_outlier, wauc_points
 from .regions import LABELS, LABELS_TYPE, MEMBERS, OUTSIDE, Regions
 
 _COUNTS = ("n_invalid", "n_all", "n_valid", "fl_count", "px1_count", "px3_count", "px5_count")

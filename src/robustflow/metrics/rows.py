@@ -46,8 +46,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..errors import DataError
-from ..sample import Flow, Sample
+from ..core.errors import DataError
+from ..core.types import Flow, Sample
 from .error_maps import flow_array
 from .photometric import photometric
 from .regions import REGIONS, Regions

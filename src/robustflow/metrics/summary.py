@@ -6,8 +6,8 @@ from typing import Literal
 
 import polars as pl
 
-from ..errors import unknown_name
-from ..validated import FrozenFinite
+from ..core.errors import unknown_name
+from ..core.validated import FrozenFinite
 from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from .base import ClipModel, Differentiable, FlowLookup, FlowModel
-from .construct import FunctionModel
-from .loading import ModelSpec, list_models, load_model
+from .loading import FunctionModel, ModelSpec, list_models, load_model
 from .registry import MODELS
 from .window import Window
 

@@ -10,10 +10,10 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from ..errors import ModelError, RobustFlowError, first_line
-from ..sample import Flow, Frame, unmasked
-from ..target import working_folder_kept
-from .traceback_hint import traceback_hint
+from ..core.errors import ModelError, RobustFlowError, first_line
+from ..core.plugins import working_folder_kept
+from ..core.types import Flow, Frame, unmasked
+from .devices import traceback_hint
 from .window import Window
 
 

@@ -13,8 +13,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ModelError, UsageError, unknown_name
-from ..sample import Flow, Frame
+from ..core.errors import ModelError, UsageError, unknown_name
+from ..core.types import Flow, Frame
 from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
 
 FORWARD_BACKWARD, OF_MODEL = "forward-backward", "model"

@@ -1,25 +1,138 @@
-"""Load a model by name, by `module.path:Attribute`, from the file of an exported network, or from a folder of flow
-files.
+"""Convert an object to a model: instantiate a class with its options, or wrap a function or a PyTorch module.
+Reject invalid models by their name and options before any heavy library is imported. Load a model by name, by
+`module.path:Attribute`, from the file of an exported network, or from a folder of flow files. Find the
+accelerators on which a model runs, from its attribute `device`: a string or a `torch.device`.
 """
 
 from __future__ import annotations
 
 import inspect
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..digest import digest_of_bytes
-from ..errors import UsageError, unknown_name
-from ..layout import user_path
-from ..target import accepts, check_options, import_target, parameters_of, source_of_target
+from ..core.errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..core.files import digest_of_bytes
+from ..core.paths import user_path
+from ..core.plugins import (
+    accepts,
+    check_options,
+    import_target,
+    parameters_of,
+    require,
+    source_of_target,
+    working_folder_kept,
+)
+from ..core.types import Flow, Frame
 from .base import AnyModel, model_identity
-from .catalog import PTLFLOW, is_in_ptlflow, methods
-from .construct import as_model, construct, is_module, takes_two_frames
-from .preflight import preflight
+from .catalog import PTLFLOW, is_in_ptlflow, methods, published_names
+from .model_file import require_file
+from .networks.table import NETWORKS
 from .provenance import DECLARED
+from .ptlflow.pairs import BESIDES
 from .registry import EXPORTED, MODELS, TORCHSCRIPT
 from .tiling import tiled
+from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
+
+_NOT_FOR_ALL = {
+    "device": "runs on the CPU only",
+    "precision": "does not have a selectable precision",
+    "checkpoint": "has no weights to load",
+}
+"""Command-line options for all models, and the reasons why some models do not support them."""
+
+
+class FunctionModel:
+    """A model that calls a plain function of two frames."""
+
+    def __init__(self, function: Callable[[Frame, Frame], Flow], identity: dict[str, Any] | None = None) -> None:
+        self._function = function
+        self._identity = identity or model_identity(function)
+
+    def identity(self) -> dict[str, Any]:
+        """Return the identity as for `FlowModel`; by default, the location of the function's definition."""
+        return self._identity
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """Predict a flow as in `FlowModel.predict`."""
+        return self._function(frame1, frame2)
+
+
+def as_model(candidate: Any, what: str) -> AnyModel:
+    """Return an object with `predict`, `predict_clip` or `lookup` unchanged, instantiate a class, or wrap a module or
+    function.
+    """
+    if inspect.isclass(candidate):
+        candidate = construct(candidate, candidate.__name__, {})
+    if isinstance(candidate, AnyModel):
+        return candidate
+    if is_module(candidate):
+        from .torch.user_model import TorchModel
+
+        return TorchModel(candidate)
+    if callable(candidate):
+        return FunctionModel(candidate)
+    raise ModelError(
+        f"{what} has neither a method predict(frame1, frame2) nor a window with predict_clip(frames, index), and it is "
+        "not callable; see the guide 'add your model'"
+    )
+
+
+def is_module(thing: Any) -> bool:
+    """Return whether an object is a PyTorch module, without importing PyTorch.
+
+    >>> is_module(print)
+    False
+    """
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(thing, torch.nn.Module)
+
+
+def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
+    """Call a model's class or factory with its options."""
+    for option in options:
+        if option in _NOT_FOR_ALL and name in MODELS.names() and not accepts(factory, option):
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")
+    check_options(factory, f"model '{name}'", options, "-O")
+    try:
+        with working_folder_kept():
+            return factory(**options)
+    except RobustFlowError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
+
+
+def takes_two_frames(function: Callable[..., Any]) -> bool:
+    """Return whether a callable predicts flow directly: a model, or a function with exactly two required arguments."""
+    if isinstance(function, AnyModel):
+        return True
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = parameters_of(function).values()
+    return len([p for p in parameters if p.default is p.empty and p.kind in positional]) == 2
+
+
+def preflight(name: str, options: Mapping[str, Any]) -> None:
+    """Raise an error if a model's file, library or checkpoint is missing."""
+    checkpoint, method = options.get("checkpoint"), methods().get(name)
+    if method is None:
+        if Path(name).suffix.lower() in EXPORTED:
+            require_file(user_path(name), "file; pass the path of the exported network")
+            require("onnxruntime", f"model '{name}'")
+        if not is_in_ptlflow(name):
+            return
+    library = "ptlflow" if method is None else method.source
+    source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(library)
+    if source is None:
+        return
+    names = published_names(name)
+    refuse_missing_file(name, checkpoint, names, source, strict=False)
+    require(library if library in SOURCES else "torch", f"model '{name}'")
+    if checkpoint is None and name not in BESIDES:
+        raise needs_checkpoint(name, names, source)
+
 
 TORCH_OPTIONS = (
     *("scaling", "order", "multiple", "layout", "output", "checkpoint", "sha256", "batched"),
@@ -190,3 +303,43 @@ def _as_torch_model(module: Any, name: str, options: dict[str, Any]) -> AnyModel
         if option not in TORCH_OPTIONS:
             raise unknown_name(f"option of model '{name}'", option, TORCH_OPTIONS)
     return TorchModel(module, **options)
+
+
+def device_of(model: Any) -> str:
+    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it does not declare one."""
+    device = getattr(model, "device", None)
+    if isinstance(device, str):
+        return device.strip() or "cpu"
+    return str(device) if isinstance(getattr(device, "type", None), str) else "cpu"
+
+
+def is_accelerator(device: str) -> bool:
+    """Return whether a device is not the CPU.
+
+    >>> is_accelerator("cuda:0"), is_accelerator("cpu")
+    (True, False)
+    """
+    return device.partition(":")[0] not in ("cpu", "auto", "meta")
+
+
+def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
+    """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU."""
+    listed = spec.devices() if spec is not None else ()
+    if len(listed) > 1:
+        if not all(is_accelerator(device) for device in listed):
+            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; pass cpu alone, with --workers")
+        return listed
+    own = device_of(model)
+    if not is_accelerator(own):
+        return ()
+    if spec is not None and ":" not in own and (listed or not spec.is_own):
+        return tuple(f"{own}:{number}" for number in range(_visible(own))) or (own,)
+    return (own,)
+
+
+def _visible(kind: str) -> int:
+    """Return the number of devices of one kind that PyTorch finds, or 0 if it cannot determine the number or the model
+    does not use PyTorch.
+    """
+    torch = sys.modules.get("torch")
+    return int(torch.cuda.device_count()) if torch is not None and kind == "cuda" else 0

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import ModelError, UsageError
+from ..core.errors import ModelError, UsageError
 
 _NO_MODEL = {
     rb"<[!?a-zA-Z]": "a web page: the download returned a login or error page instead of the file",

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..errors import UsageError
-from ..sample import Flow, Frame, described_array
+from ..core.errors import UsageError
+from ..core.types import Flow, Frame, described_array
 
 
 class PairNetwork(ABC):

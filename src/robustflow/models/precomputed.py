@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..digest import sha256_of_file
-from ..errors import ModelError
-from ..flowio import FLOW_SUFFIXES, read_flow
-from ..layout import user_path
-from ..sample import Flow
+from ..core.errors import ModelError
+from ..core.files import sha256_of_file
+from ..core.paths import user_path
+from ..core.types import Flow
+from ..media.flow import FLOW_SUFFIXES, read_flow
 
 
 class Precomputed:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..errors import UsageError, unknown_name
+from ..core.errors import UsageError, unknown_name
 from .catalog import CheckpointEntry, entries_of, methods
 from .torch.find_checkpoint import RANDOM
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..registry import Registry
+from ..core.plugins import Registry
 from .base import AnyModel
 from .networks.table import NETWORKS
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Sequence
 from typing import Any, Literal, cast
 
-from ..errors import ModelError, unknown_name
-from ..text import first_of
+from ..core.errors import ModelError, unknown_name
+from ..core.text import first_of
 
 Layout = Literal["pair", "stacked", "concatenated"]
 LAYOUTS = ("pair", "stacked", "concatenated")

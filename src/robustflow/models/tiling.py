@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import UsageError
-from ..sample import Flow, Frame
-from ..size import parse_size
+from ..core.errors import UsageError
+from ..core.types import Flow, Frame, parse_size
 from .base import AnyModel, ClipModel, FlowModel, checked_flow, model_identity
 from .pairs import check_pair
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, NamedTuple, get_args
 
-from ..errors import ModelError
+from ..core.errors import ModelError
 
 Ends = Literal["repeat", "short", "inside"]
 

@@ -1,26 +1,40 @@
-"""Tables that the paper does not have: means with intervals, effective robustness, error breakdown, observations."""
+"""Tables that the paper does not have: means with intervals, effective robustness, error breakdown, observations.
+Table that compares 2D corruptions with their 3D counterparts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from ..analysis.anatomy import error_parts, severity_slopes
-from ..analysis.conditions import SeedGroup
-from ..analysis.effective import effective_robustness
-from ..analysis.labels import SETTING_LABELS, long_label
-from ..analysis.model_result import ModelResult
-from ..analysis.observations import observations
-from ..analysis.published.tables import published_results
-from ..analysis.run_names import named_runs
-from ..analysis.uncertainty import intervals
-from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
-from ..analysis.uncertainty.sums import AVERAGE
-from .run_tables import MEANS
-from .table import Column, Line, Section, Table, differences_remark, full_note, interval_text, number_text, seed_line
-
-if TYPE_CHECKING:
-    from ..runs.run import Run
+from ..core.errors import RunError, UsageError
+from ..core.text import counted, plain
+from ..run.run import Run
+from ..stats.anatomy import error_parts, severity_slopes
+from ..stats.conditions import SeedGroup
+from ..stats.effective import effective_robustness
+from ..stats.flat_and_depth import TwinComparison, TwinErrors, twin_comparisons
+from ..stats.model_result import ModelResult
+from ..stats.observations import observations
+from ..stats.published.tables import published_results
+from ..stats.ranking import LEAST_MODELS
+from ..stats.results import METRIC_LABELS, SETTING_LABELS, long_label
+from ..stats.run_results import named_runs
+from ..stats.uncertainty import intervals
+from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
+from ..stats.uncertainty.sums import AVERAGE
+from .table import (
+    DASH,
+    Column,
+    Line,
+    Section,
+    Table,
+    differences_remark,
+    full_note,
+    interval_text,
+    number_text,
+    seed_line,
+)
+from .tables import MEANS
 
 
 def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
@@ -115,3 +129,52 @@ def _estimate(row: dict[str, float | None] | None) -> str:
         return "-"
     ends = None if row["low"] is None or row["high"] is None else (row["low"], row["high"])
     return f"{number_text(row['estimate'])} {interval_text(ends)}".rstrip()
+
+
+FLAT_AND_DEPTH = "flat-and-depth"
+
+
+def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
+    """Tabulate rank correlations over models, and each model's differences, between 2D corruptions and their 3D
+    counterparts.
+    """
+    try:
+        found = twin_comparisons(runs, seed)
+    except RunError as error:
+        raise UsageError(str(error)) from error
+    if not found:
+        raise UsageError(
+            f"the table '{FLAT_AND_DEPTH}' needs runs with a corruption and its 3D counterpart, for example "
+            "--corruptions fog,fog_3d"
+        )
+    label = METRIC_LABELS[found[0].metric]
+    columns = tuple(map(Column, ("flat (px)", "in depth (px)", "value", "95 % low", "95 % high")))
+    remarks = [
+        f"{label} under a 2D corruption and its 3D counterpart, on the same pairs and severities. Value: Spearman's "
+        "rank correlation over models with an interval by Fisher's z; for a single model, the difference 3D minus 2D "
+        "in px with an interval over pairs or groups of pairs. Correlations exclude models that are not ranked."
+    ]
+    if any(one.count < LEAST_MODELS for one in found):
+        remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
+    remarks += dict.fromkeys(one.remark for one in found if one.remark)
+    sections = [Section("Rank correlation over models", tuple(map(_correlation_line, found)))]
+    sections += [Section(_title(one), tuple(_model_line(model) for model in one.models)) for one in found]
+    title = "Do 2D corruptions predict 3D corruptions?"
+    return Table(FLAT_AND_DEPTH, title, columns, tuple(sections), tuple(remarks), "Corruptions, model")
+
+
+def _title(one: TwinComparison) -> str:
+    return f"{one.flat} and {one.deep}, severities {', '.join(map(str, one.severities))}"
+
+
+def _correlation_line(one: TwinComparison) -> Line:
+    low, high = one.interval or (None, None)
+    texts = [DASH if value is None else f"{value:+.2f}" for value in (one.rho, low, high)]
+    few = f"{counted(one.count, 'ranked model')}: too few for a correlation" if one.count < LEAST_MODELS else ""
+    return Line.of(f"{one.flat}, {one.deep} ({counted(one.count, 'model')})", (DASH, DASH, *texts), few)
+
+
+def _model_line(model: TwinErrors) -> Line:
+    difference = model.difference
+    values = (model.flat, model.deep, difference.estimate, difference.low, difference.high)
+    return Line.of(plain(model.model), tuple(number_text(value, 2) for value in values), model.excluded)

@@ -6,27 +6,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..analysis.conclusion import conclusions
-from ..analysis.conditions import seed_groups
-from ..analysis.displacements import displacements_of
-from ..analysis.labels import on_benchmark
-from ..analysis.model_result import ModelResult, by_frames, not_ranked, ranked
-from ..analysis.published.tables import PAPER, published_results
-from ..analysis.run_results import run_results
-from ..errors import UsageError, unknown_name
-from ..text import first_of, plain
-from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
+from ..core.errors import UsageError, unknown_name
+from ..core.text import first_of, plain
+from ..stats.anatomy import displacements_of
+from ..stats.conclusion import conclusions
+from ..stats.conditions import seed_groups
+from ..stats.model_result import ModelResult, by_frames, not_ranked, ranked
+from ..stats.published.tables import PAPER, published_results
+from ..stats.results import on_benchmark
+from ..stats.run_results import run_results
+from .analysis_tables import (
+    FLAT_AND_DEPTH,
+    anatomy_table,
+    depth_table,
+    effective_table,
+    means_table,
+    observations_table,
+)
 from .attack_table import ATTACK_TABLES, attack_tables
-from .depth_table import FLAT_AND_DEPTH, depth_table
-from .run_tables import runs_table
+from .confidence_table import uncoupled_table
 from .table import Table
-from .tables import TABLES, build_table
-from .uncoupled_table import uncoupled_table
+from .tables import TABLES, build_table, runs_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..runs.run import Run
+    from ..run.run import Run
 
 ROW = "row"
 ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES, FLAT_AND_DEPTH)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..analysis.attack_ranks import Prediction, predictions
-from ..analysis.attacks import AttackScore, attack_scores, budget_at_double
-from ..analysis.labels import METRIC_LABELS
-from ..analysis.ranking import LEAST_MODELS
-from ..analysis.run_names import named_runs
-from ..analysis.security_curves import CurvePoint, security_curves
 from ..attacks.result import EXPLAINED
-from ..errors import RunError, UsageError
-from ..runs.run import Run
-from ..text import counted, joined, plain
+from ..core.errors import RunError, UsageError
+from ..core.text import counted, joined, plain
+from ..run.run import Run
+from ..stats.attack_ranks import Prediction, predictions
+from ..stats.attacks import AttackScore, CurvePoint, attack_scores, budget_at_double, security_curves
+from ..stats.ranking import LEAST_MODELS
+from ..stats.results import METRIC_LABELS
+from ..stats.run_results import named_runs
 from .table import DASH, Column, Line, Section, Table, differences_remark, number_text
 
 _COLUMNS = (

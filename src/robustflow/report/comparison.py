@@ -8,19 +8,18 @@ from typing import Any
 
 import polars as pl
 
-from ..analysis.labels import METRIC_LABELS, long_label, mean_label, metric_label
-from ..analysis.model_result import not_ranked
-from ..analysis.run_names import named_runs
-from ..analysis.run_results import run_results
-from ..analysis.uncertainty import compare_rows
-from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
-from ..analysis.uncertainty.sentences import p_text
-from ..analysis.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
-from ..errors import UsageError, unknown_name
-from ..records.load import load_any_run
-from ..runs.comparable import common_to
-from ..runs.run import Run
-from ..text import plain
+from ..core.errors import UsageError, unknown_name
+from ..core.text import plain
+from ..run.comparable import common_to
+from ..run.records.pack import load_any_run
+from ..run.run import Run
+from ..stats.model_result import not_ranked
+from ..stats.results import METRIC_LABELS, long_label, mean_label, metric_label
+from ..stats.run_results import named_runs, run_results
+from ..stats.uncertainty import compare_rows
+from ..stats.uncertainty.bootstrap import LEVEL, RESAMPLES
+from ..stats.uncertainty.paired import p_text
+from ..stats.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
 from .render import render
 from .table import Column, Line, Section, Table, TableCell
 
@@ -36,7 +35,7 @@ class Comparison:
 
     Attributes:
         names: names of the two runs.
-        frame: all comparisons, with the columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
+        frame: all comparisons, with the columns of `robustflow.stats.uncertainty.paired.COMPARISON_SCHEMA`.
         remark: sentences about omitted data, differences between the runs, and reasons why a run is not ranked; may be
             empty.
     """

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..analysis.cost_ranks import counted_size, printed_cost_ranks, printed_costs
-from ..analysis.model_result import ModelResult
-from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER
-from ..errors import UsageError
-from ..runs.costs import COUNTED_SIZE, RunCost
+from ..core.errors import UsageError
+from ..run.costs import COUNTED_SIZE, RunCost
+from ..stats.cost_ranks import counted_size, printed_cost_ranks, printed_costs
+from ..stats.model_result import ModelResult
+from ..stats.published.tables import COUNTED_ITERATIONS, PAPER
 from .table import Column, Line, Section, Table, TableCell, full_note, number_text
 
 _COLUMNS = (

@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..analysis.best import Compared, best_of_columns
-from ..analysis.cost_ranks import printed_cost_ranks
-from ..analysis.labels import (
+from ..core.text import plain
+from ..corruptions.registry import MEMBERS
+from ..run.means import family_means
+from ..stats.best import Compared, best_of_columns
+from ..stats.cost_ranks import printed_cost_ranks
+from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
+from ..stats.published.tables import PAPER
+from ..stats.ranking import competition_ranks
+from ..stats.results import (
+    AVERAGE,
+    CLEAN,
     FAMILY_LABELS,
     METRIC_LABELS,
     SETTING_EXPLANATIONS,
@@ -17,13 +25,6 @@ from ..analysis.labels import (
     setting_words,
     short_label,
 )
-from ..analysis.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
-from ..analysis.published.tables import PAPER
-from ..analysis.ranking import competition_ranks
-from ..analysis.results import AVERAGE, CLEAN
-from ..corruptions.names import MEMBERS
-from ..runs.family_means import family_means
-from ..text import plain
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")

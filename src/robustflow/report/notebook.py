@@ -1,25 +1,64 @@
-"""Notebook output of a run: a small table and a figure, and additional figures by name."""
+"""Building blocks of safe HTML pages: escaping templates, embedded JSON data, and a content security policy.
+Notebook output of a run: a small table and a figure, and additional figures by name.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import warnings
 from base64 import b64encode
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
 
-from ..analysis.displacements import displacements_of
-from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..analysis.run_names import named_runs
-from ..analysis.run_results import comparison_note, run_results, run_setting
-from ..errors import UsageError, unknown_name
-from ..runs.comparable import common_to, differences
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+
+from ..core.errors import UsageError, unknown_name
+from ..run.comparable import common_to, differences
+from ..stats.anatomy import displacements_of
+from ..stats.results import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
+from ..stats.run_results import comparison_note, named_runs, run_results, run_setting
 from .render import render
 from .table import Column, Line, Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..runs.run import Run
+    from ..run.run import Run
+
+
+@cache
+def templates(package: str) -> Environment:
+    """Return the Jinja environment for a package's `templates` folder, with autoescaping on."""
+    return Environment(loader=PackageLoader(package), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def asset(package: str, name: str) -> str:
+    """Return the text of a file in a package's `assets` folder."""
+    return (files(package) / "assets" / name).read_text(encoding="utf-8")
+
+
+def json_block(value: Any) -> Markup:
+    """Serialise to JSON that is safe inside `<script type="application/json">`: no string in it can close the
+    element.
+    """
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
+
+
+def content_policy(script: str) -> str:
+    """Return a Content-Security-Policy that allows inline styles, embedded pictures, and this script by its hash."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return (
+        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; base-uri 'none'; "
+        "form-action 'none'"
+    )
 
 
 def result_html(run: Run) -> str:
@@ -54,7 +93,7 @@ def result_table(run: Run) -> Table:
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
     """Draw a figure of one or more runs."""
-    from ..analysis.uncertainty.sums import INTERVAL_METRICS
+    from ..stats.uncertainty.sums import INTERVAL_METRICS
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import polars as pl
 
-from ..analysis.labels import METRIC_LABELS, metric_label
-from ..text import plain
+from ..core.text import plain
+from ..stats.results import METRIC_LABELS, metric_label
 from .table import Column, Line, Section, Table, number_text
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from statistics import mean, stdev
 
-from ..analysis.conditions import SeedGroup
-from ..analysis.model_result import ModelResult, Value
-from ..runs.comparable import differences
-from ..runs.run import Run
+from ..run.comparable import differences
+from ..run.run import Run
+from ..stats.conditions import SeedGroup
+from ..stats.model_result import ModelResult, Value
 
 DASH = "-"
 """Text of a cell without a number."""

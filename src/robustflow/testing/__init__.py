@@ -8,14 +8,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .attacks import check_attack
-    from .corruptions import check_corruption
     from .datasets import TexturePairs, check_dataset
+    from .extensions import check_attack, check_corruption
     from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 _WHERE = {
-    "check_attack": "attacks",
-    "check_corruption": "corruptions",
+    **dict.fromkeys(("check_attack", "check_corruption"), "extensions"),
     **dict.fromkeys(("check_dataset", "TexturePairs"), "datasets"),
     **dict.fromkeys(
         ("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroClipFlow", "ZeroFlow"), "models"

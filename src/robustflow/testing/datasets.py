@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..datasets.facts import DatasetFacts
-from ..datasets.own import check_members, check_sample
-from ..datasets.samples import Samples
-from ..errors import RobustFlowError, UsageError
-from ..sample import Sample
-from .contract import require
+from ..core.errors import RobustFlowError, UsageError
+from ..core.types import Sample
+from ..data.datasets.base import DatasetFacts
+from ..data.datasets.own import check_members, check_sample
+from ..data.datasets.pairs import Samples
+from .extensions import require
 
 
 class TexturePairs(Samples):
@@ -93,13 +93,13 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     unknown key must raise an error.
 
     Args:
-        dataset: an object that implements `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.
+        dataset: an object that implements `robustflow.data.datasets.Dataset`; see docs/add-your-dataset.md.
         samples: number of samples to read, evenly spaced over the keys.
 
     Raises:
         UsageError: a check failed; the message states the problem.
 
-    >>> from robustflow.datasets import load_dataset
+    >>> from robustflow.data.datasets import load_dataset
     >>> check_dataset(load_dataset("motorcycle"))
     'motorcycle'
     """

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from ..attacks.ball import images_of
 from ..attacks.evaluation import Evaluation, evaluate
-from ..attacks.gradient_check import check_same_flow
-from ..attacks.images import images_of
-from ..errors import ModelError
-from ..metrics.flow_reading import misread
+from ..attacks.problem import check_same_flow
+from ..core.errors import ModelError
+from ..core.types import Flow, Frame, described_array
+from ..metrics.photometric import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..models.window import window_of
-from ..runner.named_model import name_model
-from ..runs.identity import checked_name
-from ..sample import Flow, Frame, described_array
+from ..run.identity import checked_name
+from ..run.named_model import name_model
 
 _SHAPES = ((128, 160), (121, 147))
 """An even frame size, and one that is not a multiple of any common stride."""

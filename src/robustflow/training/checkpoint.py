@@ -1,4 +1,5 @@
-"""Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also read.
+"""Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also
+read. Convert trained weights to a file for distribution with the package: `python -m robustflow.training.checkpoint`.
 
 `last.pth` contains weights, optimiser, loss scaling and the number of updates; it needs no random state, because every
 random draw is a function of the seed and the step. Files that contain only weights (`best.pth`, `update-N.pth`) contain
@@ -9,17 +10,18 @@ untrusted checkpoint.
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import torch
+from safetensors.torch import save
 from torch import Tensor
 
-from ..atomic import write_with
-from ..digest import quick_digest_of_bytes
-from ..errors import ModelError, RunError, first_line
+from ..core.errors import ModelError, RunError, first_line
+from ..core.files import quick_digest_of_bytes, write_bytes, write_with
 from ..models.torch.checkpoint import TRAINED_ON, read_content
 
 LAST = "last.pth"
@@ -139,3 +141,21 @@ def _content(weights: dict[str, Tensor], about: TrainingProgress, trained_on: st
         _ABOUT: json.dumps(vars(about), sort_keys=True),
     }
     return entries if trained_on is None else {**entries, TRAINED_ON: trained_on}
+
+
+def ship_weights(checkpoint: Path, target: Path, command: str, commit: str) -> None:
+    """Write weights as safetensors, with the settings that determine them."""
+    content, about = read_progress(checkpoint)
+    record = {
+        "made_by": command,
+        "commit": commit,
+        "updates": str(about.updates),
+        "training": json.dumps(about.identity, sort_keys=True),
+    }
+    write_bytes(target, save({key: value.contiguous() for key, value in content["model"].items()}, record))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 5:
+        sys.exit("usage: python -m robustflow.training.checkpoint CHECKPOINT TARGET.safetensors 'COMMAND' COMMIT")
+    ship_weights(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..random.rng import Rng, key_of
+from ..core.rng import Rng, key_of
 from .data.loader import Batch
 from .recipe import Recipe
 

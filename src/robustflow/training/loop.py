@@ -1,4 +1,5 @@
-"""The training loop: from the next update to the last, with checkpoints from which it can resume exactly.
+"""Write the log of a training run: one line of JSON per update, and TensorBoard files if TensorBoard is installed.
+The training loop: from the next update to the last, with checkpoints from which it can resume exactly.
 
 The loop uses plain PyTorch: the features of a training library (launching, precision, clipping) need only a few lines,
 while exact resuming requires control over the order of the data, the random numbers and the checkpoints.
@@ -6,26 +7,30 @@ while exact resuming requires control over the order of the data, the random num
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import torch
 from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
-from ..errors import ModelError, RobustFlowError
-from ..models.traceback_hint import traceback_hint
-from ..progress_bar import ProgressBar
-from ..random.rng import key_of
+from ..core.errors import DataError, ModelError, RobustFlowError
+from ..core.files import write_bytes
+from ..core.progress import ProgressBar
+from ..core.rng import key_of
+from ..models.devices import traceback_hint
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
 from .data.loader import Batch, Share, batches, workers_watched
 from .data.pairs import TrainingPairs
 from .draws import prepared
-from .log import MetricsLog
 from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
@@ -33,8 +38,65 @@ from .processes import Process
 from .recipe import Recipe
 from .request import Request
 from .schedules import rate_of
-from .unsupervised.objective import TrainingStep
+from .unsupervised.methods import TrainingStep
 from .validate import ValidationScores
+
+METRICS_FILE = "metrics.jsonl"
+_VALIDATION = '"validation_epe"'
+
+
+class MetricsLog:
+    """A context manager that appends to `metrics.jsonl`."""
+
+    def __init__(self, folder: Path, first: int, validates: bool = False) -> None:
+        self._path = folder / METRICS_FILE
+        if self._path.exists():
+            text = self._path.read_text(encoding="utf-8", errors="replace")  # a crash may leave any bytes
+            again = first - validates
+            lines = [line for line in text.splitlines() if _update(line) < (again if _VALIDATION in line else first)]
+            write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
+        try:
+            self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115  # closed by __exit__
+        except OSError as error:
+            raise DataError(f"cannot write {self._path}: {error.strerror}; choose a different --output") from error
+        self._board: Any = None
+        if find_spec("tensorboard") is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=first)
+
+    def __enter__(self) -> MetricsLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if self._board is not None:
+            self._board.close()
+
+    def write(self, update: int, values: dict[str, float]) -> None:
+        """Write one line for an update, or for a validation after it. Values that are NaN or infinite, such as the EPE
+        of pairs without valid pixels, are null, because JSON has no such numbers.
+        """
+        try:
+            numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
+            line = {"update": update} | numbers | {"update": update}  # a user's loss may return a value of this name
+            self._file.write(json.dumps(line, allow_nan=False) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise DataError(f"cannot write {self._path}: {error.strerror}; free up disk space and resume") from error
+        if self._board is not None:
+            for name, value in values.items():
+                self._board.add_scalar(name, value, update)
+
+
+def _update(line: str) -> float:
+    """Return the update number of a line; an incomplete line counts as the last one."""
+    try:
+        return int(json.loads(line)["update"])
+    except (ValueError, KeyError, TypeError):
+        return float("inf")
 
 
 @dataclass(frozen=True)
@@ -84,7 +146,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
             began = time.perf_counter()
             rate = rate_of(recipe, update)
             set_rate(state.optimizer, rate)
-            numbers = _update(called, state, stream, training, share, update)
+            numbers = _update_of_loop(called, state, stream, training, share, update)
             state.done = replace(state.done, updates=update + 1)
             numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
             if log is not None:
@@ -103,7 +165,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
                 _validate(training, state, log)
 
 
-def _update(
+def _update_of_loop(
     called: nn.Module, state: TrainingState, stream: Iterator[Batch], training: TrainingSetup, share: Share, update: int
 ) -> dict[str, float]:
     """Update the weights once, and return the values for the log."""

@@ -7,17 +7,13 @@ import math
 import torch
 from torch import Tensor, nn
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from .data.loader import Batch
-from .losses.matching import MATCHING_WEIGHT, matching_loss
-from .losses.sequence import end_point_error, sequence_loss
+from .losses.supervised import MATCHING_WEIGHT, end_point_error, matching_loss, sequence_loss
 from .networks import TrainedNetwork, mixed_precision
-from .objectives import ArflowObjective, BrightflowObjective, UpflowObjective
-from .recipe import Recipe
-from .unsupervised.arflow import Arflow
+from .recipe import ArflowObjective, BrightflowObjective, Recipe, UpflowObjective
 from .unsupervised.brightflow import Brightflow
-from .unsupervised.objective import LabelFree, TrainingStep
-from .unsupervised.upflow import Upflow
+from .unsupervised.methods import Arflow, LabelFree, TrainingStep, Upflow
 
 
 class NetworkWithLoss(nn.Module):

@@ -1,4 +1,7 @@
-"""Prepare the network of a method, from the registry that `run` uses, for training."""
+"""BatchNorm during training as in the original code: frozen, or computed over the part of a batch on one GPU.
+BrightFlow's brightness corrector, a network used only during training (Marsal et al., WACV 2023). Prepare the
+network of a method, from the registry that `run` uses, for training.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,12 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
-from ..errors import UsageError, first_line
+from ..core.errors import UsageError, first_line
 from ..models import load_model
+from ..models.networks.blocks.raft import convex_upsample, mask_layers
+from ..models.networks.residual_encoder import ResidualEncoder
 from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
@@ -19,11 +25,85 @@ from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
 from ..models.torch.network import weights_seeded
 from ..models.torch.user_model import ConventionWarning
-from .corrector import Corrector
 from .data.loader import Batch
-from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
-from .objectives import BrightflowObjective
-from .recipe import Recipe, is_own, takes_iterations
+from .recipe import BrightflowObjective, Recipe, is_own, takes_iterations
+
+_BATCHNORM = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm)
+_INSTANCENORM = (nn.InstanceNorm1d, nn.InstanceNorm2d, nn.InstanceNorm3d)
+
+
+def freeze_batchnorm(network: nn.Module) -> None:
+    """Make every BatchNorm use its running statistics without updating them, like RAFT's `freeze_bn`; scale and shift
+    are still trained. Call it again after each `network.train()`."""
+    for module in network.modules():
+        if isinstance(module, _BATCHNORM):
+            module.eval()
+
+
+def freeze_all_norms(network: nn.Module) -> None:
+    """Put every normalisation layer that has running statistics into evaluation mode (SAMFlow). Call it again after
+    each `network.train()`."""
+    for module in network.modules():
+        if isinstance(module, (*_BATCHNORM, *_INSTANCENORM)):
+            module.eval()
+
+
+def group_batchnorm(network: nn.Module, groups: int) -> None:
+    """Make every BatchNorm of a network work on `groups` equal parts of a batch, like `DataParallel` on `groups`
+    GPUs (see `GroupedBatchNorm2d`). A single group has no effect."""
+    if groups == 1:
+        return
+    replaced: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT registers the same norm under two names
+    for parent in list(network.modules()):
+        for name, child in list(parent.named_children()):
+            if isinstance(child, nn.BatchNorm2d):
+                setattr(parent, name, replaced.setdefault(child, GroupedBatchNorm2d(child, groups)))
+
+
+class GroupedBatchNorm2d(nn.BatchNorm2d):
+    """BatchNorm that normalises each of `groups` parts of a batch separately; only the first part updates the running
+    statistics.
+    """
+
+    def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:
+        super().__init__(norm.num_features, norm.eps, norm.momentum, norm.affine, norm.track_running_stats)
+        self.groups = groups
+        self.weight, self.bias = norm.weight, norm.bias
+        self.running_mean, self.running_var = norm.running_mean, norm.running_var
+        self.num_batches_tracked = norm.num_batches_tracked
+        self.train(norm.training)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Normalise the input; in training mode, each part separately."""
+        if not self.training:
+            return super().forward(inputs)
+        first, *others = inputs.chunk(self.groups)
+        normalised = [super().forward(first)]
+        normalised += [F.batch_norm(part, None, None, self.weight, self.bias, True, 0.0, self.eps) for part in others]
+        return torch.cat(normalised)
+
+
+_FEATURES = 128
+
+
+class Corrector(ResidualEncoder):
+    """Predict colour offsets for an image from the image, the second image warped to it by the flow, and a visibility
+    mask.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(_FEATURES, inputs=7)
+        self.offset_head = nn.ModuleDict(
+            {"conv1": nn.Conv2d(_FEATURES, 256, 3, padding=1), "conv2": nn.Conv2d(256, 3, 3, padding=1)}
+        )
+        self.mask = mask_layers()
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Return colour offsets (N, 3, H, W), -1..1 as fractions of the image's range."""
+        features = super().forward(image)
+        offsets = torch.tanh(self.offset_head["conv2"](torch.relu(self.offset_head["conv1"](features))))
+        return convex_upsample(offsets / 8, 0.25 * self.mask(features), 8)
+
 
 _NEEDED = {
     "sequence": ("predictions", "the flow of every iteration"),

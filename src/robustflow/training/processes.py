@@ -11,7 +11,7 @@ from datetime import timedelta
 import torch
 from torch import distributed
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from ..models.torch.model import find_device
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import UsageError
+from ..core.rng import check_seed
 from ..corruptions.stack import truth_under
-from ..corruptions.transforms.transform import CorruptionTransform
-from ..errors import UsageError
-from ..random.rng import check_seed
+from ..corruptions.transform import CorruptionTransform
 from .recipe import Recipe
 
 PAIRS_OF_VALIDATION = 20

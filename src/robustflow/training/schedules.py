@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..errors import UsageError
+from ..core.errors import UsageError
 from .recipe import Recipe
 
 _EXTRA_UPDATES = 100

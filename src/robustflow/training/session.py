@@ -10,18 +10,15 @@ from typing import Any
 import torch
 from filelock import FileLock, Timeout
 
-from ..atomic import make_folder, write_json
-from ..datasets import dataset_facts
-from ..digest import digest_of_bytes
-from ..errors import ModelError, RunError, UsageError, first_line
-from ..layout import user_path
-from ..links import refuse_links
+from ..core.errors import ModelError, RunError, UsageError, first_line
+from ..core.files import digest_of_bytes, make_folder, write_json
+from ..core.paths import refuse_links, user_path
+from ..core.progress import ProgressBar
+from ..data.datasets import dataset_facts
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.find_checkpoint import RANDOM
-from ..progress_bar import ProgressBar
 from .checkpoint import LAST, TrainingProgress, read_progress
-from .data.find import OpenPart, open_part
-from .data.order import Order
+from .data.find import OpenPart, Order, open_part
 from .data.pairs import TrainingPairs
 from .loop import TrainingSetup, TrainingState, train
 from .networks import TrainedNetwork, load_network

@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from ..errors import ModelError, UsageError
+from ..core.errors import ModelError, UsageError
+from ..core.text import counted
+from ..core.types import Flow, Frame
 from ..metrics.rows import CLEAN
 from ..models.base import FlowModel, model_identity
-from ..runner.compute_missing import compute_missing
-from ..runner.engines.serial import SERIAL
-from ..runner.progress import Silent
-from ..runner.setup import open_benchmark, set_up
-from ..runs.comparable import measured_cells, sample_set_of
-from ..runs.run import Run
-from ..runs.store import RunFolder
-from ..sample import Flow, Frame
-from ..text import counted
+from ..run.comparable import measured_cells, sample_set_of
+from ..run.compute_missing import compute_missing
+from ..run.engines.processes import SERIAL
+from ..run.progress import Silent
+from ..run.run import Run
+from ..run.setup import open_benchmark, set_up
+from ..run.store import RunFolder
 from .request import Validation
 
 

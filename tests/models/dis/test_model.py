@@ -13,8 +13,8 @@ from scipy.ndimage import gaussian_filter, shift
 from skimage import data
 
 from robustflow import load_model
-from robustflow.datasets import load_dataset
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
+from robustflow.data.datasets import load_dataset
 from robustflow.metrics import epe
 from robustflow.models.dis.model import OPERATING_POINTS
 
@@ -172,7 +172,7 @@ BYTES = """
 import hashlib
 import numpy as np
 from robustflow import load_model
-from robustflow.datasets.motorcycle import Motorcycle
+from robustflow.data.datasets.motorcycle import Motorcycle
 
 frames = [frame[100:221, 200:387] for frame in Motorcycle().load("motorcycle").frames]
 for point in (1, 2, 3, 4):

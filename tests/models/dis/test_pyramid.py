@@ -6,8 +6,15 @@ from numpy.polynomial.polynomial import polyder, polyval2d
 from scipy.ndimage import correlate1d, map_coordinates
 
 from robustflow.models.dis.model import OPERATING_POINTS
-from robustflow.models.dis.pyramid import enlarged, pyramid, slopes, with_border
-from robustflow.models.dis.spline import coefficients, mirrored_once, spline_weights
+from robustflow.models.dis.pyramid import (
+    coefficients,
+    enlarged,
+    mirrored_once,
+    pyramid,
+    slopes,
+    spline_weights,
+    with_border,
+)
 
 from .naive import cubic
 

@@ -7,7 +7,7 @@ from scipy.sparse import lil_matrix
 from scipy.sparse.linalg import spsolve
 
 from robustflow.models.dis import refine
-from robustflow.models.dis.motion_tensor import motion_tensors
+from robustflow.models.dis.refine import motion_tensors
 
 from .naive import cubic, flat
 

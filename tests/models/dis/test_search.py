@@ -4,8 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from robustflow.models.dis.model import densified
-from robustflow.models.dis.patches import grid
-from robustflow.models.dis.search import inverse_search
+from robustflow.models.dis.search import grid, inverse_search
 
 from .naive import descended, flat, linear, mismatch
 

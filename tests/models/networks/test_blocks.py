@@ -12,15 +12,24 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 from torch.nn.functional import conv2d
 
-from robustflow.models.networks.blocks.allpairs import CorrelationPyramid, all_pairs, pixel_grid, sample_window
-from robustflow.models.networks.blocks.attention import attend, linear_sine
-from robustflow.models.networks.blocks.context_attention import context_attention, gather
-from robustflow.models.networks.blocks.convex_upsample import convex_upsample
-from robustflow.models.networks.blocks.gru import SepConvGRU
-from robustflow.models.networks.blocks.local_correlation import local_correlation
+from robustflow.models.networks.blocks.attention import (
+    attend,
+    context_attention,
+    from_windows,
+    gather,
+    linear_sine,
+    to_windows,
+)
+from robustflow.models.networks.blocks.correlation import (
+    CorrelationPyramid,
+    all_pairs,
+    local_correlation,
+    pixel_grid,
+    sample_window,
+)
+from robustflow.models.networks.blocks.pwc import inside_mask, warp
+from robustflow.models.networks.blocks.raft import SepConvGRU, convex_upsample
 from robustflow.models.networks.blocks.twins import PatchEmbedding, Twins
-from robustflow.models.networks.blocks.warp import inside_mask, warp
-from robustflow.models.networks.blocks.windows import from_windows, to_windows
 
 pytestmark = pytest.mark.torch
 

@@ -8,7 +8,7 @@ import math
 
 import torch
 
-from robustflow.models.networks.diffusion import initial_noise, register_schedule, renoise
+from robustflow.models.networks.flowdiffuser import initial_noise, register_schedule, renoise
 
 pytestmark = pytest.mark.torch
 

@@ -8,7 +8,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.errors import ModelError
+from robustflow.core.errors import ModelError
 from robustflow.models.networks.blocks.attention import attend
 from robustflow.models.networks.pair_transformer import PairTransformer, WindowBlock
 from robustflow.models.networks.sam_vit import Attention, SamSize, SamVit

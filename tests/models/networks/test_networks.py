@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from robustflow import evaluate, load_model
-from robustflow.benchmarks import Benchmark
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.registry import MODELS

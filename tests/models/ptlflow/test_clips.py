@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import UsageError
+from robustflow.core.errors import UsageError
 from robustflow.models import ClipModel, FlowModel
 from robustflow.models.ptlflow.clips import CLIPS
 from robustflow.models.window import place_of_pair
@@ -149,7 +149,7 @@ def test_clip_models_that_accept_two_frames_equal_the_library(library, name):
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["videoflow_mof", "streamflow"])
 def test_clip_models_that_need_more_frames_use_the_whole_short_sequence(library, name):
-    from robustflow.profiling.network_of import network_of
+    from robustflow.run.profile import network_of
 
     model = adapter(name)
     assert isinstance(model, ClipModel)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.models.ptlflow.options import constructor_options
+from robustflow.core.errors import UsageError
+from robustflow.models.ptlflow.pairs import constructor_options
 
 WIDTHS = (64, 96)
 

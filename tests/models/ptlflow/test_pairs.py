@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.confidence import ConfidentModel

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.datasets import load_dataset
-from robustflow.errors import UsageError
-from robustflow.models.tiny.shipped import SHIPPED, shipped_weights
+from robustflow.core.errors import UsageError
+from robustflow.data.datasets import load_dataset
+from robustflow.models.tiny.model import SHIPPED, shipped_weights
 from robustflow.testing import check_model
 
 from ...guide_blocks import DOCS

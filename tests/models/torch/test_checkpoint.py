@@ -21,7 +21,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 from safetensors.torch import save_file
 
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.torch.checkpoint import read_content
 
 from ...refusals import refused
@@ -158,7 +158,7 @@ EXHAUSTING = {
 }
 _READ = """
 import resource, sys
-from robustflow.errors import ModelError
+from robustflow.core.errors import ModelError
 from robustflow.models.torch.checkpoint import read_content
 from pathlib import Path
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

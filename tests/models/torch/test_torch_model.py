@@ -8,9 +8,9 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 
 from robustflow import evaluate
-from robustflow.errors import ModelError, RunError, UsageError
-from robustflow.models.execution import Execution
-from robustflow.models.input_convention import InputConvention
+from robustflow.core.errors import ModelError, RunError, UsageError
+from robustflow.models.conventions import InputConvention
+from robustflow.models.loading import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 
 from ..textures import textured_pair
 

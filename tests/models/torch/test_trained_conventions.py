@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 import robustflow as rf
-from robustflow.errors import ModelError
+from robustflow.core.errors import ModelError
 from robustflow.models.torch.shifted import shifted_pair
 from robustflow.models.torch.user_model import ConventionWarning
 

@@ -13,9 +13,9 @@ import torch
 from torch import nn
 
 import robustflow as rf
-from robustflow.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.models.construct import as_model
+from robustflow.models.loading import as_model
 from robustflow.models.torch.shifted import SHIFTS, shifted_pair
 from robustflow.models.torch.user_model import ConventionWarning
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from robustflow.runs.provenance import Provenance
-from robustflow.runs.run import Run
+from robustflow.run.identity import Provenance
+from robustflow.run.run import Run
 from tests.made_rows import change_manifest, made_run
 
 from ...analysis.simulated import Truth, rows_of

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 
 import polars as pl
 import pytest
 
-from robustflow.analysis.results_file import parse_results, results_csv
-from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
-from robustflow.errors import DataError, UsageError
+from robustflow.core.errors import DataError, UsageError
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
-from robustflow.runs.run import Run
-from robustflow.runs.staleness import CACHED_VALUES_FILE
+from robustflow.run.run import Run
+from robustflow.run.staleness import CACHED_VALUES_FILE
+from robustflow.stats.results_file import parse_results, results_csv
+from robustflow.stats.uncertainty import intervals
 from robustflow.testing import ConstantFlow
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
@@ -208,12 +209,13 @@ def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_pa
     for folder in folders:
         (folder / CACHED_VALUES_FILE).unlink(missing_ok=True)
     asked = []
+    intervals_module = sys.modules[intervals.__module__]
 
     def counted(rows, *, corruptions, families):
         asked.append(corruptions)
         return intervals(rows, corruptions=corruptions, families=families)
 
-    monkeypatch.setattr("robustflow.analysis.uncertainty.of_runs.intervals", counted)
+    monkeypatch.setattr(intervals_module, "intervals", counted)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 1)
     runs = [Run(folder) for folder in folders]
     whole_content(runs, published=False)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from robustflow.api import Result
-from robustflow.errors import DataError
+from robustflow.core.errors import DataError
 from robustflow.report.site.examples import run_examples
 
 

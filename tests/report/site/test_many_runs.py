@@ -4,17 +4,16 @@ import json
 
 import pytest
 
-from robustflow.analysis.run_results import run_results
-from robustflow.cache import CACHE_VARIABLE
+from robustflow.core.files import CACHE_VARIABLE, sealed
+from robustflow.core.severity import SEVERITIES
 from robustflow.corruptions.weather.frost import photograph
-from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
+from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.report.gallery.pictures import gallery
-from robustflow.report.site import embedded
+from robustflow.report.site import examples as embedded
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.examples import MOST_RUNS, examples_of
 from robustflow.report.site.figures import page_figures
-from robustflow.sealed import sealed
-from robustflow.severity import SEVERITIES
+from robustflow.stats.run_results import run_results
 
 
 def test_example_panels_are_drawn_for_at_most_twelve_runs(small_run):

@@ -11,11 +11,11 @@ from html import unescape
 
 import pytest
 
-from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results_file import parse_results
-from robustflow.report.embed import json_block
+from robustflow.report.notebook import json_block
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import render_site
+from robustflow.stats.published.tables import published_results
+from robustflow.stats.results_file import parse_results
 
 from ..elements import Elements
 from ..hostile import HOSTILE

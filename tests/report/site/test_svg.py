@@ -5,9 +5,9 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from robustflow.analysis.published.tables import published_results
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.site.svg import inline_svg
+from robustflow.stats.published.tables import published_results
 
 from ...analysis.simulated import Truth, rows_of
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
 from ..kernels.disk import convolve_disk
 

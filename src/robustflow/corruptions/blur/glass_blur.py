@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...random.rng import Rng, hash64
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.rng import Rng, hash64
+from ...core.types import Frame
 from ..base import Corruption
 from ..kernels.separable import FLOOR, gaussian_frame
 

@@ -1,22 +1,101 @@
-"""Simulate a low-quality lens, whose PSF varies from the image centre to the corners."""
+"""Read the reference code's PSF stacks from files provided by the user; each file is converted once. Simulate a
+low-quality lens, whose PSF varies from the image centre to the corners.
+
+The reference code has one `.pth` file per severity, with a float32 tensor (64, 3, 61, 61). The files are named after
+the lenses ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). The reference code correlates images with these arrays;
+for convolution, they are rotated by 180 degrees.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import math
 import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ...errors import UsageError
-from ...layout import user_path
-from ...psf.blur import blur
-from ...psf.psf_field import PsfField
-from ...psf.shipped import shipped_field
-from ...sample import Frame
+from ...core.errors import AssetError, DataError, UsageError
+from ...core.files import cache_folder, make_folder, sealed_bytes, unsealed_bytes, write_bytes
+from ...core.paths import user_path
+from ...core.pickle_scan import scan_torch_file
+from ...core.plugins import require
+from ...core.types import Frame
 from ..base import Corruption
-from .reference_stack import reference_field
+from ..optics.blur import blur
+from ..optics.psf_field import SHAPE, PsfField, shipped_field
+
+LARGEST = 16 * 2**20
+"""Maximum file size in bytes; the size of a stack is 2.9 million bytes."""
+
+
+def find_stack(folder: Path, rms: float) -> Path:
+    """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper)."""
+    if not folder.is_dir():
+        raise AssetError(
+            f"the PSF folder {folder} does not exist; specify the folder with the reference code's .pth files"
+        )
+    files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
+    if len(files) != 1:
+        raise AssetError(
+            f"{folder} contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
+            "specify the folder with the reference code's five PSF stacks"
+        )
+    return files[0]
+
+
+def reference_field(folder: str | Path, rms: float) -> PsfField:
+    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files."""
+    path = find_stack(Path(folder), rms)
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise DataError(f"{path} is not a PSF stack: it has {size} bytes instead of 2.9 million")
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read the PSF stack {path}: {error.strerror}") from error
+    source = hashlib.sha256(data).hexdigest()
+    cached = cache_folder("psf") / f"{source}.stack"
+    stack = _read_kept(cached, source)
+    if stack is None:
+        stack = _read_tensor(path, data)
+        make_folder(cached.parent)
+        write_bytes(cached, sealed_bytes(stack.tobytes(), source))
+    try:
+        return PsfField(stack[:, :, ::-1, ::-1])
+    except DataError as error:
+        raise DataError(f"{path}: {error}; use an unmodified .pth file") from error
+
+
+def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
+    """Return a converted stack from the cache, or None if it is missing or damaged."""
+    try:
+        with open(path, "rb") as file:
+            values = unsealed_bytes(file.read(LARGEST), source)
+    except OSError:
+        return None
+    if values is None or len(values) != 4 * math.prod(SHAPE):
+        return None
+    return np.frombuffer(values, np.float32).reshape(SHAPE)
+
+
+def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
+    require("torch", f"reading {path} for the first time")
+    import torch
+
+    try:
+        scan_torch_file(io.BytesIO(data))
+        tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises a different exception type for each kind of invalid file
+        raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
+    if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
+        raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
+    return np.asarray(tensor.numpy(), np.float32)
+
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
 """Environment variable for the folder with the reference code's PSF stacks, used if `psf_dir` is None."""
@@ -32,7 +111,7 @@ class PsfBlur(Corruption):
 
     The severity parameter is the RMS radius of the paper's lens in mm. The lenses are part of this package (`robustflow
     optics`) and designed to produce the same amount of blur as those in the paper, although their RMS radii are 4 to
-    8 % smaller (`robustflow.psf.shipped.RMS_RADII`); set `psf_dir` to load the paper's lenses from the reference code's
+    8 % smaller (`optics.psf_field.RMS_RADII`); set `psf_dir` to load the paper's lenses from the reference code's
     files. Both frames are blurred identically, nothing is random, and the PSFs are
     centred so that the blur does not shift the image.
 

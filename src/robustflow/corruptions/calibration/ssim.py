@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...errors import DataError
-from ...sample import Frame
-from ..kernels.borders import mirrored
+from ...core.compiled import inner, njit
+from ...core.errors import DataError
+from ...core.types import Frame
+from ..kernels.separable import mirrored
 
 RADIUS = 5
 SIGMA = 1.5

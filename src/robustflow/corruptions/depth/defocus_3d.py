@@ -1,4 +1,6 @@
-"""Depth-dependent defocus: a thin lens focused on the near or the far part of the scene."""
+"""Depth-dependent defocus: a thin lens focused on the near or the far part of the scene. Defocus with the focus on
+the near part of the scene. Defocus with the focus on the far part of the scene.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...random.rng import Rng
-from ...sample import DepthMap, Frame, SceneDepth
+from ...core.compiled import njit
+from ...core.rng import Rng
+from ...core.types import DepthMap, Frame, SceneDepth
 from ..base import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
@@ -99,3 +101,27 @@ def _sort(signed: Any, low: Any, scale: Any, last: Any, out: Any) -> None:
         source, target = signed[y], out[y]
         for x in range(source.size):
             target[x] = min(np.uint8(np.rint((source[x] - low) * scale)), last)
+
+
+class NearFocus(Defocus3d):
+    """Focuses both frames on the near part of the scene, which blurs the background."""
+
+    name = "near_focus"
+    family = "depth"
+    paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
+
+    def lens(self, radius: float, near: float, far: float) -> ThinLens:
+        """Return a lens focused at depth `near` that blurs depth `far` by `radius` pixels."""
+        return ThinLens(near, radius * far / (far - near) if far > near else 0.0, LARGEST * radius)
+
+
+class FarFocus(Defocus3d):
+    """Focuses both frames on the far part of the scene, so the blurred foreground spreads beyond its outlines."""
+
+    name = "far_focus"
+    family = "depth"
+    paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
+
+    def lens(self, radius: float, near: float, far: float) -> ThinLens:
+        """Return a lens focused at depth `far` that blurs depth `near` by `radius` pixels."""
+        return ThinLens(far, radius * near / (far - near) if far > near else 0.0, LARGEST * radius)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...random.rng import Rng
-from ...sample import Frame, SceneDepth
+from ...core.rng import Rng
+from ...core.types import Frame, SceneDepth
 from ..base import DepthCorruption
-from .transmission import Transmission, transmission, veiled
+from .scene import Transmission, transmission, veiled
 
 _CONTRAST = 3.912
 """-ln(0.02), because 2 % of an object's contrast remains at the visibility distance (Koschmieder)."""

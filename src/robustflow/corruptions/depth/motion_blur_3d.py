@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import inner, njit
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Camera, DepthMap, Frame, SceneDepth
+from ...core.compiled import contiguous, inner, njit
+from ...core.rng import Rng
+from ...core.types import Camera, DepthMap, Frame, SceneDepth
 from ..base import DepthCorruption
-from ..kernels.packed_colours import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
-from .camera_path import Motion, motion_of
+from ..kernels.values import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
+from .scene import Motion, motion_of
 
 _DRAWN = 0.03
 """For random camera motion: displacement of a point at the median depth, as a fraction of the image width.

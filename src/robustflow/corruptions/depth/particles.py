@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...errors import UsageError
-from ...random.normal import natural_log
-from ...random.rng import Rng, hash64
-from ...sample import Camera
-from .camera_path import FRAME_INTERVAL, STILL, Motion, motion_of, moved
+from ...core.compiled import inner, njit
+from ...core.errors import UsageError
+from ...core.rng import Rng, hash64, natural_log
+from ...core.types import Camera
+from .scene import FRAME_INTERVAL, STILL, Motion, motion_of, moved
 
 Points = npt.NDArray[np.float64]
 """Positions in metres or velocities in metres per second, float64 (n, 3)."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...sample import Frame
+from ...core.types import Frame
 from ..base import Corruption
-from ..kernels.rounding import to_bytes
+from ..kernels.values import to_bytes
 
 
 class Contrast(Corruption):

@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import njit
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import contiguous, njit
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
-from ..kernels.borders import mirrored_with_edge
-from ..kernels.smooth_field import SmoothField, field_row, smooth_field
+from ..kernels.fields import SmoothField, field_row, smooth_field
+from ..kernels.separable import mirrored_with_edge
 
 _BITS = 11
 """Fractional bits of positions; a weight is the product of two fractions, and weight times pixel is less than 2**31."""

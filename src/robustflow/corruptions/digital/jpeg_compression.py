@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...errors import RobustFlowError
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.errors import RobustFlowError
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
 
 

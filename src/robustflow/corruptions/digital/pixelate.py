@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...sample import Frame
+from ...core.types import Frame
 from ..base import Corruption
 from ..kernels.box_resize import pixelated
 

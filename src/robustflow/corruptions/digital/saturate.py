@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import njit
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.types import Frame
 from ..base import Corruption
 
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.types import Frame
 
 _HALF = 1 << 21
 

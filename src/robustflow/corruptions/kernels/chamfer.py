@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...core.compiled import njit
 
 _STRAIGHT, _DIAGONAL, _KNIGHT = 10_000, 14_000, 21_969
 

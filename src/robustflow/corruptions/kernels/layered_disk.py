@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...images.contiguous import contiguous
-from ...sample import Frame
-from .borders import mirrored
-from .disk_kernel import disk_parts
+from ...core.compiled import contiguous, inner, njit
+from ...core.types import Frame
+from .disk import disk_parts
+from .separable import mirrored
 
 _ROWS, _COLUMNS = 32, 128
 """Number of pixels processed at a time, chosen so that their running sums fit in the L2 cache."""

@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...sample import Frame
+from ...core.compiled import inner, njit
+from ...core.types import Frame
 
 
 class LineKernel(NamedTuple):

@@ -1,4 +1,5 @@
-"""Filter with a Gaussian in strict float32, with identical bytes on every machine.
+"""Extend an image beyond its border by mirroring, with or without repeating the edge pixel. Filter with a Gaussian
+in strict float32, with identical bytes on every machine.
 
 SciPy's filter processes entire images in float64. OpenCV's uint8 version uses 8-bit coefficients (errors of up to two
 grey levels), and the result of its float version depends on the processor. Here, every output row is filtered
@@ -15,9 +16,29 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...images.contiguous import contiguous
-from ...sample import Frame
+from ...core.compiled import contiguous, inner, njit
+from ...core.types import Frame
+
+
+@njit(cache=True, nogil=True)
+def mirrored(i: int, n: int) -> int:
+    """Mirror index `i` on an axis of length `n` at the end pixels, without repeating them."""
+    if n == 1:
+        return 0
+    i = i % (2 * n - 2)
+    return min(i, 2 * n - 2 - i)
+
+
+@inner
+def mirrored_with_edge(i: int, n: int) -> int:
+    """Mirror index `i` on an axis of length `n`, repeating the end pixels.
+
+    >>> [mirrored_with_edge(i, 3) for i in range(-3, 6)]
+    [2, 1, 0, 0, 1, 2, 2, 1, 0]
+    """
+    i = i % (2 * n)
+    return min(i, 2 * n - 1 - i)
+
 
 Plane = npt.NDArray[np.float32]
 """A channel, float32 (H, W)."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...random.rng import fill_bits
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.rng import fill_bits
+from ...core.types import Frame
 from ..kernels.alias import alias_table, height_bits, normal_cdf
 from .noise import BLOCK, Noise, work_arrays
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
-from ...random.rng import fill_bits
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.rng import fill_bits
+from ...core.types import Frame
 from .noise import BLOCK, Noise, work_arrays
 
 

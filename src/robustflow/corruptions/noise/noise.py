@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
 
 BLOCK = 256

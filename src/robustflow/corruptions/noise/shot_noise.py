@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...random.rng import fill_bits
-from ...sample import Frame
+from ...core.compiled import njit
+from ...core.rng import fill_bits
+from ...core.types import Frame
 from ..kernels.alias import alias_table, counts_from_cdf, height_bits, poisson_cdf
-from ..kernels.rounding import to_bytes
+from ..kernels.values import to_bytes
 from .noise import BLOCK, Noise, work_arrays
 
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...random.rng import Rng
+from ...core.rng import Rng
 
 Numbers = npt.NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...random.rng import fill_bits
+from ...core.compiled import njit
+from ...core.rng import fill_bits
 from ..kernels.alias import alias_table, counts_from_cdf, height_bits, poisson_cdf
-from ..kernels.normal_field import UNIT, quantiles
+from ..kernels.fields import UNIT, quantiles
 
 Light = npt.NDArray[np.float32]
 Raw = npt.NDArray[np.uint16]

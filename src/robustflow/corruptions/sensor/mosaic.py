@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import inner, njit
-from ...images.contiguous import contiguous
-from ...sample import Frame
-from ..kernels.borders import mirrored
+from ...core.compiled import contiguous, inner, njit
+from ...core.types import Frame
+from ..kernels.separable import mirrored
 from .camera import CameraColours, bytes_of_linear, linear_of_bytes
 from .exposure import BLACK, WHITE, Light, Raw, Sensor
 

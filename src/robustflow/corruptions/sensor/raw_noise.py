@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
 from .camera import CameraColours, draw_camera
 from .exposure import NOISELESS, Sensor, exposed, exposed_without_noise, sensor_at

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import contiguous, njit
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
-from ..kernels.plasma import plasma_corner
+from ..kernels.fields import plasma_corner
 
 FogMap = npt.NDArray[np.float32]
 """A fog map, float32 (H, W) in [0, 1]."""

@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...errors import AssetError
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import contiguous, njit
+from ...core.errors import AssetError
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
-from .frost_assets import TEXTURES, read_texture
+from .frost_photographs import TEXTURES, read_texture
 
 Texture = Callable[[int], Frame]
 """A function that returns texture 0 to 4 as RGB uint8 (H, W, 3)."""

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...random.rng import Rng
-from ...sample import Frame
-from ..kernels.plasma import plasma_corner
+from ...core.rng import Rng
+from ...core.types import Frame
+from ..kernels.fields import plasma_corner
 from .frost import Frost
 
 SHAPE = (500, 750)

@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import contiguous, njit
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
+from ..kernels.fields import UNIT, normal_field
 from ..kernels.line_motion import LineKernel, line_kernel, move_plane
-from ..kernels.normal_field import UNIT, normal_field
 
 
 class SnowState(NamedTuple):

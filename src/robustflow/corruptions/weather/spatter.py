@@ -8,13 +8,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
-from ...images.contiguous import contiguous
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import contiguous, njit
+from ...core.rng import Rng
+from ...core.types import Frame
 from ..base import Corruption
 from ..kernels.chamfer import chamfer_distance, mean_distance
-from ..kernels.normal_field import UNIT, normal_field
+from ..kernels.fields import UNIT, normal_field
 from ..kernels.separable import Plane, gaussian_plane
 
 WATER = (175.0, 238.0, 238.0)

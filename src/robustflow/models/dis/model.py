@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
-from ...errors import unknown_name
-from ...sample import Flow, Frame
+from ...core.compiled import njit
+from ...core.errors import unknown_name
+from ...core.types import Flow, Frame
 from ..pairs import check_pair
-from .patches import grid, in_search_area, search_area
 from .pyramid import Image, enlarged, pyramid
 from .refine import refined
-from .search import Displacements, inverse_search
+from .search import Displacements, grid, in_search_area, inverse_search, search_area
 
 _REACHED_BY_THE_PAPER = 5
 """The coarsest scale for frames 1024 px wide, at every operating point."""

@@ -6,10 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..torch.resize import resize_flow
-from .blocks.local_correlation import WINDOW, local_correlation
-from .blocks.pwc import ContextNetwork, FeaturePyramid, conv
-from .blocks.warp import warp
+from ..torch.fit import resize_flow
+from .blocks.correlation import WINDOW, local_correlation
+from .blocks.pwc import ContextNetwork, FeaturePyramid, conv, warp
 
 
 class ReducedDenseEstimator(nn.Module):

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from .blocks.allpairs import CorrelationPyramid, pixel_grid
-from .blocks.convex_upsample import convex_upsample, mask_layers
-from .blocks.gru import SepConvGRU
-from .blocks.raft_update import FlowHead, MotionEncoder
+from .blocks.correlation import CorrelationPyramid, pixel_grid
+from .blocks.raft import FlowHead, MotionEncoder, SepConvGRU, convex_upsample, mask_layers
 from .residual_encoder import ResidualEncoder
 
 LEVELS, RADIUS = 4, 4

@@ -1,21 +1,126 @@
-"""FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is then
-refined at 1/4 resolution.
+"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM,
+Song et al. 2021). The denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): a recurrent update conditioned
+on the noise level. FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow,
+which is then refined at 1/4 resolution.
 """
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .blocks.allpairs import CorrelationPyramid, pixel_grid
-from .blocks.convex_upsample import convex_upsample
+from ...core.rng import Rng
+from .blocks.correlation import CorrelationPyramid, pixel_grid
+from .blocks.raft import convex_upsample
 from .blocks.twins import Twins
-from .denoiser import Denoiser
-from .diffusion import SAMPLING_TIMES, initial_noise, register_schedule, renoise
 from .pair_transformer import PairTransformer
 from .sk_update import MaskHead, SkUpdate
 from .window_volume import WindowVolume
+
+STEPS = 1000
+
+
+def cosine_betas() -> Tensor:
+    """Return the noise variances, float64 (1000,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
+    time = torch.linspace(0, STEPS, STEPS + 1, dtype=torch.float64) / STEPS
+    signal = torch.cos((time + 0.008) / 1.008 * math.pi / 2) ** 2
+    return (1 - signal[1:] / signal[:-1]).clamp(0, 0.999)
+
+
+def register_schedule(module: nn.Module) -> None:
+    """Register the checkpoints' twelve float64 buffers on `module`; only `alphas_cumprod` is used for prediction."""
+    betas = cosine_betas()
+    signal = torch.cumprod(1 - betas, dim=0)
+    before = torch.cat((signal.new_ones(1), signal[:-1]))
+    variance = betas * (1 - before) / (1 - signal)
+    buffers = {
+        "betas": betas,
+        "alphas_cumprod": signal,
+        "alphas_cumprod_prev": before,
+        "sqrt_alphas_cumprod": signal.sqrt(),
+        "sqrt_one_minus_alphas_cumprod": (1 - signal).sqrt(),
+        "log_one_minus_alphas_cumprod": (1 - signal).log(),
+        "sqrt_recip_alphas_cumprod": (1 / signal).sqrt(),
+        "sqrt_recipm1_alphas_cumprod": (1 / signal - 1).sqrt(),
+        "posterior_variance": variance,
+        "posterior_log_variance_clipped": variance.clamp(min=1e-20).log(),
+        "posterior_mean_coef1": betas * before.sqrt() / (1 - signal),
+        "posterior_mean_coef2": (1 - before) * (1 - betas).sqrt() / (1 - signal),
+    }
+    for name, values in buffers.items():
+        module.register_buffer(name, values)
+
+
+SAMPLING_TIMES = (999, 749, 499, 249)
+"""The times at which the sampler denoises, from the noisiest to the cleanest."""
+
+
+def initial_noise(seed: int, height: int, width: int) -> Tensor:
+    """Return the sampler's initial noise: standard normal, float32 (1, 2, height, width), the same on every machine."""
+    values = Rng.of("flowdiffuser", seed, height, width).normals(2 * height * width)
+    return torch.from_numpy(values.astype(np.float32)).reshape(1, 2, height, width)
+
+
+def renoise(noisy: Tensor, clean: Tensor, kept: Tensor, kept_next: Tensor) -> Tensor:
+    """Return the sample at the next time, without adding noise (Song et al. 2021, equation 12, sigma 0)."""
+    noise = (noisy - kept.sqrt() * clean) / (1 - kept).sqrt()
+    return kept_next.sqrt() * clean + (1 - kept_next).sqrt() * noise
+
+
+def time_code(time: float, channels: int, like: Tensor) -> Tensor:
+    """Return the sinusoidal encoding of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
+    half = channels // 2
+    rates = torch.exp(torch.arange(half, device=like.device) * (-math.log(10000) / (half - 1)))
+    return torch.cat(((time * rates).sin(), (time * rates).cos()))[None].to(like.dtype)
+
+
+_CODE = 256
+
+
+class _TimedConv(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.gamma = nn.Parameter(torch.zeros(1))
+        self.conv1 = nn.Sequential(
+            nn.GroupNorm(4, 128), nn.GELU(), nn.Conv2d(128, 128, 3, padding=1), nn.GroupNorm(4, 128)
+        )
+        self.conv2 = nn.Sequential(nn.GELU(), nn.Conv2d(128, 128, 3, padding=1))
+
+    def forward(self, x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+        return self.gamma * self.conv2(self.conv1(x) * (scale + 1) + shift)
+
+
+class Denoiser(nn.Module):
+    """A layer that conditions an `SkUpdate` on time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv_ee = _TimedConv()
+        # Entry 0 in the checkpoints' numbering is the time encoding, which has no weights.
+        self.time_mlp = nn.Sequential(nn.Identity(), nn.Linear(_CODE, 512), nn.GELU(), nn.Linear(512, 512))
+        self.block_time_mlp = nn.Sequential(nn.SiLU(), nn.Linear(512, 256))
+
+    def forward(
+        self,
+        update: SkUpdate,
+        net: Tensor,
+        context: Tensor,
+        correlation: Tensor,
+        flow: Tensor,
+        attention: Tensor,
+        time: int,
+    ) -> Tensor:
+        """Return the new hidden state (N, 128, H, W)."""
+        code = self.block_time_mlp(self.time_mlp(time_code(time, _CODE, net)))
+        scale, shift = code[:, :, None, None].chunk(2, dim=1)
+        motion = update.encoder(flow, correlation)
+        gathered = self.conv_ee(update.aggregator(attention, motion), scale, shift)
+        return update(net, context, motion, gathered) * (scale + 1) + shift
+
 
 _ITERATIONS = 6
 _REACH = 0.1

@@ -8,8 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .blocks.attention import attend
-from .blocks.windows import from_windows, to_windows
+from .blocks.attention import attend, from_windows, to_windows
 
 _WIDTH, _WINDOW = 256, 8
 

@@ -13,9 +13,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...errors import ModelError
-from .blocks.attention import attend
-from .blocks.windows import from_windows, to_windows
+from ...core.errors import ModelError
+from .blocks.attention import attend, from_windows, to_windows
 
 _PATCH, _GRID, _WINDOW = 16, 64, 14
 

@@ -8,8 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from .blocks.twins import Twins
-from .cost_memory import MemoryEncoder
-from .memory_decoder import MemoryDecoder
+from .flowformer import MemoryDecoder, MemoryEncoder
 from .sam_adapter import ContextAdapter, FusionBlock
 from .sam_vit import VIT_B, VIT_H, SamVit
 from .tiny_vit import TinyVit

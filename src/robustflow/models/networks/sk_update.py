@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .blocks.context_attention import context_attention, gather
-from .blocks.convex_upsample import mask_layers
+from .blocks.attention import context_attention, gather
+from .blocks.raft import mask_layers
 
 
 def _widen(channels: int, outputs: int) -> nn.Sequential:

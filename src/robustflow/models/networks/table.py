@@ -13,12 +13,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...errors import UsageError
-from ...size import parse_size
+from ...core.errors import UsageError
+from ...core.types import parse_size
 from ..base import AnyModel
-from ..execution import Execution, with_execution
-from ..input_convention import InputConvention
-from ..option_checks import check_count, check_switch
+from ..conventions import InputConvention, check_count, check_switch
+from ..devices import Execution, with_execution
 from ..tiling import tiled
 from ..torch.network import network_model
 

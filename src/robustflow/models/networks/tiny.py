@@ -10,12 +10,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..tiny.plan import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
-from ..torch.resize import resize_flow
-from .blocks.convex_upsample import convex_upsample
-from .blocks.local_correlation import local_correlation
-from .blocks.pwc import FeaturePyramid, conv
-from .blocks.warp import warp
+from ..tiny.layers import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
+from ..torch.fit import resize_flow
+from .blocks.correlation import local_correlation
+from .blocks.pwc import FeaturePyramid, conv, warp
+from .blocks.raft import convex_upsample
 
 
 class Tiny(nn.Module):

@@ -13,14 +13,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ...errors import UsageError, unknown_name
-from ...extras import install_command
+from ...core.errors import UsageError, unknown_name
+from ...core.plugins import install_command
 from ..base import AnyModel
-from ..execution import Execution, with_execution
-from ..input_convention import InputConvention
-from ..tiny.model import NumpyTiny
-from ..tiny.plan import MULTIPLE
-from ..tiny.shipped import SHIPPED, shipped_weights
+from ..conventions import InputConvention
+from ..devices import Execution, with_execution
+from ..tiny.layers import MULTIPLE
+from ..tiny.model import SHIPPED, NumpyTiny, shipped_weights
 from ..torch.network import network_model
 
 RUNTIMES = ("auto", "torch", "numpy")

@@ -8,8 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .blocks.attention import attend
-from .blocks.windows import from_windows, to_windows
+from .blocks.attention import attend, from_windows, to_windows
 from .sam_vit import neck
 
 # Width, depth, heads and window of the three attention stages.

@@ -8,11 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ...errors import ModelError
-from ..torch.resize import resize, resize_flow
-from .blocks.local_correlation import WINDOW, local_correlation
-from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
-from .blocks.warp import inside_mask, leaves, warp
+from ...core.errors import ModelError
+from ..torch.fit import resize, resize_flow
+from .blocks.correlation import WINDOW, local_correlation
+from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv, inside_mask, leaves, warp
 
 
 @dataclass(frozen=True)

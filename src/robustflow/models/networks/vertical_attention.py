@@ -9,10 +9,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .blocks.allpairs import pixel_grid
-from .blocks.attention import attend, linear_sine
+from .blocks.attention import attend, from_windows, linear_sine, to_windows
+from .blocks.correlation import pixel_grid
 from .blocks.twins import mlp
-from .blocks.windows import from_windows, to_windows
 
 _WIDTH, _CONTEXT, _PROJECTED, _HEADS = 128, 256, 64, 8
 

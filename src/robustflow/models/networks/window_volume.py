@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from .blocks.allpairs import sample_window
+from .blocks.correlation import sample_window
 
 
 class WindowVolume:

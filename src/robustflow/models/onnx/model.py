@@ -12,14 +12,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from ...child import Child
-from ...errors import ModelError, RunError, UsageError
-from ...extras import require
-from ...layout import user_path
-from ...sample import Flow, Frame
-from ..input_convention import InputConvention, named_convention
+from ...core.errors import ModelError, RunError, UsageError
+from ...core.paths import user_path
+from ...core.plugins import require
+from ...core.processes import Child
+from ...core.types import Flow, Frame
+from ..conventions import MOST_THREADS, InputConvention, check_count, named_convention
 from ..model_file import require_file
-from ..option_checks import MOST_THREADS, check_count
 from ..pairs import PairNetwork
 
 _GIB = 2**30

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...digest import sha256_of_file
-from ...errors import ModelError, first_line, unknown_name
-from ...sample import Flow, Frame
-from ..input_convention import InputConvention, named_convention
+from ...core.errors import ModelError, first_line, unknown_name
+from ...core.files import sha256_of_file
+from ...core.types import Flow, Frame
+from ..conventions import InputConvention, named_convention
 from ..model_file import damaged, opened
 from ..pairs import PairNetwork
 from ..signature import (

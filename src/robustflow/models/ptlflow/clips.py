@@ -20,14 +20,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import UsageError
-from ..execution import Execution, with_execution
-from ..option_checks import check_count
+from ...core.errors import UsageError
+from ..conventions import check_count
+from ..devices import Execution, with_execution
 from ..window import Window
 from .pairs import ptlflow_model, ptlflow_network
 
 if TYPE_CHECKING:
-    from ..torch.clip_model import TorchClipModel
+    from ..torch.model import TorchClipModel
     from .clip_net import Reading
 
 
@@ -86,7 +86,7 @@ def ptlflow_clip_model(
         return PtlflowClipNet(model, clip.reading, clip.least, clip.twice)
 
     network = ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
-    from ..torch.clip_model import TorchClipModel, TorchStreamModel
+    from ..torch.model import TorchClipModel, TorchStreamModel
 
     return (TorchStreamModel if clip.streams else TorchClipModel)(network, window)
 

@@ -1,4 +1,6 @@
-"""The layers of the small network in NumPy and compiled loops. Maps are float32 (H, W, C)."""
+"""The layers of the small network in NumPy and compiled loops. Maps are float32 (H, W, C). Hyperparameters of the
+small network, shared by its two implementations.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ...compiled import njit
+from ...core.compiled import njit
 
 Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]
@@ -130,3 +132,20 @@ def enlarge(flow: Maps, mask: Maps, factor: int) -> Maps:
     fine = (around @ weights) / weights.sum(axis=2, keepdims=True)
     fine = fine.reshape(height, width, 2, factor, factor).transpose(0, 3, 1, 4, 2)
     return fine.reshape(height * factor, width * factor, 2)
+
+
+CHANNELS = (3, 16, 32, 48, 64, 80)
+"""Numbers of channels: of the image, then of the levels 1/2 to 1/32."""
+LEVELS = len(CHANNELS) - 1
+MULTIPLE = 2**LEVELS
+"""The input's height and width must be multiples of this number."""
+RADIUS = 3
+"""Radius of the correlation window, in pixels of a level."""
+REDUCED = 32
+"""Number of feature channels that each level passes to the decoder."""
+DECODER = ((80, 1), (64, 2), (48, 4), (32, 1))
+"""Number of channels and dilation of each convolution in the decoder."""
+FINEST = 4
+"""Finest resolution at which the flow is decoded: 1/4 of the frame's size."""
+EPSILON = 1e-6
+"""Constant added to the mean square of the features; the features are divided by the square root of the sum."""

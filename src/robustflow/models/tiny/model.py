@@ -1,17 +1,64 @@
-"""The small network as a model that runs without PyTorch."""
+"""Load the weights shipped in the package, and their metadata. The small network as a model that runs without
+PyTorch.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from safetensors import SafetensorError, safe_open
 
-from ...sample import Flow, Frame
+from ...core.errors import AssetError
+from ...core.types import Flow, Frame
 from ..pairs import check_pair
-from .layers import Maps, Weights, convolve, correlate, enlarge, normalised, resized, warp
-from .plan import DECODER, EPSILON, FINEST, LEVELS, MULTIPLE, RADIUS
-from .shipped import ShippedWeights
+from .layers import (
+    DECODER,
+    EPSILON,
+    FINEST,
+    LEVELS,
+    MULTIPLE,
+    RADIUS,
+    Maps,
+    Weights,
+    convolve,
+    correlate,
+    enlarge,
+    normalised,
+    resized,
+    warp,
+)
+
+SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
+"""Models trained without corruptions, with all families of corruptions except weather, and with all corruptions.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class ShippedWeights:
+    """The contents of a weight file."""
+
+    arrays: Mapping[str, Weights]
+    sha256: str
+    about: Mapping[str, str]
+    trained_on: str = "shapes"
+
+
+def shipped_weights(name: str) -> ShippedWeights:
+    """Return the weights of a model in `SHIPPED`."""
+    path = files(__package__).joinpath("weights", f"{name}.safetensors")
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        with safe_open(str(path), framework="numpy") as file:
+            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (it is not a mapping)
+            about = dict(file.metadata() or {})
+    except (OSError, SafetensorError) as error:
+        raise AssetError(f"{path}: missing or damaged ({error}); reinstall robustflow") from error
+    return ShippedWeights(arrays, digest, about)
 
 
 def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flow:
@@ -71,7 +118,7 @@ class NumpyTiny:
     """The small network in NumPy; satisfies `FlowModel`.
 
     >>> import numpy as np
-    >>> from robustflow.models.tiny.shipped import shipped_weights
+    >>> from robustflow.models.tiny.model import shipped_weights
     >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
     >>> NumpyTiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
     (40, 70, 2)

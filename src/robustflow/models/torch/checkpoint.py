@@ -11,9 +11,9 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from ...errors import ModelError
-from ...layout import user_path
-from ...pickle_scan import IGNORED, RefusedError, scan_torch_file
+from ...core.errors import ModelError
+from ...core.paths import user_path
+from ...core.pickle_scan import IGNORED, RefusedError, scan_torch_file
 from ..model_file import damaged, opened
 
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from ...errors import ModelError, first_line, unknown_name
-from ...layout import user_path
+from ...core.errors import ModelError, first_line, unknown_name
+from ...core.paths import user_path
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file from https://download.pytorch.org/models"}
 """Source of the published weights of library models, for messages."""

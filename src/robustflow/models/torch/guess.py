@@ -12,14 +12,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from ...errors import ModelError
-from ...metrics.flow_reading import Misread, Pair, Reading, misread
-from ...sample import Flow
-from ...text import first_of
-from ..input_convention import ORDERS, SCALINGS, named_convention
+from ...core.errors import ModelError
+from ...core.text import first_of
+from ...core.types import Flow
+from ...metrics.photometric import Misread, Pair, Reading, misread
+from ..conventions import ORDERS, SCALINGS, named_convention
 from .fit import fitted_images, unfitted_flow
+from .model import reproducible
 from .module_net import MODULE_LAYOUTS, ModuleNet, as_flow, chosen_output, outputs_of
-from .reproducible import reproducible
 from .shifted import SHIFTS, ShiftedPair, shifted_pair
 
 LAST_OUTPUT = -1

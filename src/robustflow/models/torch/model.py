@@ -1,10 +1,11 @@
-"""Use a PyTorch network as a flow model: the adapter handles the input images, the output flow, the device and the
-precision.
+"""Run a network reproducibly. Use a PyTorch network as a flow model: the adapter handles the input images, the
+output flow, the device and the precision. A multi-frame PyTorch network as a flow model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,43 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from ...errors import ModelError, RobustFlowError, UsageError, first_line
-from ...sample import Flow, Frame
-from ..execution import Execution
-from ..input_convention import InputConvention
+from ...core.errors import ModelError, RobustFlowError, UsageError, first_line
+from ...core.types import Flow, Frame
+from ..conventions import InputConvention
+from ..devices import Execution, traceback_hint
 from ..pairs import PairNetwork, check_pair
-from ..traceback_hint import traceback_hint
+from ..window import Window
 from .fit import fitted_images, fitted_values, unfitted_flow
-from .reproducible import reproducible
+
+# Since PyTorch 2.9, precision is set per backend; the older functions, needed before 2.9, cannot report these settings.
+_PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
+_MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
+_IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
+
+
+@contextmanager
+def reproducible(threads: int = 1) -> Iterator[None]:
+    """Run a block with true float32 (no TF32), deterministic algorithms and a fixed number of CPU threads, then restore
+    the previous settings.
+    """
+    before = torch.get_num_threads(), _matmul_precision(), [backend.fp32_precision for backend in _MATMULS]
+    torch.set_num_threads(threads)
+    torch.set_float32_matmul_precision("highest")
+    try:
+        with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False, **_IEEE):
+            yield
+    finally:
+        torch.set_num_threads(before[0])
+        torch.set_float32_matmul_precision(before[1])
+        for backend, precision in zip(_MATMULS, before[2], strict=True):
+            backend.fp32_precision = precision
+
+
+def _matmul_precision() -> str:
+    try:
+        return torch.get_float32_matmul_precision()
+    except RuntimeError:  # the precision was set per backend, and is restored in the same way
+        return "highest"
 
 
 class NetworkModel(PairNetwork):
@@ -139,3 +169,46 @@ def find_device(name: str) -> torch.device:
             f"torch cannot use a device '{name}' on this machine ({first_line(error)}); use cpu or auto"
         ) from None
     return device
+
+
+class TorchClipModel:
+    """A multi-frame network; satisfies `ClipModel`."""
+
+    def __init__(self, network: NetworkModel, window: Window) -> None:
+        self.window = window
+        self._network = network
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self._network.name
+
+    @property
+    def net(self) -> torch.nn.Module:
+        """The network."""
+        return self._network.net
+
+    @property
+    def device(self) -> torch.device:
+        """The network's device."""
+        return self._network.device
+
+    def identity(self) -> dict[str, Any]:
+        """Return the identity of the network. The window is only part of a run's identity if it is used."""
+        return self._network.identity()
+
+    def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
+        """Predict a flow as in `ClipModel.predict_clip`."""
+        for frame in frames:
+            check_pair(frames[0], frame)
+        if not 0 <= index < len(frames) - 1:
+            raise UsageError(f"{len(frames)} frames contain no pair at index {index}")
+        return self._network.run(*([frame] for frame in frames), index=index)[0]
+
+
+class TorchStreamModel(TorchClipModel):
+    """A multi-frame network that can also predict from two frames; also satisfies `FlowModel`."""
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """Predict a flow as in `FlowModel.predict`, treating the pair as the first of a sequence."""
+        return self.predict_clip((frame1, frame2), 0)

@@ -1,4 +1,6 @@
-"""Wrap a PyTorch module in the interface of the project's networks."""
+"""Wrap torchvision's RAFT in the interface of the project's networks. Wrap a PyTorch module in the interface of the
+project's networks.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,30 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ...errors import ModelError, RobustFlowError, UsageError
+from ...core.errors import ModelError, RobustFlowError, UsageError
+from ..devices import traceback_hint
 from ..signature import describe_arrays, flow_layout
-from ..traceback_hint import traceback_hint
 from .weights import is_plain, kind_of
+
+
+class TorchvisionRaft(nn.Module):
+    """torchvision's RAFT with its input transform; returns only the last flow."""
+
+    def __init__(self, model: Any, iterations: int) -> None:
+        super().__init__()
+        self.model = model
+        self.iterations = iterations
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """Predict the flow (N, 2, H, W) in pixels from RGB images (N, 3, H, W) in 0..255."""
+        return self.predictions(image1, image2)[-1]
+
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """Return the flow after every iteration, for the loss."""
+        first, second = ((image.contiguous() / 255 - 0.5) / 0.5 for image in (image1, image2))
+        flows: list[Tensor] = self.model(first, second, num_flow_updates=self.iterations)
+        return flows
+
 
 MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
 """Layouts of a module's input: two images (N, 3, H, W); one tensor (N, 6, H, W); one tensor (N, 2, 3, H, W); or the

@@ -8,10 +8,10 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import UsageError
-from ...extras import require
-from ..execution import Execution
-from ..input_convention import InputConvention
+from ...core.errors import UsageError
+from ...core.plugins import require
+from ..conventions import InputConvention
+from ..devices import Execution
 from .find_checkpoint import RANDOM, find_checkpoint, refuse_missing_file
 
 _SEED = ContextVar("seed of random weights", default=0)

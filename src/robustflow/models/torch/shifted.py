@@ -7,7 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ...sample import Flow, Frame
+from ...core.types import Flow, Frame
 
 SHIFTS = ((3, -2), (-4, 1), (2, 5), (-1, -4), (5, 3), (-5, -3), (4, -5), (-2, 4))
 """Shifts (u, v) in pixels, one per pair, in different directions."""

@@ -6,11 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...extras import require
+from ...core.plugins import require
 from ..catalog import published_names
-from ..execution import Execution, with_execution
-from ..input_convention import RAFT_SMALLEST, InputConvention
-from ..option_checks import check_count
+from ..conventions import RAFT_SMALLEST, InputConvention, check_count
+from ..devices import Execution, with_execution
 from .find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 from .network import network_model
 
@@ -40,7 +39,7 @@ def _raft(
     from torchvision.models import optical_flow
 
     def build() -> Any:
-        from .raft_net import TorchvisionRaft
+        from .module_net import TorchvisionRaft
 
         return TorchvisionRaft(getattr(optical_flow, name)(weights=None), iterations)
 

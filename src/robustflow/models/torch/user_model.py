@@ -13,11 +13,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
-from ...errors import ModelError, UsageError, unknown_name
-from ..execution import Execution
-from ..input_convention import ORDERS, SCALINGS, named_convention
-from ..option_checks import check_switch
-from ..traceback_hint import traceback_hint
+from ...core.errors import ModelError, UsageError, unknown_name
+from ..conventions import ORDERS, SCALINGS, check_switch, named_convention
+from ..devices import Execution, traceback_hint
 from .checkpoint import read_checkpoint
 from .guess import LAST_OUTPUT, Declared, infer_convention
 from .model import NetworkModel, find_device

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import torch
 from torch import Tensor, nn
 
-from ...errors import ModelError
+from ...core.errors import ModelError
 from .checkpoint import Checkpoint
 
 PREFIXES = ("module.", "_model.", "model.", "_orig_mod.")

@@ -7,18 +7,16 @@ from contextlib import suppress
 
 from matplotlib.figure import Figure
 
-from ...analysis.model_result import ModelResult, by_frames, ranked
-from ...analysis.published.tables import PAPER, of_paper
-from ...benchmarks import benchmark_facts
-from ...errors import UsageError
-from .clean_against_cre import clean_against_cre
+from ...core.errors import UsageError
+from ...data.benchmarks import benchmark_facts
+from ...stats.model_result import ModelResult, by_frames, ranked
+from ...stats.published.tables import PAPER, of_paper
+from .canvas import FILE_FORMATS, MarkedFigure, figure_bytes, write_figures
 from .crer_by_family import crer_by_family
+from .curves import severity_curves
 from .displacement_histogram import displacement_figure
-from .effective_trend import effective_trend
-from .files import FILE_FORMATS, figure_bytes, write_figures
-from .marks import MarkedFigure
 from .relations import relations
-from .severity_curves import severity_curves
+from .scatter import clean_against_cre, effective_trend
 from .styles import FigureStyles
 
 __all__ = [

@@ -1,23 +1,121 @@
-"""Shared helpers for the figures: creation without global state, comparable axes, and placement of names."""
+"""Write figures to files deterministically. Meaning of each mark in a figure, so that a page can label the mark and
+link it to its model. Shared helpers for the figures: creation without global state, comparable axes, and
+placement of names.
+"""
 
 from __future__ import annotations
 
+import io
 import textwrap
-from collections.abc import Iterable, Sequence
-from typing import Literal
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from ...analysis.uncertainty.of_runs import IntervalEnds
-from ...text import name_text
+from ...core.errors import unknown_name
+from ...core.figure_style import default_style
+from ...core.files import make_folder, write_bytes
+from ...core.text import name_text
+from ...stats.uncertainty.intervals import IntervalEnds
 from ..table import interval_text
-from .files import any_script
-from .marks import MarkedFigure
-from .styles import GRID
+from .styles import GRID, KeyEntry, legend_handles
+
+FILE_FORMATS = ("png", "svg", "pdf")
+
+
+@contextmanager
+def any_script() -> Iterator[None]:
+    """Suppress matplotlib's warning about missing glyphs where text is only measured, or rendered with the reader's
+    fonts."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
+        yield
+
+
+@default_style()
+def settle_layout(figure: Figure) -> None:
+    """Compute the layout of a figure without drawing it, and keep it: names placed afterwards do not move the panels,
+    and the bytes do not depend on how often the figure is drawn."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with any_script():
+            engine.execute(figure)
+        figure.set_layout_engine(None)  # the layout engine "none" would draw everything twice to measure it
+
+
+@default_style()
+def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
+    """Encode a figure as "png" (200 dpi), "svg" or "pdf"; equal figures give equal bytes."""
+    if format not in FILE_FORMATS:
+        raise unknown_name("figure format", format, FILE_FORMATS)
+    settle_layout(figure)
+    metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
+    out = io.BytesIO()
+    outlines = "none" if live_text else "path"
+    settings: Any = {"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}
+    with rc_context(settings), any_script() if live_text else nullcontext():
+        figure.savefig(out, format=format, dpi=200, metadata=metadata)
+    return out.getvalue()
+
+
+def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
+    """Write each figure in each format to FOLDER/<name>.<format>."""
+    make_folder(folder)
+    paths = []
+    for name, figure in figures.items():
+        for format in formats:
+            paths.append(folder / f"{name}.{format}")
+            write_bytes(paths[-1], figure_bytes(figure, format))
+    return paths
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point, bar or name in a figure."""
+
+    model: str
+    setting: str = ""
+    values: tuple[tuple[str, str], ...] = ()
+
+
+class MarkedFigure(Figure):
+    """A figure together with the meaning of its marks."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.marks: dict[str, tuple[Mark, ...]] = {}
+        self.caption = ""
+        self.key: tuple[KeyEntry, ...] = ()
+
+    def explain(self, key: Sequence[KeyEntry], legend: bool) -> None:
+        """Set the key and, if requested, draw it as a legend below the panels."""
+        self.key = tuple(key)
+        if legend and key:
+            columns = max(1, min(len(key), int(self.get_figwidth() // 1.6)))
+            self.legend(
+                handles=legend_handles(key), loc="outside lower center", ncols=columns, frameon=False, fontsize=8
+            )
+
+    def _repr_png_(self) -> bytes:
+        """Return the figure as a PNG for notebooks, regardless of the matplotlib backend."""
+        return figure_bytes(self, "png")
+
+    def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
+        """Record the meaning of an artist's points; a bar or a text has a single mark."""
+        name = f"mark-{len(self.marks)}"
+        artist.set_gid(name)
+        self.marks[name] = tuple(marks)
+
 
 LEAST_PX = 1.0
 """Minimum span of an error axis, in pixels, so that a difference of 0.1 px does not look large."""

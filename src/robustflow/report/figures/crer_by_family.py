@@ -7,16 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...analysis.labels import FAMILY_LABELS
-from ...analysis.model_result import ModelResult
-from ...analysis.published.tables import of_paper
-from ...corruptions.names import MEMBERS
-from ...errors import UsageError
-from ...figure_style import default_style
-from ...text import name_text
+from ...core.errors import UsageError
+from ...core.figure_style import default_style
+from ...core.text import name_text
+from ...corruptions.registry import MEMBERS
+from ...stats.model_result import ModelResult
+from ...stats.published.tables import of_paper
+from ...stats.results import FAMILY_LABELS
 from ..leaderboard import by_error
-from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
-from .marks import Mark, MarkedFigure
+from .canvas import WITH_INTERVALS, Mark, MarkedFigure, ends_text, fair_limits, new_figure
 from .styles import MODEL_STYLES, OTHER, FigureStyles, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")

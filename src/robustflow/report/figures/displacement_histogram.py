@@ -8,11 +8,10 @@ from collections.abc import Mapping
 import polars as pl
 from matplotlib.ticker import FuncFormatter
 
-from ...errors import UsageError
-from ...figure_style import default_style
-from ...text import name_text
-from .canvas import new_figure
-from .marks import Mark, MarkedFigure
+from ...core.errors import UsageError
+from ...core.figure_style import default_style
+from ...core.text import name_text
+from .canvas import Mark, MarkedFigure, new_figure
 from .styles import BLACK
 
 MOST_LINES = 8

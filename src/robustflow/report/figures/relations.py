@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...analysis.model_result import ModelResult
-from ...analysis.published.tables import not_discussed, of_paper
-from ...analysis.ranking import LEAST_MODELS, spearman
-from ...analysis.results import AVERAGE, CLEAN
-from ...errors import UsageError
-from ...figure_style import default_style
-from ...text import name_text
-from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, whiskers
-from .marks import Mark, MarkedFigure
+from ...core.errors import UsageError
+from ...core.figure_style import default_style
+from ...core.text import name_text
+from ...stats.model_result import ModelResult
+from ...stats.published.tables import not_discussed, of_paper
+from ...stats.ranking import LEAST_MODELS, spearman
+from ...stats.results import AVERAGE, CLEAN
+from .canvas import WITH_INTERVALS, Mark, MarkedFigure, ends_text, fair_limits, new_figure, whiskers
 from .styles import OTHER, FigureStyles, kind_key, model_key
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from matplotlib.lines import Line2D
 
-from ...analysis.model_result import ModelResult
-from ...analysis.published.tables import method_of, of_paper
-from ...text import name_text
+from ...core.text import name_text
+from ...stats.model_result import ModelResult
+from ...stats.published.tables import method_of, of_paper
 
 # Okabe and Ito's palette, with four intermediate colours
 COLOURS = {

@@ -1,18 +1,31 @@
-"""Pictures for a gallery: one frame of a pair under each corruption at each severity."""
+"""Pictures for a gallery: one frame of a pair under each corruption at each severity. The gallery of a clip: a few
+consecutive frames under each corruption, which shows how it changes over time.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
+from ...core.errors import UsageError
+from ...core.types import Frame, Sample
+from ...corruptions import CLIP, IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
-from ...corruptions.stack import levels_of
-from ...images.depth_colours import depth_colours
-from ...sample import Frame, Sample
+from ...corruptions.registry import BETWEEN_FRAMES
+from ...corruptions.stack import levels_of, needs_depth, split_stack
+from ...data.datasets.folder import open_folder
+from ...data.video.short_clip import ShortClip, frame_rate
+from ...media.colours import depth_colours
+
+if TYPE_CHECKING:
+    from ...data.datasets.clips import Video
+    from ...data.datasets.folder import FrameFolder
 
 
 @dataclass(frozen=True)
@@ -76,3 +89,100 @@ def frame_remark(index: int) -> str:
     ('frame 2', '')
     """
     return f"frame {index + 1}" if index else ""
+
+
+LONGEST_PART = 96
+"""Maximum number of encoded frames; the effect of H.264 and bit errors on a frame depends on earlier frames."""
+
+SHOWN = 10
+MOST_SHOWN = 24
+
+MADE_FROM_CLIP = tuple(name for name in CLIP if name not in BETWEEN_FRAMES)
+"""Corruptions that need a clip but no interpolated frames."""
+
+_NEEDS_MORE = (
+    f"{' and '.join(BETWEEN_FRAMES)} are left out: they need intermediate frames, which a clip has only after "
+    "temporal interpolation (robustflow prepare gopro-fc)"
+)
+
+
+class ClipPart:
+    """A part of a video or of a folder of frames, with the frames to show: the first frames of the part if `start` is
+    given, otherwise frames from the middle of the clip.
+    """
+
+    def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
+        if not 2 <= shown <= MOST_SHOWN:
+            raise UsageError(f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
+        self._data: FrameFolder | Video = open_folder(path, 1, start, stop)
+        self.rate = frame_rate(path)
+        keys = self._data.keys()
+        group = self._data.load(keys[0]).group
+        self._keys = [key for key in keys[: LONGEST_PART - 1] if self._data.load(key).group == group]
+        self.count = len(self._keys) + 1
+        begin = max(0, (self.count - shown) // 2) if start is None else 0
+        self.shown = range(begin, min(begin + shown, self.count))
+        digits = keys[0].isdigit() and path.is_file()
+        self.first_number = (int(keys[0]) if digits else 0) + self.shown[0]
+
+    def frames(self, numbers: range | None = None) -> Iterator[Frame]:
+        """Yield the RGB frames, uint8 (H, W, 3), of the entire part or of a range of it."""
+        for number in range(self.count) if numbers is None else numbers:
+            if number < len(self._keys):
+                yield self._data.load(self._keys[number]).frames[0]
+            else:
+                yield self._data.load(self._keys[-1]).frames[1]
+
+
+def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[str], list[str]]:
+    """Return the corruptions of a clip gallery, and sentences about omitted ones."""
+    if names is not None:
+        for name in names:
+            parts = [part for part, _ in split_stack(name)]
+            if needs_depth(name):
+                raise UsageError(f"{name} needs depth, which is not available for clips; show a pair with --frames")
+            if set(parts) & set(BETWEEN_FRAMES):
+                raise UsageError(_NEEDS_MORE)
+            if len(parts) > 1 and set(parts) & set(CLIP):
+                raise UsageError(
+                    f"'{name}' cannot be shown: corruptions of entire clips cannot be stacked in the gallery"
+                )
+            if scale != "paper" and set(parts) & set(CLIP):
+                raise UsageError(f"{name} has no {scale} severities; omit --severity-scale")
+        return list(names), []
+    if scale != "paper":
+        return list(IMAGE_PAIR), [f"{', '.join(CLIP)} are left out: they do not have {scale} severities."]
+    return [*IMAGE_PAIR, *MADE_FROM_CLIP], [f"{_NEEDS_MORE}."]
+
+
+def clip_cells(
+    part: ClipPart,
+    shown: Sequence[Frame],
+    severities: Sequence[int],
+    corruptions: Sequence[str],
+    folder: Path,
+    seed: int = 0,
+    key: str = "",
+    scale: str = "paper",
+) -> Iterator[GalleryCell]:
+    """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
+    memory.
+    """
+    similarity = cache(lambda index: Ssim(shown[index]))
+    encoded: ShortClip | None = None
+    for name in corruptions:
+        for severity in severities:
+            if severity not in levels_of(name, tuple(severities), scale):
+                yield GalleryCell(name, severity)
+                continue
+            remark = ""
+            if name in MADE_FROM_CLIP:
+                encoded = encoded or ShortClip(part.frames(), part.rate, folder)
+                parameter = load_corruption(name).parameter(severity)
+                frames, changed = encoded.corrupted(name, parameter, part.shown)
+                remark = "" if changed else "no bit errors"
+            else:
+                frames = list(corrupt_clip(shown, name, severity, seed, key, scale=scale))
+            frame, still = first_changed(frames, shown)
+            remark = ", ".join(filter(None, (frame_remark(still), remark)))
+            yield GalleryCell(name, severity, frames, similarity(still)(frame), remark, still)

@@ -10,14 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...attacks.result import Attacked
+from ...core.figure_style import add_picture, default_style
+from ...core.types import Flow, Frame, Sample
 from ...corruptions import Corruption, corrupt_clip
-from ...figure_style import add_picture, default_style
-from ...images.error_colours import error_colours
-from ...images.flow_colours import flow_colours, flow_radius
-from ...images.io import shrunk
-from ...images.sparse import thickened
+from ...media.colours import flow_colours, flow_radius, thickened
+from ...media.error_colours import error_colours
+from ...media.images import shrunk
 from ...metrics.error_maps import epe_map
-from ...sample import Flow, Frame, Sample
 
 _CAPTION_IN = 0.22
 _MARGIN_IN = 0.04

@@ -1,16 +1,15 @@
 """Renderers of tables: one module per built-in format, and user-defined formats.
 
 Names in a table may come from untrusted files. Every renderer first removes control characters
-(`robustflow.text.plain`), then escapes the special characters of its format.
+(`robustflow.core.text.plain`), then escapes the special characters of its format.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from ...errors import RobustFlowError, UsageError
-from ...registry import Registry
-from ...target import import_target, is_target
+from ...core.errors import RobustFlowError, UsageError
+from ...core.plugins import Registry, import_target, is_target
 from ..table import Table
 
 Renderer = Callable[[Table], str]

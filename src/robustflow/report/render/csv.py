@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from ...text import text_cell
+from ...core.text import text_cell
 from ..table import Column, Table
 
 

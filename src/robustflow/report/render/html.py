@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape as escape_html
 from itertools import groupby
 
-from ...text import plain
+from ...core.text import plain
 from ..table import LONGEST_NOTE, Table, TableCell
 
 

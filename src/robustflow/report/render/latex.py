@@ -11,7 +11,7 @@ import re
 from dataclasses import replace
 from itertools import groupby
 
-from ...text import plain
+from ...core.text import plain
 from ..table import LONGEST_NOTE, Section, Table, TableCell
 
 _PROSE = r"p{0.5\linewidth}"

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from ...text import plain
+from ...core.text import plain
 from ..table import LONGEST_NOTE, Column, Section, Table
 
 _WIDTH = 120

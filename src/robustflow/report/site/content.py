@@ -10,22 +10,22 @@ from functools import cached_property
 from itertools import chain, count
 from typing import TYPE_CHECKING
 
-from ...analysis.exclusion import exclusion_reasons
-from ...analysis.labels import benchmark_words
-from ...analysis.model_result import ModelResult, ValueKey, merged
-from ...analysis.published.tables import PAPER, published_results
-from ...analysis.results_file import FILE, results_csv
-from ...analysis.run_results import comparison_notes, run_results
-from ...analysis.uncertainty.of_runs import interval_ends
-from ...digest import digest_of_bytes
-from ...errors import UsageError
-from ...runs.comparable import sample_set
-from ...text import plain
+from ...core.errors import UsageError
+from ...core.files import digest_of_bytes
+from ...core.text import plain
+from ...run.comparable import sample_set
+from ...stats.exclusion import exclusion_reasons
+from ...stats.model_result import ModelResult, ValueKey, merged
+from ...stats.published.tables import PAPER, published_results
+from ...stats.results import benchmark_words
+from ...stats.results_file import FILE, results_csv
+from ...stats.run_results import comparison_notes, run_results
+from ...stats.uncertainty.intervals import interval_ends
 from ..leaderboard import Board, boards_of
 from ..table import TableCell
 
 if TYPE_CHECKING:
-    from ...runs.run import Run
+    from ...run.run import Run
 
 
 MOST_DETAILED = 24

@@ -9,11 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
-from ...analysis.model_result import ModelResult, ValueKey
-from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
-from ...corruptions.names import MEMBERS, ordered
-from ...text import plain
+from ...core.text import plain
+from ...corruptions.registry import MEMBERS, ordered
+from ...stats.model_result import ModelResult, ValueKey
+from ...stats.results import (
+    AVERAGE,
+    CLEAN,
+    RESULT_METRICS,
+    SETTING_EXPLANATIONS,
+    SETTING_LABELS,
+    benchmark_label,
+    setting_words,
+)
 from ..leaderboard import Board
 from ..table import Table, TableCell, with_exclusion
 from .content import Content

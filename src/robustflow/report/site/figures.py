@@ -10,20 +10,18 @@ from itertools import islice
 
 from markupsafe import Markup
 
-from ...analysis.confidence import confidence_scores
-from ...analysis.displacements import displacements_of
-from ...analysis.model_result import ModelResult, by_frames, ranked
-from ...analysis.published.tables import PAPER
-from ...analysis.security_curves import security_curves
-from ...errors import UsageError
-from ...runs.run import Run
-from ...text import plain
+from ...core.errors import UsageError
+from ...core.text import plain
+from ...run.run import Run
+from ...stats.anatomy import displacements_of
+from ...stats.attacks import security_curves
+from ...stats.confidence import confidence_scores
+from ...stats.model_result import ModelResult, by_frames, ranked
+from ...stats.published.tables import PAPER
 from ..figures import FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
+from ..figures.canvas import MarkedFigure
+from ..figures.curves import scale_panels, security_figure, sparsification_curves
 from ..figures.displacement_histogram import MOST_LINES
-from ..figures.marks import MarkedFigure
-from ..figures.security_curves import security_figure
-from ..figures.severity_curves import scale_panels
-from ..figures.sparsification_curves import sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from ..leaderboard import by_error
 from .content import Content

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ...analysis.audit.rounding import misfits
-from ...analysis.conclusion import conclusion
-from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
-from ...analysis.model_result import ModelResult, ValueKey, not_ranked, ranked
-from ...analysis.paper_means import paper_rows
-from ...analysis.published.tables import PAPER
-from ...analysis.results import AVERAGE, CLEAN
-from ...analysis.still import PHANTOM, phantom_motion
-from ...analysis.uncertainty import compare_leaders, compare_rows
-from ...analysis.uncertainty.paired import MOST_COMPARED
-from ...benchmarks.facts import is_still
-from ...errors import RunError
-from ...text import counted, joined, plain
+from ...core.errors import RunError
+from ...core.text import counted, joined, plain
+from ...data.benchmarks.facts import is_still
+from ...stats.audit.findings import misfits
+from ...stats.conclusion import conclusion
+from ...stats.exclusion import PHANTOM, phantom_motion
+from ...stats.model_result import ModelResult, ValueKey, not_ranked, ranked
+from ...stats.paper_means import paper_rows
+from ...stats.published.tables import PAPER
+from ...stats.results import AVERAGE, CLEAN, METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
+from ...stats.uncertainty import compare_leaders, compare_rows
+from ...stats.uncertainty.paired import MOST_COMPARED
 from ..table import number_text
 from .content import Content
 

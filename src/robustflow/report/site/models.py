@@ -6,8 +6,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.anatomy import severity_slopes
-from ...analysis.labels import (
+from ...core.text import plain
+from ...corruptions.registry import ordered
+from ...data.benchmarks import benchmark_facts
+from ...run.costs import read_cost
+from ...run.plan import left_out_sentence
+from ...stats.anatomy import severity_slopes
+from ...stats.model_result import ModelResult, ValueKey
+from ...stats.published.tables import method_of
+from ...stats.results import (
+    AVERAGE,
+    CLEAN,
     METRIC_LABELS,
     OVERALL,
     benchmark_label,
@@ -16,22 +25,14 @@ from ...analysis.labels import (
     metric_label,
     setting_words,
 )
-from ...analysis.model_result import ModelResult, ValueKey
-from ...analysis.published.tables import method_of
-from ...analysis.results import AVERAGE, CLEAN
-from ...analysis.run_results import comparison_note
-from ...benchmarks import benchmark_facts
-from ...corruptions.names import ordered
-from ...runs.costs import read_cost
-from ...runs.plan import left_out_sentence
-from ...text import plain
+from ...stats.run_results import comparison_note
 from ..analysis_tables import anatomy_table
 from ..table import DASH, Column, Line, Section, Table, TableCell, interval_text
 from .content import Content
 from .examples import PanelPicture
 
 if TYPE_CHECKING:
-    from ...runs.run import Run
+    from ...run.run import Run
 
 _LONGEST = 600
 _WITHOUT_TRAINING = {"knowledge": "none: not a learned method", "untrained": "none: its weights are random"}

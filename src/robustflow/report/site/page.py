@@ -1,4 +1,6 @@
-"""Render a page as HTML. The templates escape everything that comes from a file."""
+"""Findings of the audit of the tables. Render a page as HTML. The templates escape everything that comes from a
+file. Write the report page in a run's folder.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +11,48 @@ from functools import cache
 from jinja2 import Environment
 from markupsafe import Markup
 
-from ...analysis.audit import Audit
-from ...analysis.model_result import ModelResult
-from ...analysis.published.tables import PAPER
-from ...errors import RunError
-from ...runs.run import Run
-from ...text import plain
-from ...version import VERSION
+from ...core.errors import RunError
+from ...core.text import plain
+from ...core.version import VERSION
+from ...run.run import Run
+from ...run.staleness import is_current, source_digest, write_made
+from ...stats.audit import AUDIT_CHECKS, Audit, Finding, audit_results
+from ...stats.model_result import ModelResult, by_frames
+from ...stats.published.tables import PAPER
 from .. import slider
 from ..attack_table import attack_table, prediction_table
 from ..confidence_table import confidence_table
-from ..embed import asset, content_policy, json_block, templates
 from ..leaderboard import Board
+from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table
 from ..table import Table
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
 from .figures import FigureGroup, PageFigure, attack_figure, page_figures
-from .findings import audits, by_check
 from .headline import headline
 from .models import model_pages
+
+
+def audits(content: Content, benchmark: str) -> list[Audit]:
+    """Audit the values of a benchmark in the paper's tables and in results files."""
+    results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
+    sections = []
+    for frames, lines in by_frames(results).items():
+        if frames == PAPER and content.alone:
+            continue
+        audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
+        sections.append(audit_results(lines, audited))
+    return sections
+
+
+def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:
+    """The results as (check, number of values, findings), in the order of the checks."""
+    return [
+        (AUDIT_CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
+        for check, count in audit.checked.items()
+    ]
+
 
 _PACKAGE = "robustflow.report.site"
 _SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "findings.js", "downloads.js")
@@ -125,3 +148,17 @@ def _environment() -> Environment:
         render_table=lambda table: Markup(render_table(table)),
     )
     return environment
+
+
+REPORT = "report.html"
+
+
+def write_report(run: Run) -> None:
+    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date."""
+    source = source_digest(run.path, run.rows_digest, run.manifest, beside=True)
+    if is_current(run.path, REPORT, source):
+        return
+    from .content import run_content
+
+    write_made(run.path, REPORT, render_site(run_content(run)).encode(), source)
+    run.keep()

@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup
 from matplotlib.transforms import Bbox
 
-from ...figure_style import default_style
-from ...text import plain
+from ...core.figure_style import default_style
+from ...core.text import plain
 from ..figures import figure_bytes
-from ..figures.files import any_script
-from ..figures.marks import Mark, MarkedFigure
+from ..figures.canvas import Mark, MarkedFigure, any_script
 from ..figures.styles import BLACK, COLOURS, GRID, OTHER, KeyEntry
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from .markup import script, slider_markup, style
-from .pictures import Shot, Slider, make_slider
+from .slider import Shot, Slider, make_slider, script, slider_markup, style
 
 __all__ = ["Shot", "Slider", "make_slider", "script", "slider_markup", "style"]

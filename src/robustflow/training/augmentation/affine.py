@@ -15,10 +15,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...errors import UsageError
-from ...models.networks.blocks.allpairs import pixel_grid
-from ...random.rng import Rng
-from ..objectives import Range, Spatial
+from ...core.errors import UsageError
+from ...core.rng import Rng
+from ...models.networks.blocks.correlation import pixel_grid
+from ..recipe import Range, Spatial
 
 Matrix = npt.NDArray[Any]
 

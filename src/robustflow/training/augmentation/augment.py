@@ -1,27 +1,58 @@
-"""Augment a training pair: all parameters are drawn first, from one random stream, and then applied."""
+"""Erase rectangles in the second frame, filling them with its mean colour, to simulate occlusion (RAFT). Augment a
+training pair: all parameters are drawn first, from one random stream, and then applied. Draw and apply colour
+changes and blur for ARFlow's second pass (Liu et al., CVPR 2020).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from PIL import Image, ImageFilter
 
-from ...errors import DataError
-from ...random.rng import Rng
-from ...sample import Flow, Frame, Mask
-from ..recipe import Part
-from .eraser import Rectangle, draw_eraser, erase
-from .geometry import (
-    Geometry,
-    draw_geometry,
-    padded,
-    padding_for,
-    scaled_size,
-    warp_dense,
-    warp_frame,
-    warp_sparse,
-)
-from .jitter import DENSE, SPARSE, Jitter, apply_jitter, draw_jitter
+from ...core.errors import DataError
+from ...core.rng import Rng
+from ...core.types import Flow, Frame, Mask
+from ..recipe import Appearance, Part
+from .geometry import Geometry, draw_geometry, padded, padding_for, scaled_size, warp_dense, warp_frame, warp_sparse
+from .jitter import DENSE, SPARSE, Jitter, Strength, apply_jitter, draw_jitter
+
+_PROBABILITY = 0.5
+_SIDES = (50, 100)
+"""Range of the side length in pixels, excluding the upper limit."""
+
+
+class Rectangle(NamedTuple):
+    """A rectangle in pixels; it may extend beyond the frame."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
+    """Draw one or two rectangles with probability 1/2, otherwise none, anywhere in a frame of `shape` (H, W)."""
+    if rng.uniform() >= _PROBABILITY:
+        return ()
+    height, width = shape
+    return tuple(
+        Rectangle(rng.integer(0, width), rng.integer(0, height), rng.integer(*_SIDES), rng.integer(*_SIDES))
+        for _ in range(rng.integer(1, 3))
+    )
+
+
+def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
+    """Return the frame with the rectangles filled, or the frame itself if there are none."""
+    if not rectangles:
+        return frame
+    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as when assigning to uint8
+    erased = frame.copy()
+    for left, top, width, height in rectangles:
+        erased[top : top + height, left : left + width] = colour
+    return erased
+
 
 _ASYMMETRIC = 0.2
 """Probability of a separate jitter for each frame of a dense pair."""
@@ -127,3 +158,35 @@ def _jittered(frames: tuple[Frame, Frame], jitters: tuple[Jitter, ...]) -> tuple
     both = apply_jitter(np.concatenate(frames), jitters[0])  # stacked, because contrast uses the mean of both frames
     height = frames[0].shape[0]
     return both[:height], both[height:]
+
+
+_BLURRED = 0.5
+"""Probability of blurring."""
+
+
+class Look(NamedTuple):
+    """One set of drawn parameters for both frames."""
+
+    jitter: Jitter
+    blur: float
+    gamma: float
+
+
+def draw_look(rng: Rng, settings: Appearance) -> Look:
+    """Draw the colour change and the blur as in ARFlow."""
+    strength = Strength(settings.brightness, settings.contrast, settings.saturation, 0.0)
+    drawn = draw_jitter(rng, strength)
+    drawn = drawn._replace(order=tuple(name for name in drawn.order if getattr(strength, name) > 0))
+    blur = rng.uniform(0.0, settings.blur) if rng.uniform() < _BLURRED else 0.0
+    return Look(drawn, blur, rng.uniform(*settings.gamma) if settings.gamma is not None else 1.0)
+
+
+def apply_look(frame: Frame, look: Look) -> Frame:
+    """Return the changed frame, RGB uint8 (H, W, 3), as a new array. The blur is Pillow's, as in the original."""
+    changed = apply_jitter(frame, look.jitter)
+    if look.blur > 0:
+        changed = np.array(Image.fromarray(changed).filter(ImageFilter.GaussianBlur(look.blur)))
+    if look.gamma != 1.0:
+        table = np.rint(255 * (np.arange(256) / 255) ** look.gamma).astype(np.uint8)
+        changed = table[changed]
+    return changed.copy() if changed is frame else changed

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...compiled import njit
-from ...random.rng import Rng
-from ...sample import Flow, Frame, Mask
+from ...core.compiled import njit
+from ...core.rng import Rng
+from ...core.types import Flow, Frame, Mask
 
 _SCALED = 0.8
 """Probability of scaling."""

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import inner, njit
-from ...random.rng import Rng
-from ...sample import Frame
+from ...core.compiled import inner, njit
+from ...core.rng import Rng
+from ...core.types import Frame
 
 OPERATIONS = ("brightness", "contrast", "saturation", "hue")
 

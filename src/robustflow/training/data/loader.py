@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from ...errors import RunError
-from ...safe_path import safe_path
+from ...core.errors import RunError
+from ...core.paths import safe_path
 from .pairs import TrainingPair, TrainingPairs, Whole
 
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -10,24 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...corruptions.transforms.transform import CorruptionTransform
-from ...datasets.base import Dataset
-from ...datasets.pairs import PairDataset, read_frames
-from ...errors import DataError
-from ...random.rng import Rng
-from ...sample import Flow, Frame, Mask
-from ..augmentation.appearance import apply_look, draw_look
+from ...core.errors import DataError
+from ...core.rng import Rng
+from ...core.types import Flow, Frame, Mask
+from ...corruptions.transform import CorruptionTransform
+from ...data.datasets.base import Dataset
+from ...data.datasets.pairs import PairDataset, read_frames
 from ..augmentation.augment import (
     Augmentation,
     apply_augmentation,
+    apply_look,
     augmented_truth,
     augmented_whole,
     draw_augmentation,
+    draw_look,
 )
 from ..augmentation.geometry import without_border
-from ..objectives import ArflowObjective, BrightflowObjective, Objective
-from .find import OpenPart
-from .order import Order
+from ..recipe import ArflowObjective, BrightflowObjective, Objective
+from .find import OpenPart, Order
 
 _LONGEST = 1000.0
 """Limit of a flow component in pixels; dense ground truth at or above it is invalid (RAFT)."""

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from ..data.loader import Batch, WholeFrames
-from ..losses.brightflow import (
+from ..losses.terms import dilated_warp, robust_smoothness
+from ..losses.unsupervised import (
     ALPHA,
     correction_loss,
     kept_offsets,
@@ -20,12 +21,9 @@ from ..losses.brightflow import (
     visibility,
     with_offsets,
 )
-from ..losses.dilated_warp import dilated_warp
-from ..losses.smoothness import robust_smoothness
 from ..networks import TrainedNetwork
-from ..objectives import BrightflowObjective
-from ..recipe import Recipe
-from .objective import LabelFree, TrainingStep
+from ..recipe import BrightflowObjective, Recipe
+from .methods import LabelFree, TrainingStep
 
 FARTHEST = 100.0
 """Upper limit of the self-supervision loss of a vector, in pixels."""

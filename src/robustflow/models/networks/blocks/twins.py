@@ -7,8 +7,7 @@ from collections import OrderedDict
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from .attention import attend
-from .windows import from_windows, to_windows
+from .attention import attend, from_windows, to_windows
 
 # Width of the last of the four stages; the checkpoints contain only the norm of this stage, which is not used.
 _LARGE = ((128, 256), (4, 8), 1024)

@@ -1,0 +1,199 @@
+"""`robustflow reproduce audit`: check results for internal consistency. `robustflow reproduce displacement`:
+distribution of flow magnitudes in a benchmark. `robustflow reproduce experiment`: train networks with and
+without corruptions.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_options, numbers, refuse_unused
+
+if TYPE_CHECKING:
+    from ..data.benchmarks import Benchmark
+    from ..run.run import Run
+
+FOUND = 3
+"""Exit code for inconsistent results; 1 and 2 are errors, as for every command."""
+
+
+def audit(
+    source: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="A results file (CSV); the paper's tables by default."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """List numbers that contradict the others by more than rounding, each with its printed and its recomputed value.
+
+    Recomputes CRE from EPE, averages, CREr, ranks and highlighted best values; detects swapped or shifted rows.
+    Exit codes: 0 if everything is consistent, 3 if not, 1 if the source cannot be read.
+
+    \b
+    Examples:
+      robustflow reproduce audit
+      robustflow reproduce audit results.csv --json
+    """
+    from ..core.text import plain
+    from ..stats.audit import AUDIT_CHECKS, audit_published, audit_results
+    from ..stats.results_file import read_results
+
+    audit = audit_published() if source is None else audit_results(read_results(source), str(source))
+    if as_json:
+        typer.echo(audit.model_dump_json(indent=2))
+    else:
+        for check, count in audit.checked.items():
+            findings = [finding for finding in audit.findings if finding.check == check]
+            typer.echo(
+                f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent"
+                if findings
+                else f"{AUDIT_CHECKS[check]}: {count} fit"
+            )
+            for finding in findings:
+                where = f"{finding.source}: " if finding.source else ""
+                typer.echo(f"  {plain(where + finding.message, 400)}")
+        if not audit.checked:
+            typer.echo("no number can be derived from the others, so nothing was checked")
+        typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
+    if not audit.fits:
+        raise typer.Exit(FOUND)
+
+
+def displacement(
+    context: typer.Context,
+    benchmark: Annotated[str, typer.Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
+    data: Data = None,
+    data_option: DataOptions = None,
+    model: Annotated[
+        str | None, typer.Option("--model", "-m", help="Model whose flow is measured; ground truth by default.")
+    ] = None,
+    option: ModelOptions = None,
+    limit: Limit = None,
+    split: Split = None,
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", metavar="RUN", help="Also store the histogram in the folder of a run on these frames."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")
+    ] = None,
+) -> None:
+    """Write the histogram of flow magnitudes (a figure of the paper) to displacement.csv, .png, .svg and .pdf.
+
+    Runs with ground truth store their histogram automatically unless --no-examples is given; use --into for frames
+    without ground truth.
+
+    \b
+    Examples:
+      robustflow reproduce displacement kitti-fc --data ~/kitti
+      robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model dis
+      robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
+    """
+    from ..core.files import make_folder, write_bytes
+    from ..core.progress import ProgressBar
+    from ..data.benchmarks import load_benchmark
+    from ..models import ModelSpec
+    from ..report.figures import displacement_figure, write_figures
+    from ..report.site.page import write_report
+    from ..run.costs import clean_digests, write_displacement
+    from ..run.displacement import displacement_histogram
+    from ..stats.anatomy import label_of
+
+    if model is None:
+        refuse_unused(context, {"option"}, "without --model")
+    chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
+    run = None if into is None else _run_of(into, chosen)
+    loaded = ModelSpec(model, keyword_options(option)).load() if model is not None else None
+    folder = output if output is not None or run is not None else Path("displacement")
+    if folder is not None:
+        make_folder(folder)
+    with ProgressBar() as progress:
+        progress.start("measuring", len(chosen.keys))
+        table = displacement_histogram(
+            chosen,
+            loaded,
+            source=model or "",
+            progress=lambda done: progress.update("measuring", done),
+            digests=None if run is None else clean_digests(run),
+        )
+    if folder is not None:
+        write_bytes(folder / "displacement.csv", table.write_csv().encode())
+        typer.echo(str(folder / "displacement.csv"))
+        label = label_of(chosen.name, len(chosen.keys), table["source"][0])
+        for path in write_figures({"displacement": displacement_figure({label: table})}, folder):
+            typer.echo(str(path))
+    if run is not None:
+        typer.echo(str(write_displacement(run, table)))
+        write_report(run)
+
+
+def _run_of(folder: Path, chosen: Benchmark) -> Run:
+    from ..core.errors import UsageError
+    from ..core.text import counted
+    from ..run.run import Run
+
+    if folder.is_file():
+        raise UsageError(f"{folder} is a file; histograms can only be stored in a run folder, not in a record")
+    run = Run(folder)
+    if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
+        ran = counted(len(run.manifest.samples), "pair")
+        raise UsageError(
+            f"{run.path} contains {ran} from {run.benchmark}, but these options select {len(chosen.keys)} from "
+            f"{chosen.name}; give the run's --data, --split and --limit"
+        )
+    return run
+
+
+def experiment(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
+    data: Annotated[
+        list[str] | None,
+        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
+    ] = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Number of seeds, with one training run of each kind per seed.")
+    ] = 6,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
+    severities: Annotated[str, typer.Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
+    shapes: Annotated[int, typer.Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
+    size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
+    loaders: Annotated[int, typer.Option(min=0, help="Processes that prepare batches in advance.")] = 1,
+) -> None:
+    """Test whether training with corruptions helps against unseen corruptions, holding out noise, then weather.
+
+    Trains `tiny` from several random initialisations; continues each without corruptions, with all of them, and with
+    all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; run the same
+    command again to resume. Commands running in several terminals share the work.
+
+    \b
+    Examples:
+      robustflow reproduce experiment
+      robustflow reproduce experiment --data middlebury=~/middlebury --seeds 10
+    """
+    from ..core.plugins import require
+
+    require("torch", "training")
+    from ..core.files import write_bytes
+    from ..paper.experiment.findings import findings
+    from ..paper.experiment.robust_training import TrainingExperiment, evaluation_sets, run_experiment
+    from .complete import Interrupted, stopped
+
+    asked = TrainingExperiment(
+        output,
+        evaluation_sets(data or [], shapes, size),
+        seeds=seeds,
+        steps=steps,
+        severities=tuple(numbers(severities) or ()),
+        loaders=loaders,
+    )
+    stop = Interrupted()
+    runs = run_experiment(asked, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
+    if runs is None:
+        raise stopped(f"{asked.output} is kept. Run the same command again")
+    text, table = findings(runs)
+    write_bytes(asked.output / "effects.csv", table.write_csv().encode())
+    write_bytes(asked.output / "findings.md", text.encode())
+    typer.echo(text)

@@ -1,0 +1,205 @@
+"""Find a dataset's folders and files, or report the expected layout. Reject links in folders that this program
+writes but that may be untrusted: through a link, files elsewhere would be read, replaced or deleted. Start
+processes that do not import modules from the working folder, which is untrusted.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice, pairwise
+from multiprocessing import resource_tracker
+from pathlib import Path
+
+from .errors import DataError, RunError, UsageError
+
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")
+"""File extensions of video files."""
+
+_LOOK_AT = 500
+"""Maximum number of folder entries that are searched for a hint; a home folder may contain many."""
+
+
+def locate(
+    title: str, root: str | Path, markers: Sequence[str], prefixes: Sequence[str] = ("",), expected: str = ""
+) -> Path:
+    """Return the folder that contains one of `markers` (relative folders): `root` itself or one of its `prefixes`."""
+    root = user_path(root)
+    layout = expected or " and ".join(f"{marker}/" for marker in markers)
+    if not root.exists():
+        raise DataError(f"{root}: no such folder; give the folder of {title} that contains {layout}")
+    if not root.is_dir():
+        if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
+            raise DataError(
+                f"{root}: this is an archive; unpack it, and give the folder of {title} that contains {layout}"
+            )
+        raise DataError(f"{root}: not a folder; give the folder of {title} that contains {layout}")
+    try:
+        for folder in (root / prefix for prefix in prefixes):
+            if _holds(folder, markers):
+                return folder
+        near = next((f for f in _neighbours(root) if any(_holds(f / p, markers) for p in prefixes)), None)
+        empty = next(root.iterdir(), None) is None
+    except OSError as error:
+        raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check its permissions") from error
+    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset into it"
+    state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
+    raise DataError(f"{root}: {state} {layout}{hint}")
+
+
+def user_path(path: str | Path) -> Path:
+    """Return a path from the user with `~` expanded to the home folder."""
+    if path == "":
+        raise UsageError("a path is empty, which would be the working folder; give the path of a file or folder")
+    try:
+        expanded = Path(path).expanduser()
+        expanded.exists()
+    except RuntimeError as error:
+        raise DataError(f"{path}: there is no such user; write out the full path") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise DataError(f"{str(path)[:60]}...: not a valid path ({why}); correct it") from error
+    return expanded
+
+
+def numbered(folder: Path, pattern: str) -> dict[int, Path]:
+    """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group; an empty
+    mapping if the folder does not exist.
+    """
+    frames: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        match = re.fullmatch(pattern, path.name)
+        if match:
+            number = int(match[1])
+            if number in frames:
+                raise DataError(f"{path}: has the same frame number as {frames[number].name}; remove one of the two")
+            frames[number] = path
+    return dict(sorted(frames.items()))
+
+
+def by_sequence(folder: Path, pattern: str) -> dict[str, dict[int, Path]]:
+    """Return the files of a folder whose full name matches `pattern`, by its first group, the sequence, and the number
+    in its second group."""
+    sequences: dict[str, dict[int, Path]] = {}
+    for path in folder.iterdir():
+        if match := re.fullmatch(pattern, path.name):
+            sequences.setdefault(match[1], {})[int(match[2])] = path
+    return sequences
+
+
+def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
+    """Return pairs of neighbouring frame numbers."""
+    numbers = sorted(frames)
+    gaps = [after - before for before, after in pairwise(numbers)]
+    stride = stride or min(gaps, default=1)
+    for before, gap in zip(numbers, gaps, strict=False):
+        if gap != stride:
+            raise DataError(
+                f"{frames[before].parent}: with a stride of {stride}, the frame after {frames[before].name} is "
+                "missing; restore it, or move the frames after the gap into a separate folder"
+            )
+    return list(pairwise(numbers))
+
+
+def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
+    """Return the pairs of frames with consecutive numbers."""
+    return [(frames[number], frames[number + 1]) for number in sorted(frames) if number + 1 in frames]
+
+
+def partner(path: Path, whose: Path) -> Path:
+    """Return `path`; if the file is missing, raise a DataError that names it and `whose`, the item it belongs to."""
+    if not path.is_file():
+        raise DataError(f"{path}: missing, but required by {whose}; restore the file or remove the rest of the pair")
+    return path
+
+
+def folders(parent: Path) -> list[Path]:
+    """Return the folders inside `parent`, sorted by name, without hidden ones; an empty list if `parent` does not
+    exist."""
+    if not parent.is_dir():
+        return []
+    return sorted(path for path in parent.iterdir() if path.is_dir() and not path.name.startswith("."))
+
+
+def choice(option: str, value: str, known: Sequence[str]) -> str:
+    """Return `value`; raise a UsageError that lists the allowed values if it is not one of them."""
+    if value not in known:
+        raise UsageError(f"{option} '{value}' does not exist: choose from {', '.join(known)}")
+    return value
+
+
+def positive(option: str, value: int) -> int:
+    """Return `value`; raise a UsageError unless it is a positive integer."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise UsageError(f"{option} cannot be {value!r}: give a positive integer")
+    return value
+
+
+def _holds(folder: Path, markers: Sequence[str]) -> bool:
+    return any((folder / marker).is_dir() for marker in markers)
+
+
+def _neighbours(root: Path) -> Iterator[Path]:
+    for child in _inside(root):
+        yield child
+        yield from _inside(child)
+    yield from list(root.resolve().parents)[:3]
+
+
+def _inside(folder: Path) -> list[Path]:
+    try:
+        return [path for path in islice(folder.iterdir(), _LOOK_AT) if path.is_dir()]
+    except OSError:  # no hint from a folder that cannot be listed
+        return []
+
+
+def refuse_links(folder: Path, *inside: str) -> None:
+    """Raise if a folder, or one of the folders `inside` it, contains a link, a pipe or a device. The folder itself may
+    be a link.
+
+    >>> from tempfile import mkdtemp
+    >>> folder = Path(mkdtemp())
+    >>> (folder / "clean").symlink_to("/usr")
+    >>> refuse_links(folder, "clean")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    robustflow.core.errors.RunError: .../clean is a link; ...
+    """
+    for place in (folder, *(folder / name for name in inside)):
+        with suppress(FileNotFoundError, NotADirectoryError, PermissionError), os.scandir(place) as entries:
+            for entry in entries:
+                if not (entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)):
+                    what = "a link" if entry.is_symlink() else "neither a file nor a folder"
+                    raise RunError(
+                        f"{entry.path} is {what}; the contents of this folder are read, replaced and deleted, so it "
+                        "may contain only files and folders: replace it with the file or folder itself, or delete it"
+                    )
+
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
+resource tracker, searches the working folder before the standard library."""
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start processes within the block without the working folder on their import path."""
+    with environment_variables({SAFE_PATH: "1"}):
+        resource_tracker.ensure_running()  # otherwise it would start later, without this setting
+        yield
+
+
+@contextmanager
+def environment_variables(values: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables within the block, for the processes started in it."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,204 @@
+"""Let a worker process keep freed memory for its next cell. A child process that can be monitored and that exits
+when its parent does.
+
+Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread in
+the child waits for this, so even a child that hangs inside a model exits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from multiprocessing.util import Finalize
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from . import errors
+from .errors import RobustFlowError, RunError, UsageError
+from .figure_style import ignore_local_settings
+from .paths import environment_variables, safe_path
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's mallopt(3)."""
+
+_SETTINGS = {
+    "MALLOC_TRIM_THRESHOLD_": (_TRIM_THRESHOLD, 512 * 2**20),
+    "MALLOC_MMAP_THRESHOLD_": (_MMAP_THRESHOLD, 32 * 2**20),
+}
+
+
+def keep_freed_memory() -> None:
+    """Let glibc keep up to half a gigabyte of the memory that this process frees."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    for variable, (setting, value) in _SETTINGS.items():
+        if mallopt is not None and variable not in os.environ:
+            mallopt(setting, value)
+
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
+ONE_THREAD = dict.fromkeys(_THREADS, "1")
+"""Environment variables with which each library in a new process uses one thread."""
+
+_UNGUARDED = (
+    'a script that starts several workers needs its code under `if __name__ == "__main__":`, because each worker '
+    "runs the script from the top"
+)
+
+
+class Child:
+    """One child process."""
+
+    def __init__(self, target: Callable[..., None], *arguments: Any, runs_script: bool = True) -> None:
+        if multiprocessing.current_process().daemon:
+            raise UsageError(
+                "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
+                "concurrent.futures.ProcessPoolExecutor instead"
+            )
+        context = multiprocessing.get_context("spawn")
+        self.pipe, child_end = context.Pipe()
+        watched, self._lifeline = context.Pipe(duplex=False)
+        self._began = False
+        # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
+        self._process = context.Process(target=child_main, args=(child_end, watched, target, arguments), daemon=False)
+        script = nullcontext() if runs_script else _without_user_script()
+        with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
+            self._process.start()
+        self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
+        """Stop the process immediately."""
+        child_end.close()
+        watched.close()
+
+    def send(self, message: Any) -> None:
+        """Send a message; if the child has ended, `receive` reports it."""
+        with suppress(BrokenPipeError, ConnectionError):
+            self.pipe.send(message)
+
+    def receive(self, doing: str, advice: str) -> tuple[str, Any]:
+        """Receive the next message."""
+        try:
+            kind, value = self.pipe.recv()
+        except (EOFError, ConnectionError):
+            self._process.join(5)
+            code = self._process.exitcode
+            if not self._began and code == 1:
+                raise RunError(f"a worker process failed to start; a guard may be missing: {_UNGUARDED}") from None
+            raise RunError(
+                f"a worker process exited without an error message (exit code {code}) while computing {doing}; "
+                f"the usual causes are lack of memory or a crash inside the model: {advice}"
+            ) from None
+        self._began = True
+        if kind == "error":
+            raise rebuilt(*value)
+        return kind, value
+
+
+def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:
+    pipe.close()
+    process.terminate()
+    process.join(2)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    lifeline.close()
+
+
+def refuse_unguarded_script() -> None:
+    """Raise if a worker process runs the user's script from the top again while starting."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise UsageError(_UNGUARDED)
+
+
+def may_have_children() -> bool:
+    """Return whether children can start without running the script again. They can if the script has a guard, if there
+    is no script, or if the script is a package's `__main__`, which `multiprocessing` does not run again."""
+    main = __import__("__main__")
+    if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
+        return True
+    file = getattr(main, "__file__", None)
+    if file is None:
+        return True
+    try:
+        return "__main__" in Path(file).read_text(errors="replace")
+    except OSError:
+        return False
+
+
+@contextmanager
+def _without_user_script() -> Iterator[None]:
+    """Start a process that does not run the user's script."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+
+
+@contextmanager
+def _ignoring_interrupts() -> Iterator[None]:
+    """Ignore Ctrl-C while a process starts, so that the process inherits the setting. The resource tracker must already
+    be running, because starting it would enable Ctrl-C again."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # any other thread of this process may still receive the signal, and the main thread would then raise
+    came: list[int] = []
+    in_charge = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
+    try:
+        yield
+    finally:
+        if in_charge:
+            signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    if came and callable(handler):
+        handler(came[0], None)
+
+
+def child_main(pipe: Connection, watched: Connection, target: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Run `target` in the child, and send any exception to the parent."""
+    ignore_local_settings()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+    keep_freed_memory()
+    warnings.formatwarning = errors.plain_warning
+    import cv2
+
+    cv2.setNumThreads(1)
+    try:
+        target(pipe, *arguments)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except BaseException as error:
+        try:
+            pipe.send(("error", (type(error).__name__, str(error), traceback.format_exc())))
+        except OSError:
+            return
+
+
+def _exit_with_parent(watched: Connection) -> None:
+    try:
+        watched.recv_bytes()  # nothing is ever sent through this pipe
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+def rebuilt(kind: str, message: str, trace: str) -> Exception:
+    """Return a child's exception with its traceback as the cause."""
+    known: Any = getattr(errors, kind, None)
+    if isinstance(known, type) and issubclass(known, RobustFlowError):
+        error: Exception = known(message)
+    else:
+        error = RuntimeError(f"{kind} in a worker process: {message}\n{trace}")
+    error.__cause__ = RuntimeError(f"in a worker process:\n{trace}")
+    return error

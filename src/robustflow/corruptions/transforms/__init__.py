@@ -1,1 +1,0 @@
-"""Use corruptions as augmentations in a training pipeline."""

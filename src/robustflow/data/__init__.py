@@ -1,0 +1,1 @@
+"""Data sets, benchmarks and video."""

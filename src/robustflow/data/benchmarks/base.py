@@ -1,0 +1,183 @@
+"""The benchmark class: samples, corruptions and severities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ...attacks.api import AnyAttack, with_controls
+from ...core.errors import UsageError, unknown_name
+from ...core.paths import VIDEO_SUFFIXES
+from ...core.severity import check_severity
+from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
+from ...corruptions.on_disk import on_disk
+from ...corruptions.registry import with_families
+from ...corruptions.stack import needs_depth, split_stack
+from ...models.conventions import check_count
+from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
+from ..datasets.own import OwnDepth
+from ..datasets.still import Still
+from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
+
+AnyCorruption = str | Corruption | type[Corruption]
+"""The name of a corruption, or a user-defined corruption as an object or a class."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """The samples, corruptions and severities to evaluate.
+
+    Attributes:
+        name: name of the benchmark: "kitti-fc", "demo", "folder", ...
+        dataset: dataset that provides the samples.
+        keys: keys of the samples, in order.
+        corruptions: the corruptions, in the paper's order.
+        severities: severities to evaluate; 1 to 5 unless restricted.
+        protocol: everything else that determines the numbers (split, ground truth), for the run's identity.
+        closed: whether the corrupted frames come from files, in which case no additional corruption or severity can be
+            requested.
+        classes: mapping from a corruption's name to its class, for classes that differ from the registered one.
+        attacks: adversarial attacks on the model, at the same severities; empty unless requested.
+        facts: title, availability of ground truth, and the paper's settings.
+        own_depth: the user's depth maps; without them, depth comes from the dataset if available.
+    """
+
+    name: str
+    dataset: Dataset
+    keys: tuple[str, ...]
+    corruptions: tuple[str, ...]
+    severities: tuple[int, ...] = SEVERITIES
+    protocol: dict[str, Any] = field(default_factory=dict)
+    closed: bool = False
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
+    attacks: tuple[str, ...] = ()
+    facts: BenchmarkFacts = NEUTRAL
+    own_depth: OwnDepth | None = None
+
+    @property
+    def depths(self) -> Depths | None:
+        """Return the source of depth for the samples, or None if there is no depth."""
+        if self.own_depth is not None and not isinstance(self.dataset, Still):
+            return self.own_depth
+        return self.dataset if isinstance(self.dataset, Depths) else None
+
+    def depth_to_read(self) -> Depths | None:
+        """Return the source of depth if a corruption of the benchmark needs depth, else None.
+
+        Raises:
+            UsageError: the data have no depth, or the user gave depth maps that no corruption needs.
+            DataError: a depth file is missing.
+        """
+        wanting = next((name for name in self.corruptions if needs_depth(name)), None)
+        if wanting is None:
+            if self.own_depth is not None:
+                raise UsageError("none of the corruptions needs depth: choose one that does, or omit --depth")
+            return None
+        if self.depths is None:
+            raise no_depth(wanting, self.dataset.name)
+        for key in self.keys:
+            self.depths.depth_files(key)
+        return self.depths
+
+    def narrowed(
+        self,
+        corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
+        severities: int | Sequence[int] | None = None,
+        limit: int | None = None,
+        attacks: AnyAttack | Sequence[AnyAttack] | None = None,
+    ) -> Benchmark:
+        """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
+
+        Names of families and "all" stand for the benchmark's corruptions. With attacks but without corruptions, only
+        the attacks are run. Random noise of the same norms is added as a baseline.
+
+        Raises:
+            UsageError: a corruption or attack is unknown, a severity is outside 1 to 5, or the limit is below 1.
+        """
+        if limit is not None:
+            check_count("--limit", limit)
+        against = with_controls(_as_iterable(attacks or ()))
+        asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
+        chosen = corruption_names(with_families(asked, self.corruptions))
+        for name in chosen:
+            if name not in self.corruptions and not (self.closed and on_disk(name)):
+                load_corruption(name)
+                self._refuse_clip_corruption(name)
+        named = self.severities if severities is None else _as_iterable(severities)
+        levels = tuple(sorted({check_severity(level) for level in named}))
+        if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
+            raise UsageError(
+                f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
+                f"{', '.join(map(str, self.severities))}; choose from these, or give the uncorrupted data"
+            )
+        if not (chosen or against) or not levels:
+            raise UsageError("nothing to run: give at least one corruption or attack, and one severity")
+        if both := set(chosen) & set(against):
+            raise UsageError(f"'{min(both)}' is the name of an attack: give your own corruption a different name")
+        return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
+
+    def still(self) -> Benchmark:
+        """Return the still version of the benchmark: every frame paired with itself, with a true flow of zero
+        everywhere.
+
+        Raises:
+            UsageError: the benchmark is from the paper, so its name implies its pairs and their ground truth, or
+                its frames were corrupted beforehand.
+        """
+        check_still(self.name, self.facts)
+        dataset = Still(self.dataset, self.keys, self.own_depth)
+        return replace(
+            self,
+            name=still_name(self.name),
+            dataset=dataset,
+            keys=tuple(dataset.keys()),
+            protocol={name: value for name, value in self.protocol.items() if name not in NON_OCCLUDED},
+            facts=facts_of_still(self.facts),
+        )
+
+    def subset(self, name: str) -> Benchmark:
+        """Return the same benchmark restricted to the conditions of a subset: "quick", see `BenchmarkFacts.quick`.
+
+        Raises:
+            UsageError: the subset is unknown, or the benchmark does not have it.
+        """
+        if name != "quick":
+            raise unknown_name("subset", name, ("quick",))
+        if self.facts.quick is None:
+            raise UsageError(f"no quick subset was found for {self.name}; name fewer --corruptions or --severities")
+        return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
+
+    def _refuse_clip_corruption(self, name: str) -> None:
+        """Raise for a corruption of whole clips if the dataset does not contain clips."""
+        parts = [part for part, _ in split_stack(name)]
+        if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
+            return
+        if len(parts) > 1:
+            raise UsageError(f"{name} cannot be created: a corruption of the whole clip cannot be stacked")
+        videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
+        video = f" --data {videos[0]}" if videos else ", which also accepts a video file"
+        instead = getattr(load_corruption(name), "instead", "")
+        raise UsageError(
+            f"{name} needs the clip from which the frames were taken: give --benchmark gopro-fc{video}{instead}"
+        )
+
+
+def _as_iterable(given: Any) -> Iterable[Any]:
+    """Return one or several corruptions or severities as a tuple."""
+    return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
+
+
+def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
+    """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are at most
+    `limit`, or if `limit` is None.
+    """
+    if limit is None or limit >= len(keys):
+        return tuple(keys)
+    chosen: set[int] = set()
+    number = 1
+    while len(chosen) < limit:
+        digits = f"{number:b}"
+        chosen.add(len(keys) * int(digits[::-1], 2) >> len(digits))
+        number += 1
+    return tuple(keys[place] for place in sorted(chosen))

@@ -1,0 +1,139 @@
+"""Write a benchmark's frames as files, in the layout in which KITTI-FC was released.
+
+clean/val/image_2/000010_10.png, 000010_11.png      <corruption>_<severity>/val/image_2/...
+clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10.png if occlusion is known
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ...core.errors import DataError, RunError
+from ...core.files import make_folder, write_json
+from ...core.types import Frame, Sample, SceneDepth
+from ...corruptions import Corruption, corrupt_clip, load_corruption
+from ...corruptions.api import STREAM_VERSION, user_sources
+from ...corruptions.scale import calibration_digest
+from ...corruptions.stack import levels_of
+from ...media.flow import write_flow
+from ...media.images import read_image, write_image
+from ..datasets.released import DISK_NAMES
+from .base import Benchmark
+from .facts import NON_OCCLUDED
+from .released import EXPORT_FILE, export_settings
+
+
+@dataclass(frozen=True)
+class Written:
+    """Progress report: one sample under one condition is on disk; `fresh` is False if an earlier call wrote it."""
+
+    key: str
+    condition: str
+    fresh: bool
+
+
+def export(
+    benchmark: Benchmark,
+    output: Path,
+    seed: int = 0,
+    variant: str = "default",
+    severity_scale: str = "paper",
+    common_draws: bool = False,
+) -> Iterator[Written]:
+    """Write the benchmark into `output`, sample by sample; existing files are kept unchanged."""
+    scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
+    corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
+    draws: dict[str, object] = {"common_draws": True} if common_draws else {}
+    settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
+    depths = benchmark.depth_to_read()
+    own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
+    truth = NON_OCCLUDED if NON_OCCLUDED.items() <= benchmark.protocol.items() else {}
+    if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
+        raise DataError(f"sample '{nested[0]}' cannot be written in the KITTI layout, which has no subfolders")
+    _claim(output, settings | scale | draws | own | truth | user_sources(variant, benchmark.corruptions))
+    _check_existing_frames(output, benchmark)
+    for key in benchmark.keys:
+        sample = benchmark.dataset.load(key)
+        fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
+        scene = depths.depth(sample) if depths is not None else None
+        _write_truth(output / "clean" / "val", sample)
+        yield Written(key, "clean", fresh)
+        for corruption in corruptions:
+            for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
+                condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
+                make = partial(_corrupted, sample, corruption, severity, seed, common_draws, scene)
+                fresh = _write_frames(output / condition / "val", key, make)
+                yield Written(key, condition, fresh)
+
+
+def _frames(sample: Sample) -> tuple[Frame, ...]:
+    return sample.frames
+
+
+def _corrupted(
+    sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool, depth: SceneDepth | None
+) -> tuple[Frame, ...]:
+    return tuple(
+        corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common_draws, depth=depth)
+    )
+
+
+def _frame_paths(folder: Path, key: str) -> list[Path]:
+    return [folder / "image_2" / f"{key}_{10 + index}.png" for index in range(2)]
+
+
+def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:
+    paths = _frame_paths(folder, key)
+    if all(path.exists() for path in paths):
+        return False
+    make_folder(folder / "image_2")
+    for path, frame in zip(paths, make(), strict=False):
+        write_image(path, frame)
+    return True
+
+
+def _write_truth(folder: Path, sample: Sample) -> None:
+    if sample.flow is None or sample.valid is None:
+        return
+    maps = {"flow_occ": sample.valid}
+    if sample.occluded is not None:
+        maps["flow_noc"] = sample.valid & ~sample.occluded
+    for name, valid in maps.items():
+        path = folder / name / f"{sample.key}_10.png"
+        if not path.exists():
+            make_folder(path.parent)
+            write_flow(path, sample.flow, valid)
+
+
+def _claim(output: Path, settings: dict[str, object]) -> None:
+    """Record the settings of the export in its folder; raise if the folder contains a different export, or frames of
+    unknown origin."""
+    on_disk = export_settings(output)
+    if on_disk is None and (output / "clean").exists():
+        raise RunError(
+            f"{output} contains frames that were not exported from here; choose another folder with --output"
+        )
+    if on_disk is not None and on_disk != settings:
+        raise RunError(
+            f"{output} contains a different export ({EXPORT_FILE}: {on_disk}); choose another folder with --output"
+        )
+    make_folder(output)
+    write_json(output / EXPORT_FILE, settings)
+
+
+def _check_existing_frames(output: Path, benchmark: Benchmark) -> None:
+    """Raise if the clean frames of an earlier call differ from those of the benchmark."""
+    for key in benchmark.keys:
+        paths = _frame_paths(output / "clean" / "val", key)
+        if not any(path.exists() for path in paths):
+            continue
+        for path, frame in zip(paths, benchmark.dataset.load(key).frames, strict=False):
+            if path.exists() and not np.array_equal(read_image(path), frame):
+                raise RunError(
+                    f"{output} contains different frames of sample '{key}'; choose another folder with --output"
+                )

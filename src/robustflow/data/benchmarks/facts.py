@@ -1,0 +1,174 @@
+"""Facts about a benchmark that a reader of results needs, as validated data on its class."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from pydantic import Field
+
+from ...core.errors import UsageError
+from ...core.severity import SEVERITIES
+from ...core.validated import Frozen
+from ...corruptions import IMAGE_PAIR
+from ..datasets.base import DatasetFacts
+
+
+class QuickSubset(Frozen):
+    """A subset of a benchmark's corruptions and severities whose ranking of models resembles that of the full set; its
+    means are estimates. It was chosen using two rankings: one of published models, whose tables do not list
+    severities, and one of models evaluated on different pairs.
+    """
+
+    corruptions: tuple[str, ...]
+    severities: tuple[int, ...]
+    tau: float
+    tau_of_others: float
+    published: int
+    measured: int
+
+
+class BenchmarkFacts(Frozen):
+    """The description of a benchmark.
+
+    Attributes:
+        title: name of the benchmark in tables and figures.
+        description: one-sentence description.
+        data: what `--data` must specify; "" if the benchmark needs no data.
+        has_flow: whether the samples have ground truth; if not, only RCRE is computed.
+        published: whether the paper reports results on the benchmark.
+        paper_corruptions: corruptions included in the paper's mean; for a benchmark that is not in the paper, the
+            image-pair corruptions or those distributed with the frames.
+        severities: available severities of the corruptions.
+        paper_pairs: number of pairs in the paper's evaluation; None if the paper does not include the benchmark.
+        training_set: name of the training set that contains the frames, see `robustflow.models.provenance`; "" if there
+            is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
+        same_domain: names of training sets of the same domain that contain different frames.
+        quick: conditions of `--subset quick`; None if no suitable subset exists.
+
+    >>> BenchmarkFacts(title="Night drives").has_flow
+    True
+    """
+
+    title: str = Field(min_length=1, max_length=80)
+    description: str = Field(default="", max_length=400)
+    data: str = Field(default="", max_length=200)
+    has_flow: bool = True
+    published: bool = False
+    paper_corruptions: tuple[str, ...] = IMAGE_PAIR
+    severities: tuple[int, ...] = SEVERITIES
+    paper_pairs: int | None = Field(default=None, ge=1)
+    training_set: str = Field(default="", max_length=80)
+    same_domain: tuple[str, ...] = ()
+    quick: QuickSubset | None = None
+
+
+NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
+"""Protocol entry of a run whose ground truth excludes pixels that are occluded in frame 2."""
+
+EXPORTED: dict[str, Any] = {"frames": "exported"}
+"""Protocol entry of a run on frames that this package wrote to a folder."""
+
+
+def truth_remark(protocol: Mapping[str, Any]) -> str:
+    """Return a remark about the ground truth of a run, or "" if it is the dataset's usual ground truth.
+
+    >>> truth_remark(NON_OCCLUDED), truth_remark({})
+    ('non-occluded ground truth', '')
+    """
+    return "non-occluded ground truth" if NON_OCCLUDED.items() <= protocol.items() else ""
+
+
+def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severities: Collection[int]) -> str:
+    """Return a remark about means over the quick subset of a benchmark, or "" for means over other conditions."""
+    quick = facts.quick
+    if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(quick.severities):
+        return ""
+    return (
+        f"an estimate from the quick subset, whose ranking of {quick.published} published and {quick.measured} "
+        f"measured models agrees with that of all conditions at a Kendall's tau of {quick.tau:.2f} within a setting "
+        f"({quick.tau_of_others:.2f} for methods that it was not chosen for)"
+    )
+
+
+NEUTRAL = BenchmarkFacts(title="own benchmark")
+"""Default facts for a benchmark that declares none."""
+
+
+def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
+    """Return the facts of a dataset used as a benchmark: every sample under every image-pair corruption, or under the
+    corruptions distributed with the dataset."""
+    return BenchmarkFacts(
+        title=dataset.title,
+        description=dataset.description,
+        data=dataset.layout,
+        has_flow=dataset.ground_truth != "none",
+        paper_corruptions=dataset.corruptions or IMAGE_PAIR,
+        severities=SEVERITIES[:1] if dataset.corruptions else SEVERITIES,
+        training_set=dataset.training_set,
+        same_domain=dataset.same_domain,
+    )
+
+
+_STILL = "-still"
+"""Suffix of the name of a still-scene benchmark."""
+
+
+def still_name(name: str) -> str:
+    """Return the name of a benchmark's still-scene version.
+
+    >>> still_name("sintel")
+    'sintel-still'
+    """
+    return f"{name}{_STILL}"
+
+
+def is_still(benchmark: str) -> bool:
+    """Return whether a name denotes a still-scene benchmark, where every error is phantom motion.
+
+    >>> is_still("sintel-still"), is_still("sintel")
+    (True, False)
+    """
+    return benchmark.endswith(_STILL)
+
+
+def sample_noun(benchmark: str) -> str:
+    """Return the noun used when a benchmark's samples are counted.
+
+    >>> sample_noun("sintel-still"), sample_noun("sintel")
+    ('still frame', 'pair')
+    """
+    return "still frame" if is_still(benchmark) else "pair"
+
+
+def moving_name(benchmark: str) -> str:
+    """Return the name of the benchmark from which a still-scene benchmark was made; return other names unchanged.
+
+    >>> moving_name("sintel-still"), moving_name("sintel")
+    ('sintel', 'sintel')
+    """
+    return benchmark.removesuffix(_STILL)
+
+
+def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
+    """Return the facts about a still-scene benchmark: every pixel has a known flow of zero."""
+    return facts.model_copy(
+        update={
+            "title": f"{facts.title[:70]}, still",
+            "description": "Every frame paired with itself: any flow is phantom motion.",
+            "has_flow": True,
+            "published": False,
+            "paper_pairs": None,
+        }
+    )
+
+
+def check_still(name: str, facts: BenchmarkFacts) -> None:
+    """Raise if still scenes under a benchmark's name would be misleading, because the name implies certain pairs and
+    ground truth, as do the names of the paper's benchmarks.
+    """
+    if facts.published:
+        raise UsageError(
+            f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes, "
+            "choose a dataset instead: --benchmark kitti2015, folder, ... with --still"
+        )

@@ -1,0 +1,195 @@
+"""Open a user-defined benchmark, `--benchmark mypkg:MyBench`, or a user-defined dataset as a benchmark. Use any
+dataset as a benchmark: the user's own frames (`folder`), or a registered dataset such as Sintel, HD1K or Spring.
+Registry of benchmarks by name: look up facts without loading data, or open a benchmark on its data.
+"""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from ...core.errors import DataError, UsageError, unknown_name
+from ...core.paths import user_path
+from ...core.plugins import Registry, called, import_target, is_target
+from ...corruptions import IMAGE_PAIR
+from ..datasets import DATASETS, PreCorrupted, dataset_facts, load_dataset
+from ..datasets.base import facts_of
+from ..datasets.folder import benchmark_of_folder, different_benchmark
+from ..datasets.own import OwnDepth, check_members, open_own_dataset, own_source
+from ..datasets.split import read_split, selected
+from .base import Benchmark
+from .facts import NON_OCCLUDED, BenchmarkFacts, facts_of_dataset, facts_of_still, is_still, moving_name, truth_remark
+
+
+def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
+    """Open the benchmark that a user specifies as `module.path:Attribute`."""
+    made = import_target(target, "benchmark")
+    if not isinstance(made, Benchmark):
+        opener = made if inspect.isroutine(made) else getattr(made, "open", None)
+        if opener is None:
+            raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your dataset'")
+        if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
+            opener = called(f"{target} failed in its construction", made).open
+        made = called(f"{target} failed in open(data, split)", lambda: opener(data, split))
+    if not isinstance(made, Benchmark):
+        raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
+    if made.name in reserved:
+        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it a different name")
+    check_members(made.dataset, f"the dataset of {target}")
+    check_keys(made, target)
+    source = {"benchmark": target, "source": own_source(target, made.dataset)}
+    return replace(made, protocol={**made.protocol, "own": source})
+
+
+def check_keys(benchmark: Benchmark, what: str) -> None:
+    """Check that a user's benchmark lists samples, and only samples of its dataset."""
+    if not benchmark.keys:
+        raise UsageError(f"{what} lists no samples: keys must contain at least one key of its dataset")
+    known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
+    for key in benchmark.keys:
+        if key not in known:
+            raise UsageError(f"{what} lists the sample {key!r:.60}, which its dataset does not contain")
+
+
+def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
+    """Return a benchmark with every sample of a user's dataset under every image-pair corruption."""
+    dataset = open_own_dataset(target, options)
+    if dataset.name in reserved:
+        raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it a different name")
+    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
+    if options:
+        protocol["options"] = {key: str(value) for key, value in sorted(options.items())}
+    facts = facts_of_dataset(facts_of(dataset, dataset.name))
+    return Benchmark(dataset.name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts)
+
+
+def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
+    """Return a benchmark with every sample of a dataset under every image-pair corruption, or under the corruptions
+    distributed with the frames. Without ground truth, only RCRE is computed.
+    """
+    dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
+    if isinstance(dataset, PreCorrupted) and not facts.corruptions:
+        instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
+        raise UsageError(f"the frames of '{name}' are corrupted already{instead}")
+    keys = selected(split, dataset.keys(), name) if split else dataset.keys()
+    deciding = {key: str(value) for key, value in sorted(options.items()) if key not in facts.folder_options}
+    protocol: dict[str, Any] = {"options": deciding} if deciding else {}
+    if getattr(dataset, "non_occluded", False):
+        protocol |= NON_OCCLUDED
+        warnings.warn(
+            f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is easier "
+            f"than {facts.title}'s usual ground truth; unpack flow_occ/ there to use it",
+            stacklevel=5,
+        )
+    about = facts_of_dataset(facts)
+    if not isinstance(dataset, PreCorrupted):
+        return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
+    there = tuple(corruption for corruption in facts.corruptions if dataset.has_corrupted(corruption))
+    if not there:
+        raise DataError(f"{data}: has clean frames of {facts.title} but no corrupted ones; expected {facts.layout}")
+    protocol["frames"] = "released"
+    return Benchmark(name, dataset, tuple(keys), there, about.severities, protocol=protocol, closed=True, facts=about)
+
+
+class Definition(Protocol):
+    """Definition of a registered benchmark: a class with its facts and a method to open it."""
+
+    facts: BenchmarkFacts
+
+    @staticmethod
+    def open(data: Path | None, split: Path | None) -> Benchmark:
+        """Return the benchmark on the data in a folder."""
+
+
+DEFAULT = "demo"
+"""The default benchmark."""
+
+BENCHMARKS: Registry[Definition] = Registry("benchmark", entry_point_group="robustflow.benchmarks")
+BENCHMARKS.add("demo", "robustflow.data.benchmarks.demo:Demo")
+BENCHMARKS.add("kitti-fc", "robustflow.data.benchmarks.kitti_fc:KittiFC")
+BENCHMARKS.add("gopro-fc", "robustflow.data.benchmarks.gopro_fc:GoProFC")
+
+
+def load_benchmark(
+    name: str,
+    data: str | Path | None = None,
+    split: str | Path | None = None,
+    options: dict[str, Any] | None = None,
+) -> Benchmark:
+    """Open a benchmark by name."""
+    others = dict(options or {})
+    depth, focal = others.pop("depth", None), others.pop("focal", None)
+    return with_own_depth(_load(name, data, split, others), depth, focal)
+
+
+def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
+    """Return a benchmark with the user's depth maps; without a folder, the benchmark itself."""
+    if folder is not None:
+        return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal))
+    if focal is not None:
+        raise UsageError("--focal only applies to your own depth maps: give --depth DIR as well, or leave it out")
+    return benchmark
+
+
+def _load(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
+    chosen = user_path(split) if split is not None else None
+    reserved = [*BENCHMARKS.names(), *DATASETS.names()]
+    if data is not None and is_target(str(data)) and not Path(data).exists():
+        if name != DEFAULT:
+            raise UsageError(f"{data} is a custom dataset; omit --benchmark, or give the folder of {name}")
+        return own_dataset_benchmark(str(data), chosen, options, reserved)
+    root = user_path(data) if data is not None else None
+    if name == DEFAULT and root is not None:
+        name = _benchmark_of(root)
+    if is_target(name):
+        if options:
+            raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
+        return own_benchmark(name, root, chosen, reserved)
+    try:
+        return _opened(name, root, chosen, options, reserved)
+    except DataError as error:
+        fitting = different_benchmark(root, name) if root is not None else None
+        if fitting is None:
+            raise
+        raise DataError(f"{error}; this folder looks like the data of --benchmark {fitting}") from error
+
+
+def _benchmark_of(root: Path) -> str:
+    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset."""
+    if not root.exists():
+        raise DataError(f"{root}: no such file or folder; check the path")
+    if (fitting := benchmark_of_folder(root)) is not None:
+        raise UsageError(
+            f"{root} looks like the data of {fitting}: give --benchmark {fitting} or another that reads it "
+            "(see robustflow list datasets)"
+        )
+    return "folder"
+
+
+def _opened(
+    name: str, root: Path | None, split: Path | None, options: dict[str, Any], reserved: list[str]
+) -> Benchmark:
+    if name not in BENCHMARKS.names():
+        if name in DATASETS:
+            return from_dataset(name, root, split, options)
+        raise unknown_name("benchmark", name, reserved)
+    if options:
+        raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
+    return BENCHMARKS.get(name).open(root, split)
+
+
+def benchmark_facts(name: str) -> BenchmarkFacts:
+    """Return the facts of a benchmark by its name, for code that reads manifests and tables without the data."""
+    if is_still(name):
+        return facts_of_still(benchmark_facts(moving_name(name)))
+    if name in BENCHMARKS.names():
+        facts = getattr(BENCHMARKS.get(name), "facts", None)
+        if isinstance(facts, BenchmarkFacts):
+            return facts
+    elif name in DATASETS:
+        return facts_of_dataset(dataset_facts(name))
+    return BenchmarkFacts(title=name[:80] or "unnamed")

@@ -1,0 +1,188 @@
+"""The frames around a pair, for multi-frame models: find and read them, corrupt them with the pair's random draw,
+and put them in order. A video file as a dataset: frames are decoded on demand, in constant memory.
+
+Within a run, these frames come after the two frames of the pair, so that everything that uses a pair (metrics,
+digests, pictures) sees the same bytes as with a two-frame model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+
+from ...core.errors import UsageError
+from ...core.paths import positive
+from ...core.plugins import called
+from ...core.types import Frame, Sample, check_frame
+from ...corruptions.api import corrupt_clip
+from ...corruptions.base import Corruption
+from ...models.base import AnyModel, ClipModel, FlowModel
+from ...models.window import Window, window_of
+from ..video.reader import VideoReader
+from . import DATASETS, dataset_facts
+from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
+from .pairs import Position, Samples, position, too_few_frames
+
+
+def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
+    """Return the window of a multi-frame model on a dataset, or None for a two-frame model."""
+    if not isinstance(model, ClipModel):
+        return None
+    window = window_of(model)
+    frozen = isinstance(dataset, PreCorrupted) and not isinstance(dataset, CorruptedClips)
+    if has_clips(dataset) and not frozen:
+        return window
+    if isinstance(model, FlowModel):
+        return None
+    raise UsageError(
+        f"this model needs {window.before + 2 + window.after} frames, but '{dataset.name}' contains only pairs; "
+        f"datasets with clips: {_datasets_with_clips()}"
+    )
+
+
+def _datasets_with_clips() -> str:
+    """Return, as text, the names of the datasets with additional frames around their pairs, starting with those that
+    always have them."""
+    facts = {name: dataset_facts(name) for name in DATASETS.names()}
+    with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
+    ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
+    return ", ".join(name if when == "always" else f"{name} {when}" for name, when in ordered)
+
+
+class ContextFrames:
+    """The frames of a model's window on one dataset."""
+
+    def __init__(self, dataset: Clips, window: Window) -> None:
+        self._dataset = dataset
+        self._window = window
+
+    def offsets(self, key: str) -> tuple[int, ...]:
+        """Return the offsets of the model's input frames, in the model's order; an offset may occur twice."""
+        return self._window.offsets(range_around(self._dataset, key, self._window.reach))
+
+    def files(self, key: str) -> list[Path]:
+        """Return the files of the frames around a pair."""
+        numbers = self._numbers(key)[2:]
+        if not numbers:
+            return []
+        return called(
+            f"the dataset failed in frame_files('{key}')", lambda: list(self._dataset.frame_files(key, numbers))
+        )
+
+    def add(self, sample: Sample) -> Sample:
+        """Return the sample with the frames around its pair appended."""
+        around = [self._frame(sample, number) for number in self._numbers(sample.key)[2:]]
+        return replace(sample, frames=(*sample.frames[:2], *around))
+
+    def _frame(self, sample: Sample, number: int) -> Frame:
+        key = sample.key
+        frame: Frame = called(
+            f"the dataset failed in frame('{key}', {number})", lambda: self._dataset.frame(key, number)
+        )
+        check_frame(frame, sample.frames[0], f"sample '{key}', frame {number}")
+        return frame
+
+    def corrupt(
+        self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
+    ) -> tuple[Frame, ...]:
+        """Return the frames of a sample returned by `add`, corrupted as one clip."""
+        numbers = self._numbers(sample.key)
+        first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
+        clip = corrupt_clip(
+            (clean[first + place] for place in range(len(clean))),
+            corruption,
+            severity,
+            seed,
+            sample.key,
+            first=first,
+            common_draws=common_draws,
+        )
+        corrupted = dict(zip(sorted(numbers), clip, strict=True))
+        return tuple(corrupted[number] for number in numbers)
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """Return the frames that the dataset provides in corrupted form."""
+        assert isinstance(self._dataset, CorruptedClips)
+        return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
+
+    def in_order(self, key: str, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+        """Select the model's input frames from the frames of a sample."""
+        by_number = dict(zip(self._numbers(key), frames, strict=True))
+        return tuple(by_number[offset] for offset in self.offsets(key))
+
+    def _numbers(self, key: str) -> tuple[int, ...]:
+        """Return the offsets of the frames of a sample, in the sample's order."""
+        return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))
+
+
+class Video(Samples):
+    """A dataset of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
+    because frames of a video are not independent. Implements `Dataset` and `Clips`.
+    """
+
+    name = "folder"
+    has_flow = False
+
+    def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
+        self._path, self._step = path, positive("step", step)
+        self._first, self._second = VideoReader(path), VideoReader(path)
+        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, len(self._first))
+        self._end = min(end, len(self._first))
+        if self._end - begin <= step:
+            count = max(0, self._end - begin)
+            raise too_few_frames(count, step, path, len(self._first))
+        self._begin = begin
+        self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
+        self._around: dict[int, VideoReader] = {}
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return list(self._keys)
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        self._index(key)
+        return [self._path]
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        index = self._index(key)
+        frames = (self._first.frame(index), self._second.frame(index + self._step))
+        return Sample(key, frames, group=self._path.stem)
+
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        index = self._index(key)
+        last = (self._end - 1 - index) // self._step
+        return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        if offset not in self._around:
+            self._around[offset] = copy(self._first)  # a copy reopens the file
+        return self._around[offset].frame(self._index(key) + offset * self._step)
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        return self.files(key)
+
+    def frame_names(self, key: str) -> tuple[int, int]:
+        """See `SharesFrames.frame_names`."""
+        index = self._index(key)
+        return index, index + self._step
+
+    def _index(self, key: str) -> int:
+        number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
+        if not 0 <= number < len(self._keys) or self._keys[number] != key:
+            raise UsageError(
+                f"{self._path} has no sample '{key}'; keys go from '{self._keys[0]}' to '{self._keys[-1]}'"
+            )
+        return int(key)
+
+    def _frame_number(self, option: str, value: Position, default: int) -> int:
+        chosen = position(option, value)
+        if chosen is None:
+            return default
+        return self._first.index_at(chosen) if isinstance(chosen, float) else chosen

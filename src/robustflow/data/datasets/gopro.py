@@ -1,0 +1,214 @@
+"""GoPro: frames of 33 hand-held sequences at 720x1280, no ground truth. The prepared GoPro-FC: pairs of key frames
+of clips, and the corruptions that need the whole clip.
+
+    test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
+    test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
+
+Sequences may also be directly in the root. Source: Nah, Kim and Lee, CVPR 2017.
+
+Image corruptions are computed on the fly as for every dataset. Object motion blur, rolling shutter and the three video
+corruptions are generated from the clip (see `data.video.open_clip`); the runner receives these frames corrupted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import DataError, UsageError
+from ...core.files import cache_folder
+from ...core.paths import choice, consecutive, folders, locate, numbered, positive, user_path
+from ...core.types import Frame, Sample
+from ...corruptions.api import load_corruption
+from ...corruptions.registry import CLIP, FAMILIES
+from ...media.images import read_image
+from ..video.open_clip import OpenClip, read_record, record_of_variant
+from ..video.prepared import FolderCache, PreparedClip, read_folder
+from .base import FC_PAPER, DatasetFacts
+from .pairs import PairDataset, PairFiles, Samples, pairs_at_step
+
+_FRAME = r"(\d{1,9})\.png"
+_KINDS = ("sharp", "blur", "blur_gamma")
+
+
+class GoPro(PairDataset):
+    """The GoPro dataset. `root` contains `train/` and `test/`, or sequences."""
+
+    name = "gopro"
+    has_flow = False
+    facts = DatasetFacts(
+        title="GoPro",
+        description="33 hand-held sequences, 720x1280, recorded at 240 frames per second.",
+        ground_truth="none",
+        clips="always",
+        licence="CC BY 4.0",
+        citation="Nah, Kim and Lee, Deep Multi-scale CNN for Dynamic Scene Deblurring, CVPR 2017",
+        layout="train/GOPR0372_07_00/sharp, test/..., or folders of frames",
+        training_set="gopro",
+    )
+
+    def __init__(self, root: str | Path, split: str = "all", images: str = "sharp", step: int = 1) -> None:
+        choice("split", split, ("all", "train", "test"))
+        choice("images", images, _KINDS)
+        positive("step", step)
+        root = user_path(root)
+        pairs: dict[str, PairFiles] = {}
+        for sequence in _sequences(root, split):
+            group = sequence.relative_to(root).as_posix()
+            for first, second in pairs_at_step(_frames(sequence, images), step, sequence):
+                pairs[f"{group}/{first.stem}"] = PairFiles((first, second), group=group)
+        super().__init__(pairs, root)
+
+
+def _sequences(root: Path, split: str) -> list[Path]:
+    parts = ("train", "test") if split == "all" else (split,)
+    sequences = [folder for part in parts for folder in folders(root / part)]
+    if sequences:
+        return sequences
+    plain = [folder for folder in folders(root) if _is_sequence(folder)]
+    if plain and split == "all":
+        return plain
+    if root.is_dir() and _is_sequence(root):
+        raise DataError(f"{root}: a single sequence; give its parent folder, or read it as dataset 'folder'")
+    expected = f"{' or '.join(f'{part}/' for part in parts)} with sequence folders (GOPR0384_11_00/sharp/000001.png)"
+    return folders(locate("GoPro", root, list(parts), expected=expected))
+
+
+def _is_sequence(folder: Path) -> bool:
+    return any((folder / kind).is_dir() for kind in _KINDS) or bool(numbered(folder, _FRAME))
+
+
+def _frames(sequence: Path, images: str) -> list[Path]:
+    kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
+    if kinds and images not in kinds:
+        raise DataError(f"{sequence}: contains no folder {images}/; choose images from {', '.join(kinds)}")
+    frames = numbered(sequence / images if kinds else sequence, _FRAME)
+    consecutive(frames, stride=None)
+    return list(frames.values())
+
+
+VARIANTS = "variants"
+
+
+class GoProFCPrepared(Samples):
+    """Dataset for a folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: the
+    frames around a pair are key frames of the clip or of its corrupted stream.
+    """
+
+    name = "gopro_fc_prepared"
+    has_flow = False
+    facts = DatasetFacts(
+        title="GoPro-FC, prepared",
+        description="Pairs of key frames from clips at 960 frames per second, made by robustflow prepare gopro-fc.",
+        ground_truth="none",
+        clips="always",
+        licence="CC BY 4.0 (derived from GoPro)",
+        citation=f"{FC_PAPER}; Nah, Kim and Lee, CVPR 2017",
+        layout="gopro_fc.json, GOPR0374_11_02/clip.json, GOPR0374_11_02/master.mp4, GOPR0374_11_02/keyframes",
+        training_set="gopro",
+        benchmark="gopro-fc",
+    )
+
+    def __init__(self, root: str | Path, variant: str = "default", cache: Path | None = None) -> None:
+        self.root = user_path(root)
+        manifest, self.clips = read_folder(self.root)
+        self.variant = variant
+        writable = os.access(self.root, os.W_OK)
+        where = cache or (self.root / VARIANTS if writable else cache_folder(VARIANTS))
+        self.cache = FolderCache(where, manifest.cache_limit)
+        self._pairs = {
+            f"{clip.name}/{first:06d}": (clip, first, second) for clip in self.clips for first, second in clip.pairs
+        }
+        self._parameters = {name: load_corruption(name, variant).severities for name in CLIP}
+        self._open: OpenClip | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_open": None}
+
+    def keys(self) -> list[str]:
+        """Return the keys, `<clip>/<master index of the first frame>`."""
+        return list(self._pairs)
+
+    def load(self, key: str) -> Sample:
+        """Return a pair of adjacent key frames, with the clip as its group."""
+        clip, first, second = self._pair(key)
+        frames = (read_image(clip.key_frame_path(first)), read_image(clip.key_frame_path(second)))
+        return Sample(key, frames, group=clip.name)
+
+    def files(self, key: str) -> list[Path]:
+        """Return the files of the two key frames."""
+        clip, first, second = self._pair(key)
+        return [clip.key_frame_path(first), clip.key_frame_path(second)]
+
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        clip, first, _ = self._pair(key)
+        frames = clip.manifest.key_frames
+        place = frames.index(first)
+        return range(-min(reach, place), min(reach + 2, len(frames) - place))
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        clip, index = self._key_frame(key, offset)
+        return read_image(clip.key_frame_path(index))
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        key_frames = (self._key_frame(key, offset) for offset in sorted(set(offsets)))
+        return [clip.key_frame_path(index) for clip, index in key_frames]
+
+    def has_corrupted(self, corruption: str) -> bool:
+        """Return True for the five corruptions that need the clip."""
+        return corruption in CLIP
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """See `PreCorrupted.corrupted`. The frames are generated on first use; for a video corruption, this requires a
+        pass over the clip.
+        """
+        first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
+        return first, second
+
+    def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
+        """See `CorruptedClips.corrupted_frame`."""
+        clip, index = self._key_frame(key, offset)
+        parameter = self._parameters[corruption][severity - 1]
+        if self._open is None or self._open.clip is not clip:
+            self._open = OpenClip(clip, self.cache, self._parameters)
+        return self._open.corrupted(index, corruption, parameter)
+
+    def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
+        """Return the clip's master file, from which all frames are generated."""
+        return [self._pair(key)[0].master.path]
+
+    def with_variant(self, variant: str) -> GoProFCPrepared:
+        """Return the same data with the parameters of a variant ("reference" uses N = 5 M for the most severe
+        bit errors)."""
+        return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
+
+    def identity(self) -> dict[str, Any]:
+        """Return the inputs that determine the frames (masters, key frames and their preparation), for a run's manifest
+        and identity."""
+        return {
+            clip.name: clip.manifest.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
+            for clip in self.clips
+        }
+
+    def clip_records(self) -> list[dict[str, Any]]:
+        """See `FromClips.clip_records`: one record per clip, video corruption and severity generated so far."""
+        settings = [(name, parameter) for name in FAMILIES["video"] for parameter in self._parameters[name]]
+        paths = [record_of_variant(clip, self.cache, *setting) for clip in self.clips for setting in settings]
+        return [read_record(path) for path in paths if path.is_file()]
+
+    def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
+        """Return the clip of a sample and the master index of the key frame at an offset from the pair's first
+        frame."""
+        clip, first, _ = self._pair(key)
+        frames = clip.manifest.key_frames
+        return clip, frames[frames.index(first) + offset]
+
+    def _pair(self, key: str) -> tuple[PreparedClip, int, int]:
+        if key not in self._pairs:
+            raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{next(iter(self._pairs))}'")
+        return self._pairs[key]

@@ -1,0 +1,180 @@
+"""User-provided depth maps for a dataset: `--depth DIR`. Open a user-defined dataset, `module.path:Attribute`,
+check it, and identify it by the hash of its source.
+
+The map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension .png (16-bit
+grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import DataError, UsageError
+from ...core.files import digest_of_bytes
+from ...core.paths import user_path
+from ...core.plugins import called, check_options, import_target, source_of_target
+from ...core.source_digest import source_digest
+from ...core.types import Camera, Sample, SceneDepth
+from ...media.arrays import readable
+from ...media.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
+from ...media.images import IMAGE_SUFFIXES
+from .base import Dataset
+from .depth import scene_depth
+from .still import SharesFrames
+
+_READERS = {".png": read_depth_png, ".npy": read_depth_npy, ".pfm": read_depth_pfm}
+_FOLDERS = 3
+"""Maximum number of parent folders of a frame that DIR may mirror."""
+
+
+class OwnDepth:
+    """Depth maps for the frames of a dataset. Implements `Depths`."""
+
+    def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
+        self._folder, self._dataset = user_path(folder), dataset
+        if not self._folder.is_dir():
+            raise UsageError(f"--depth {self._folder}: no such folder; give the folder with a map for every frame")
+        if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
+            raise UsageError(f"--focal {focal}: give a positive focal length in pixels")
+        self._focal = focal
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`. The principal point is the centre of the frame; the camera motion is unknown."""
+        height, width = sample.shape
+        focal = float(max(width, height)) if self._focal is None else float(self._focal)
+        first, second = (_read(path) for path in self._maps(sample.key))
+        camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2))
+        return scene_depth(first, second, camera, self._folder, sample)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        return list(dict.fromkeys(self._maps(key)))
+
+    @cached_property
+    def digest(self) -> str:
+        """Return a hash (16 hexadecimal digits) of the maps of all samples and of the focal length."""
+        whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
+        for key in list(self._dataset.keys()):
+            for frame in self._frames(key):
+                path = self._map(frame)
+                if path is not None:
+                    with readable(path), open(path, "rb") as file:
+                        whole.update(hashlib.file_digest(file, hashlib.blake2b).digest())
+        return whole.hexdigest()
+
+    def _maps(self, key: str) -> tuple[Path, Path]:
+        found = []
+        for frame in self._frames(key):
+            path = self._map(frame)
+            if path is None:
+                raise DataError(
+                    f"{self._folder}: no depth map for {frame}; expected {frame.stem} with the extension "
+                    f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/"
+                )
+            if (other := self._owners.get(path)) is not None and other != frame:
+                raise DataError(
+                    f"{path}: matches both {other} and {frame}; put the maps into folders named like the "
+                    "folders of the frames"
+                )
+            found.append(path)
+        return found[0], found[1]
+
+    @cached_property
+    def _owners(self) -> dict[Path, Path]:
+        """Return, for each map, the first frame that uses it."""
+        owners: dict[Path, Path] = {}
+        for key in list(self._dataset.keys()):
+            for frame in self._frames(key):
+                if (path := self._map(frame)) is not None:
+                    owners.setdefault(path, frame)
+        return owners
+
+    def _frames(self, key: str) -> tuple[Path, ...]:
+        dataset = self._dataset
+        names = dataset.frame_names(key) if isinstance(dataset, SharesFrames) else tuple(dataset.files(key)[:2])
+        frames = tuple(Path(name) for name in names if isinstance(name, Path))
+        if len(frames) != 2 or any(frame.suffix.lower() not in IMAGE_SUFFIXES for frame in frames):
+            raise UsageError(
+                f"--depth needs maps named like the files of the frames, but the files of '{dataset.name}' are "
+                "not images; give a folder of images"
+            )
+        return frames
+
+    def _map(self, frame: Path) -> Path | None:
+        above = frame.parent.relative_to(frame.anchor).parts[-_FOLDERS:]
+        places = [self._folder.joinpath(*above[start:]) for start in range(len(above) + 1)]
+        named = (place / f"{frame.stem}{suffix}" for place in places for suffix in _READERS)
+        return next((path for path in named if path.is_file() and not path.samefile(frame)), None)
+
+
+def _read(path: Path) -> Values:
+    values = _READERS[path.suffix](path)
+    return values / np.float32(1000) if path.suffix == ".png" else values
+
+
+_GUIDE = "see the guide 'add your dataset'"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+
+
+def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
+    """Open the dataset that a user names as `module.path:Attribute`, and check its first sample."""
+    dataset = import_target(target, "dataset")
+    if inspect.isclass(dataset) or inspect.isroutine(dataset):
+        check_options(dataset, target, options, "-D")
+        opener = dataset
+        dataset = called(f"{target} failed in its construction", lambda: opener(**options))
+    elif options:
+        raise UsageError(f"{target} is a dataset object, which does not accept options; omit {', '.join(options)}")
+    check_members(dataset, target)
+    return dataset
+
+
+def check_members(dataset: Any, what: str) -> None:
+    """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample."""
+    for member in ("name", "has_flow", "keys", "load", "files"):
+        if not hasattr(dataset, member):
+            raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
+    if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
+        raise UsageError(f"{what}: the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
+    keys = called(f"{what} failed in keys", dataset.keys)
+    if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
+        raise UsageError(f"{what}: keys() must return a non-empty list of strings, not {keys!r:.60}")
+    if len(set(keys)) != len(keys):
+        raise UsageError(f"{what}: keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
+    check_sample(dataset, keys[0], what)
+
+
+def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
+    """Load one sample and check it against the dataset's declarations."""
+    what = what or f"the dataset '{dataset.name}'"
+    sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
+    if not isinstance(sample, Sample):
+        raise UsageError(f"{what}: load('{key}') returned {type(sample).__name__}; it must return a Sample")
+    if sample.key != key:
+        raise UsageError(f"{what}: load('{key}') returned the sample '{sample.key}'")
+    if (sample.flow is not None) != bool(dataset.has_flow):
+        state = "has ground truth" if sample.flow is not None else "has no ground truth"
+        raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
+    return sample
+
+
+def check_sample(dataset: Any, key: str, what: str) -> Sample:
+    """Load one sample, see `load_checked`, and check its files."""
+    sample = load_checked(dataset, key, what)
+    files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
+    if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
+        raise UsageError(f"{what}: files('{key}') must return the paths of existing files, not {files!r:.80}")
+    return sample
+
+
+def own_source(target: str, made: object) -> str:
+    """Return a hash (16 hexadecimal digits) of the source code of a user's object: its class, and the module named
+    in the target."""
+    return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)

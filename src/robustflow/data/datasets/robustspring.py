@@ -1,0 +1,221 @@
+"""The frames of RobustSpring under one condition, and the layout of flow submissions to its server. RobustSpring as
+a benchmark: Spring's ten test sequences under twenty corruptions, without public ground truth.
+
+    spring/test/0003/frame_left/frame_left_0001.png ...     as unpacked from Spring's test_frame_left.zip, _right.zip
+    fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
+
+The server expects the flow of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
+CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
+
+Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows and the names and lengths of the
+sequences are taken from springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
+cv-stuttgart/springwebsite at bbfabe8. The layout of the frames is the one that two independent readers expect:
+tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
+instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
+tested on the released frames.
+
+    spring/test/0003/frame_left/frame_left_0001.png ...     Spring's own test frames, clean
+    fog/test/0003/frame_left/frame_left_0001.png ...        the same frame under fog, and so on
+
+RobustSpring measures the change of a model's flow relative to the clean pair, in both cameras, forwards and backwards.
+This package does not generate these corruptions; rows use the names in `robustflow.corruptions.on_disk`. Sources: see
+`robustspring_condition`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from ...core.errors import DataError, UsageError
+from ...core.paths import choice, consecutive, folders, locate, numbered, user_path
+from ...core.types import Frame, Sample
+from ...corruptions.on_disk import ROBUSTSPRING
+from .base import DatasetFacts
+from .pairs import PairDataset, PairFiles, Samples, read_frames
+
+CLEAN = "clean"
+
+CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.dataset_name, ROBUSTSPRING.names)))
+"""RobustSpring's names for its corruptions; each corruption has a single strength."""
+
+SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
+"""Number of frames of each test sequence."""
+
+DIRECTIONS = ("FW", "BW")
+_SIDES = ("left", "right")
+_CLEAN_NAMES = ("spring", CLEAN)
+
+
+class Condition(PairDataset):
+    """The pairs of one condition in one direction, for both cameras. A key is the path of a flow below CONDITION/test;
+    a group is a sequence, because both cameras see the same scene.
+    """
+
+    name = "robustspring"
+    has_flow = False
+
+    def __init__(
+        self, root: str | Path, condition: str = CLEAN, direction: str = "FW", spring: str | Path | None = None
+    ) -> None:
+        choice("condition", condition, (CLEAN, *CORRUPTIONS))
+        choice("direction", direction, DIRECTIONS)
+        self.folder = condition_folder(root, condition, spring)
+        pairs = {}
+        for sequence in folders(self.folder):
+            if re.fullmatch(r"\d{4}", sequence.name):
+                for side in _SIDES:
+                    pairs.update(_pairs(sequence, side, direction))
+        super().__init__(pairs, self.folder)
+
+
+def submitted() -> Iterator[str]:
+    """Return the paths of all flows of a complete submission, relative to its folder."""
+    for condition in (CLEAN, *CORRUPTIONS):
+        for sequence, frames in SEQUENCES.items():
+            for side in _SIDES:
+                for direction in DIRECTIONS:
+                    first = 1 if direction == "FW" else 2
+                    for number in range(first, first + frames - 1):
+                        yield f"{condition}/test/{_key(f'{sequence:04d}', side, direction, number)}.flo5"
+
+
+def condition_folder(root: str | Path, condition: str, spring: str | Path | None = None) -> Path:
+    """Return the path of CONDITION/test; for arguments and errors see `Condition`."""
+    if condition != CLEAN:
+        return _folder(root, [condition])
+    if spring is not None:
+        return locate("Spring", spring, ["test"], expected="test/, which contains 0003/frame_left/") / "test"
+    neighbour = user_path(root).absolute().parent / "spring" / "test"
+    if not any((user_path(root) / name).is_dir() for name in _CLEAN_NAMES) and neighbour.is_dir():
+        return neighbour
+    return _folder(root, _CLEAN_NAMES, "; or give the folder of Spring's frames with -D spring=FOLDER")
+
+
+def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path:
+    expected = f"{' or '.join(f'{name}/test/' for name in names)}, which contains 0003/frame_left/{otherwise}"
+    top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
+    return next(top / name / "test" for name in names if (top / name / "test").is_dir())
+
+
+def _key(sequence: str, side: str, direction: str, number: int) -> str:
+    kind = f"flow_{direction}_{side}"
+    return f"{sequence}/{kind}/{kind}_{number:04d}"
+
+
+def _pairs(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
+    folder = sequence / f"frame_{side}"
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder; unpack the frames of both cameras")
+    frames = numbered(folder, rf"frame_{side}_(\d{{4}})\.png")
+    pairs = {}
+    for before, after in consecutive(frames):
+        first, second = (before, after) if direction == "FW" else (after, before)
+        key = _key(sequence.name, side, direction, first)
+        pairs[key] = PairFiles((frames[first], frames[second]), group=sequence.name)
+    return pairs
+
+
+class RobustSpring(Samples):
+    """The clean pairs of both cameras in both directions, with their frames under all unpacked corruptions. Implements
+    `Dataset` and `CorruptedClips`.
+    """
+
+    name = "robustspring"
+    has_flow = False
+    facts = DatasetFacts(
+        title="RobustSpring",
+        description="Spring's ten test sequences, 1080x1920, under 20 corruptions, which are distributed as files.",
+        ground_truth="none",
+        pairs=3960,
+        clips="always",
+        licence="CC BY 4.0 (Spring's; for the corrupted frames see the distributor's terms)",
+        citation="Schmalfuss et al., RobustSpring: Benchmarking Robustness to Image Corruptions for Optical Flow, "
+        "Scene Flow and Stereo, arXiv 2505.09368, 2025",
+        layout="fog/test/0003/frame_left, spring/test/0003/frame_left",
+        same_domain=("spring",),
+        corruptions=ROBUSTSPRING.names,
+        folder_options=("spring",),
+    )
+
+    def __init__(self, root: str | Path, spring: str | Path | None = None) -> None:
+        self.root = user_path(root)
+        self._clean = {direction: Condition(self.root, CLEAN, direction, spring) for direction in DIRECTIONS}
+        self._condition_of = {key: pairs for pairs in self._clean.values() for key in pairs.keys()}  # noqa: SIM118
+        self._corrupted = {
+            ROBUSTSPRING.local_name(own): condition_folder(self.root, own)
+            for own in CORRUPTIONS
+            if (self.root / own).is_dir()
+        }
+        for folder in self._corrupted.values():
+            self._check_whole(folder)
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return sorted(self._condition_of)
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        return self._condition(key).load(key)
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        return self._condition(key).files(key)
+
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        return self._condition(key).around(key, reach)
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        return self._condition(key).frame(key, offset)
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        return self._condition(key).frame_files(key, offsets)
+
+    def has_corrupted(self, corruption: str) -> bool:
+        """See `PreCorrupted.has_corrupted`."""
+        return corruption in self._corrupted
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """See `PreCorrupted.corrupted`."""
+        clean, *_ = self._condition(key).files(key)
+        return read_frames((clean, *self.corrupted_files(key, corruption, severity)))[1:]
+
+    def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
+        """See `PreCorrupted.corrupted_files`."""
+        return [self._corrupted_file(corruption, severity, path) for path in self.files(key)]
+
+    def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
+        """See `CorruptedClips.corrupted_frame`."""
+        (clean,) = self.frame_files(key, [offset])
+        return read_frames((self.files(key)[0], self._corrupted_file(corruption, severity, clean)))[1]
+
+    def _condition(self, key: str) -> Condition:
+        """Return the clean pairs in the direction that a key names."""
+        return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
+
+    def _corrupted_file(self, corruption: str, severity: int, clean: Path) -> Path:
+        """Return the corrupted file of a clean frame."""
+        if corruption not in self._corrupted or severity != 1:
+            raise UsageError(
+                f"{self.root} has no {corruption} at severity {severity}; its corruptions exist only at severity 1"
+            )
+        return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
+
+    def _check_whole(self, folder: Path) -> None:
+        """Raise if a clean frame has no corrupted version. List each folder once instead of testing every file."""
+        clean = self._clean["FW"]
+        wanted: dict[Path, set[str]] = {}
+        for key in clean.keys():  # noqa: SIM118
+            for path in clean.files(key):
+                wanted.setdefault(path.parent.relative_to(clean.folder), set()).add(path.name)
+        for place, names in wanted.items():
+            there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
+            if lacks := names - there:
+                raise DataError(
+                    f"{folder / place / min(lacks)}: missing, though {clean.folder} exists; unpack the complete archive"
+                )

@@ -1,0 +1,132 @@
+"""Find all clips in a folder, prepare them in several processes, and write the folder's manifest."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from fractions import Fraction
+from pathlib import Path
+
+from ...core.errors import DataError, UsageError
+from ...core.files import cache_folder, make_folder, sealed, sha256_of_file, write_json
+from ...core.paths import folders, safe_path
+from ...core.progress import ProgressBar
+from ...media.images import images_in
+from .interpolation import load_interpolator
+from .prepare import Preparation, Progress, clip_timing, prepare_clip
+from .prepared import CACHE_LIMIT, FOLDER_MANIFEST, VERSION, FolderManifest, PreparedClip, parse_manifest, read_folder
+from .source import PictureFolder, Source, VideoFile
+
+SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
+"""The five GoPro sequences used in the paper (appendix, "GoPro-FC")."""
+
+CAMERA_FPS = Fraction(240)
+
+
+PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
+"""Prepares every clip in a subfolder of the output folder, named after the clip."""
+
+
+def find_sources(data: Path, evenly: bool = False) -> list[Source]:
+    """Return the clips in `data`: the five GoPro sequences, one video, or one or more folders of images."""
+    if data.is_file():
+        return [VideoFile(data, evenly=evenly)]
+    if not data.is_dir():
+        raise DataError(f"{data}: no such file or folder; check the path")
+    sequences = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
+    if sequences:
+        missing = [name for name in SEQUENCES if name not in sequences]
+        if missing:
+            raise DataError(f"{data}: missing GoPro sequences: {', '.join(missing)}; add them or specify one folder")
+        return [_camera(sequences[name], name) for name in SEQUENCES]
+    if images_in(data):
+        return [PictureFolder(data)]
+    inner = [folder for folder in folders(data) if images_in(folder)]
+    if not inner:
+        raise DataError(
+            f"{data}: contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
+        )
+    return [PictureFolder(folder) for folder in inner]
+
+
+def prepare_folder(
+    sources: Sequence[Source],
+    output: Path,
+    preparation: Preparation,
+    workers: int = 1,
+    cache_limit: int = CACHE_LIMIT,
+    progress: Progress = lambda clip, what, done, total: None,
+    prepare_all: PrepareAll | None = None,
+) -> list[PreparedClip]:
+    """Prepare all clips in `output`. The number of workers and the machine do not affect the files."""
+    if workers < 1:
+        raise UsageError(f"--workers {workers}: must be at least 1")
+    load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
+    for source in sources:  # report problems before anything is written
+        clip_timing(source, preparation)
+    manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
+    if len(set(manifest.clips)) != len(manifest.clips):
+        raise DataError(f"several clips have the same name: {', '.join(manifest.clips)}; rename one")
+    _claim(output, manifest)
+    if prepare_all is not None:
+        prepare_all(sources, output, preparation, progress)
+    elif workers == 1 or len(sources) == 1:
+        for source in sources:
+            prepare_clip(source, output / source.name, preparation, progress)
+    else:
+        _in_processes(sources, output, preparation, workers, progress)
+    return read_folder(output)[1]
+
+
+def prepare_video(path: Path) -> Path:
+    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart; show
+    progress.
+    """
+    sources = find_sources(path)
+    output = cache_folder("clips") / f"{sources[0].name}-{sha256_of_file(path)[:12]}-v{VERSION}"
+    with ProgressBar() as progress:
+        prepare_folder(sources, output, Preparation(factor=1), progress=progress.stage)
+    return output
+
+
+def _in_processes(
+    sources: Sequence[Source], output: Path, preparation: Preparation, workers: int, progress: Progress
+) -> None:
+    context = multiprocessing.get_context("spawn")
+    with safe_path(), ProcessPoolExecutor(workers, mp_context=context) as pool:
+        tasks = {pool.submit(prepare_clip, s, output / s.name, preparation): s for s in sources}
+        try:
+            for finished, task in enumerate(as_completed(tasks), start=1):
+                task.result()
+                progress(tasks[task].name, "clips", finished, len(sources))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _claim(output: Path, manifest: FolderManifest) -> None:
+    make_folder(output)
+    path = output / FOLDER_MANIFEST
+    if path.is_file():
+        on_disk = parse_manifest(path, FolderManifest)
+        if on_disk is None:
+            raise DataError(f"{path} is damaged; delete {output}, then run the same command again")
+        if on_disk.clips != manifest.clips:
+            raise DataError(f"{output} contains different prepared clips; choose a different --output")
+    write_json(path, sealed(manifest.model_dump()))
+
+
+def _sequence(data: Path, name: str) -> Path | None:
+    return next((data / part / name for part in ("", "train", "test") if (data / part / name).is_dir()), None)
+
+
+def _camera(folder: Path, name: str) -> PictureFolder:
+    if not images_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
+        raise DataError(
+            f"{folder}: this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
+            "frames per second: use GoPro_Large_all"
+        )
+    source = PictureFolder(folder, name)
+    source.fps = CAMERA_FPS
+    return source

@@ -1,0 +1,179 @@
+"""Read source clips from a folder of images or from a user's video file; they are checked before any work starts."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Protocol
+
+import av
+
+from ...core.errors import DataError
+from ...core.types import Frame
+from ...media.images import image_size, images_in, read_image
+from .container import open_video, reason, upright
+
+_LONGEST_NAME = 160
+"""Maximum length of a clip's name, in bytes; the cache appends up to 60, and a file name may have 255."""
+
+
+class Source(Protocol):
+    """The frames of a clip, in order; they can be read repeatedly."""
+
+    name: str
+    count: int
+    size: tuple[int, int]
+    fps: Fraction | None
+    """Frames per second; None if the source does not declare a rate (images)."""
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield all frames, RGB uint8 (H, W, 3)."""
+
+    def describe(self) -> dict[str, Any]:
+        """Return a description of the source for the manifest."""
+
+
+class PictureFolder:
+    """A clip that consists of all images in a folder, in natural order."""
+
+    fps: Fraction | None = None
+
+    def __init__(self, folder: Path, name: str = "") -> None:
+        self.folder = folder
+        self.name = name or clip_name(folder.resolve().name)
+        self.paths = images_in(folder)
+        if not self.paths:
+            raise DataError(f"{folder}: contains no images; specify the folder with the frames of a clip")
+        self.count = len(self.paths)
+        self.size = image_size(self.paths[0])
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield RGB uint8 (H, W, 3) frames; raise a DataError if an image differs in size from the first one."""
+        for path in self.paths:
+            frame = read_image(path)
+            if frame.shape[:2] != self.size:
+                raise DataError(
+                    f"{path}: {frame.shape[0]}x{frame.shape[1]}, but the first image is "
+                    f"{self.size[0]}x{self.size[1]}; all images of a clip must have the same size"
+                )
+            yield frame
+
+    def describe(self) -> dict[str, Any]:
+        """Return the kind of source and the first and last file names."""
+        return {"kind": "pictures", "first": self.paths[0].name, "last": self.paths[-1].name}
+
+
+class VideoFile:
+    """The video stream of a file; audio is ignored, rotation is applied, and higher bit depths are reduced to 8
+    bits.
+    """
+
+    def __init__(self, path: Path, evenly: bool = False) -> None:
+        self.path = path
+        self.name = clip_name(path.stem)
+        with open_video(self.path) as container:
+            stream = container.streams.video[0]
+            declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
+            self._pixels = stream.codec_context.pix_fmt or "unknown"
+            self._codec = stream.codec_context.name
+            times, self.count = self._times(container, stream)
+        if self.count < declared:
+            raise DataError(f"{path}: cut short, only {self.count} of {declared} frames are present; copy it again")
+        self.fps = None if rate is None else Fraction(rate)
+        self.variable = _variable(times, tick)
+        if self.variable and not evenly:
+            low, high = self.variable
+            raise DataError(
+                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give "
+                f"robustflow prepare gopro-fc the option --fps {float(self.fps or 30):.4g} to treat its frames as "
+                f"evenly spaced, or convert it to a constant rate: {resample_command(path, self.fps)}"
+            )
+        first = next(self.frames(), None)
+        if first is None:
+            raise DataError(f"{path}: no frame can be decoded; is it a video?")
+        self.size = (first.shape[0], first.shape[1])
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata."""
+        size: tuple[int, ...] | None = None
+        read = 0
+        with open_video(self.path) as container:
+            stream = container.streams.video[0]
+            try:
+                for read, picture in enumerate(container.decode(stream), start=1):
+                    if picture.is_corrupt:
+                        raise DataError(f"{self.path}: frame {read - 1} is damaged; copy or convert it again")
+                    frame = upright(picture, self.path)
+                    size = size or frame.shape
+                    if frame.shape != size:
+                        raise DataError(
+                            f"{self.path}: the frame size changes at frame {read - 1}; split the file there"
+                        )
+                    yield frame
+            except (av.error.FFmpegError, OSError) as error:
+                raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
+        if read < self.count:
+            raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
+
+    def describe(self) -> dict[str, Any]:
+        """Return the kind, codec, pixel format and declared rate, and the frame intervals if the rate is variable."""
+        return {
+            "kind": "video",
+            "file": self.path.name,
+            "codec": self._codec,
+            "pixels": self._pixels,
+            "fps": None if self.fps is None else str(self.fps),
+            "variable_rate": bool(self.variable),
+        }
+
+    def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
+        """Return the presentation times and the number of displayed frames, without decoding."""
+        times: list[int] = []
+        count = 0
+        try:
+            for packet in container.demux(stream):
+                if packet.size and not packet.is_discard:
+                    count += 1
+                    if packet.pts is not None:
+                        times.append(packet.pts)
+        except (av.error.FFmpegError, OSError) as error:
+            raise DataError(f"{self.path}: damaged ({reason(error)}); copy or convert it again") from error
+        return sorted(times), count
+
+
+def clip_name(stem: str) -> str:
+    r"""Return the name of a clip, which is also that of its folder, from the name of its file or folder without suffix.
+
+    >>> clip_name(".walk"), clip_name("..."), clip_name("a\\b"), len(clip_name("x" * 250))
+    ('walk', 'clip', 'a_b', 160)
+    """
+    name = stem.lstrip(".").replace("\\", "_")
+    return name.encode(errors="ignore")[:_LONGEST_NAME].decode(errors="ignore") or "clip"
+
+
+def resample_command(path: Path, fps: Fraction | None) -> str:
+    """Return a command that losslessly converts a video to a constant frame rate.
+
+    >>> resample_command(Path("holiday.mov"), Fraction(30))
+    'ffmpeg -i holiday.mov -vf fps=30 -c:v libx264 -crf 0 -an holiday_constant.mkv'
+    """
+    output = path.with_name(f"{path.stem}_constant.mkv")
+    vf = f"-vf fps={fps or 30} -c:v libx264 -crf 0 -an"
+    return f"ffmpeg -i {shlex.quote(str(path))} {vf} {shlex.quote(str(output))}"
+
+
+def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:
+    """Return the shortest and longest frame interval in seconds if they differ by more than tick rounding, else None.
+
+    >>> _variable([0, 33, 67, 100, 133], Fraction(1, 1000)) is None
+    True
+    >>> _variable([0, 33, 67, 133], Fraction(1, 1000))
+    (0.033, 0.066)
+    """
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    if not gaps or max(gaps) - min(gaps) <= max(2, 0.02 * min(gaps)):
+        return None
+    return float(min(gaps) * tick), float(max(gaps) * tick)

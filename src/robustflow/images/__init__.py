@@ -1,1 +1,0 @@
-"""Read and write images, and render flow, depth and errors as colours."""

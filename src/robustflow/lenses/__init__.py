@@ -1,1 +1,0 @@
-"""Lens design at build time: prescriptions, ray tracing and automated search."""

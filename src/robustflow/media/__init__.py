@@ -1,0 +1,1 @@
+"""Read and write flow files, depth maps and images."""

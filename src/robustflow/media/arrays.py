@@ -1,0 +1,148 @@
+"""Functions shared by all flow formats: detect unknown values, and check sizes and the arrays to write. Portable
+float map with three channels (u, v, unused), the flow format of FlyingThings3D, Monkaa and Driving.
+
+`PF`, width and height, a scale whose sign encodes the byte order (negative: little-endian), then float32 rows from the
+bottom to the top of the image. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from ..core.errors import DataError, first_line
+from ..core.types import Flow, Mask
+
+MAX_SIDE = 99_999
+"""Maximum width and height for all formats; the same limit as in Middlebury's own reader."""
+
+MAX_PIXELS = 2**26
+"""Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the dataset with the
+largest flow fields, has 8 million per file.
+"""
+
+UNKNOWN_THRESHOLD = 1e9
+"""A component whose magnitude exceeds this threshold marks unknown flow, as in Middlebury's format."""
+
+
+DAMAGE = (
+    *(ValueError, TypeError, LookupError, EOFError, SyntaxError, MemoryError, RuntimeError),
+    *(TokenError, BadZipFile, zlib.error),
+)
+"""Errors of the parsers of NumPy, OpenCV, HDF5 and zip on damaged files."""
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
+    if not path.is_file():
+        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
+        raise DataError(f"{path}: {why}")
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+    except DAMAGE as error:
+        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error
+
+
+def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
+    """Split raw components (H, W, 2) into float32 flow and bool valid."""
+    with np.errstate(over="ignore"):
+        flow = np.array(values, np.float32, order="C")
+    valid = np.asarray((np.abs(flow) <= UNKNOWN_THRESHOLD).all(axis=2))
+    flow[~valid] = 0
+    return flow, valid
+
+
+def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Flow, Mask]:
+    """Return the arrays to be written, float32 (H, W, 2) and bool (H, W); pixels with non-finite flow are marked
+    unknown.
+    """
+    array = np.asarray(flow)
+    if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
+        raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
+    if max(array.shape[:2]) > MAX_SIDE:
+        raise DataError(f"{path}: a flow of {array.shape[0]}x{array.shape[1]} exceeds {MAX_SIDE} pixels per side")
+    mask = np.ones(array.shape[:2], bool) if valid is None else np.asarray(valid)
+    if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
+        raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
+    mask = mask & np.isfinite(array).all(axis=2)
+    if (np.abs(array[mask]) > UNKNOWN_THRESHOLD).any():
+        raise DataError(f"{path}: a known component exceeds 1e9 and would be read as unknown; mark the pixel invalid")
+    return np.where(mask[..., None], array, 0).astype(np.float32), mask
+
+
+def claimed_size(path: Path, width: int, height: int) -> None:
+    """Reject implausible dimensions before memory is allocated."""
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
+        raise DataError(f"{path}: the header claims {height}x{width} pixels, so the file is damaged; download it again")
+    if width * height > MAX_PIXELS:
+        raise DataError(f"{path}: {height}x{width} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
+
+
+def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
+    """Reject a file whose length does not match its header."""
+    if size != expected:
+        state = "truncated" if size < expected else "too long"
+        raise DataError(f"{path}: {state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")
+
+
+_HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
+_CHANNELS = {b"PF": 3, b"Pf": 1}
+
+
+def read_pfm(path: Path) -> tuple[Flow, Mask]:
+    """Read a three-channel .pfm file; see `robustflow.media.flow.read_flow`."""
+    return known(read_float_map(path, 3)[..., :2])
+
+
+def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
+    """Read a portable float map with one channel (depth or disparity) or three channels (flow), float32 (H, W,
+    channels) in the file's byte order; rows from top to bottom.
+    """
+    with open(path, "rb") as file:
+        header = _HEADER.match(file.read(128))
+        if header is None:
+            raise DataError(f"{path}: not a .pfm file (no 'PF' or 'Pf' header), or truncated; check the file")
+        if _CHANNELS[header[1]] != channels:
+            kinds = {1: "one channel ('Pf'), as depth and disparity maps have", 3: "three channels ('PF'), as flow has"}
+            raise DataError(f"{path}: expected {kinds[channels]}, but the file has {kinds[4 - channels]}")
+        width, height = int(header[2]), int(header[3])
+        claimed_size(path, width, height)
+        scale = _scale_of(path, header[4])
+        exact_size(path, header.end() + 4 * channels * width * height, path.stat().st_size, width, height)
+        file.seek(header.end())
+        values = np.fromfile(file, "<f4" if scale < 0 else ">f4")
+    return values.reshape(height, width, channels)[::-1]
+
+
+def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
+    """Return the flow as the bytes of a little-endian .pfm file; unknown pixels are stored as NaN, and the third
+    channel is 0.
+    """
+    height, width = valid.shape
+    values = np.zeros((height, width, 3), "<f4")
+    values[..., :2] = np.where(valid[..., None], flow, np.nan)
+    return b"PF\n%d %d\n-1.0\n" % (width, height) + values[::-1].tobytes()
+
+
+def _scale_of(path: Path, text: bytes) -> float:
+    """Return the scale from a header, 1 or -1; raise a DataError for other values."""
+    try:
+        scale = float(text)
+    except ValueError:
+        scale = 0.0
+    if abs(scale) != 1.0:
+        # Readers disagree on whether to multiply values by the magnitude.
+        raise DataError(f"{path}: scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
+    return scale

@@ -1,0 +1,256 @@
+"""Middlebury .flo: `PIEH`, int32 width, int32 height, then float32 (u, v) row by row, all little-endian. Spring
+.flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; requires the extra `h5`. KITTI
+flow: a 16-bit RGB PNG with the channels (u * 64 + 2^15, v * 64 + 2^15, valid). Read and write optical flow:
+Middlebury .flo, KITTI 16-bit .png, .pfm, Spring .flo5.
+
+Source: Baker et al., "A Database and Evaluation Methodology for Optical Flow", IJCV 2011, and the authors' flow-code.
+
+Spring stores 2160x3840 vectors for frames of 1080x1920, in pixels of the frames; `datasets.spring` uses every second
+vector, as the benchmark does. Source: Mehl et al., CVPR 2023, and `flow_IO` from the benchmark's code.
+
+HD1K uses the same format. Source: the development kits of Geiger et al. (2012) and Menze and Geiger (2015).
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..core import files as atomic
+from ..core.errors import DataError, first_line
+from ..core.plugins import require
+from ..core.types import Flow, Mask
+from .arrays import checked, claimed_size, exact_size, known, pfm_bytes, read_pfm, readable
+from .images import MOST_INFLATED, check_png
+
+MAGIC = b"PIEH"
+UNKNOWN_FLOW = np.float32(1.6666667e9)
+"""Value that marks unknown flow in Middlebury's ground truth."""
+_HEADER = 12
+
+
+def read_flo(path: Path) -> tuple[Flow, Mask]:
+    """Read a .flo file; see `robustflow.media.flow.read_flow`."""
+    with open(path, "rb") as file:
+        header = file.read(_HEADER)
+        if header[:4] != MAGIC[: len(header)] or not header:
+            raise DataError(f"{path}: not a Middlebury .flo file (it does not begin with 'PIEH'); check the format")
+        if len(header) < _HEADER:
+            raise DataError(f"{path}: truncated, only {len(header)} bytes; copy or download it again")
+        width, height = struct.unpack("<ii", header[4:])
+        claimed_size(path, width, height)
+        exact_size(path, _HEADER + 8 * width * height, path.stat().st_size, width, height)
+        values = np.fromfile(file, "<f4")
+    return known(values.reshape(height, width, 2))
+
+
+def flo_bytes(flow: Flow, valid: Mask) -> bytes:
+    """Return the flow as the bytes of a .flo file; unknown pixels are stored as 1.6666667e9."""
+    height, width = valid.shape
+    values = np.where(valid[..., None], flow, UNKNOWN_FLOW).astype("<f4")
+    return MAGIC + struct.pack("<ii", width, height) + values.tobytes()
+
+
+_FILTERS = (1, 2, 3)
+"""HDF5's numbers for deflate, shuffle and the Fletcher checksum."""
+
+_HARMLESS = 2**16
+"""Chunks up to this compressed size, in bytes, cannot inflate to more than 72 MB and are not checked."""
+
+
+def read_flo5(path: Path) -> tuple[Flow, Mask]:
+    """Read a .flo5 file; see `robustflow.media.flow.read_flow`."""
+    return known(read_dataset(path, "flow", ".flo5", (2,)))
+
+
+def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) -> Any:
+    """Read the float dataset `name`, (H, W, *channels), from a Spring file."""
+    h5py = _h5py()
+    try:
+        with h5py.File(path, "r") as file:
+            # A link or a virtual dataset could refer to any other file on this machine.
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise DataError(
+                    f"{path}: contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
+                )
+            return _values(h5py, path, file[name], kind, channels)
+    except (OSError, RuntimeError, ValueError, KeyError, MemoryError, zlib.error) as error:
+        raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
+
+
+def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
+    """Return the flow as the bytes of a compressed .flo5 file; unknown pixels are stored as NaN."""
+    buffer = io.BytesIO()
+    with _h5py().File(buffer, "w") as file:
+        values = np.where(valid[..., None], flow, np.float32(np.nan))
+        file.create_dataset("flow", data=values, compression="gzip", compression_opts=5)
+    return buffer.getvalue()
+
+
+def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ...]) -> Any:
+    if not isinstance(node, h5py.Dataset) or node.is_virtual or node.external:
+        raise DataError(
+            f"{path}: {node.name[1:]!r} is not stored as a plain dataset in this file; get the original file"
+        )
+    if len(node.shape) != 2 + len(channels) or node.shape[2:] != channels or node.dtype.kind != "f":
+        wanted = ", ".join(("H", "W", *map(str, channels)))
+        raise DataError(f"{path}: {node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} is float ({wanted})")
+    claimed_size(path, node.shape[1], node.shape[0])
+    needed = node.size * node.dtype.itemsize
+    chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
+    stored = node.id.get_storage_size()
+    if max(needed, chunk) > MOST_INFLATED * stored:
+        raise DataError(f"{path}: damaged, claims {needed} bytes but stores {stored}; download it again")
+    if node.chunks:
+        _check_chunks(path, node, chunk)
+    return node[()]
+
+
+def _check_chunks(path: Path, node: Any, size: int) -> None:
+    """Reject chunks that inflate to more than `size` bytes; HDF5 would allocate memory for all of it."""
+    recipe = node.id.get_create_plist()
+    filters = [recipe.get_filter(place)[0] for place in range(recipe.get_nfilters())]
+    if len(set(filters)) < len(filters) or not set(filters) <= set(_FILTERS):
+        raise DataError(f"{path}: has HDF5 filters {filters} instead of gzip once; save it again with gzip")
+    large: list[tuple[int, ...]] = []
+    node.id.chunk_iter(lambda chunk: large.append(chunk.chunk_offset) if chunk.size > _HARMLESS else None)
+    for place in large if 1 in filters else ():
+        _, data = node.id.read_direct_chunk(place)
+        if len(zlib.decompressobj().decompress(data, size + 1)) > size:
+            raise DataError(f"{path}: damaged, a chunk inflates to more than its {size} bytes; download it again")
+
+
+def _h5py() -> Any:
+    require("h5py", "reading and writing .flo5")
+    import h5py
+
+    return h5py
+
+
+LOWEST, HIGHEST = -512.0, 511.984375
+"""Range of the flow in pixels: (0 - 2^15) / 64 to (2^16 - 1 - 2^15) / 64."""
+
+
+def read_kitti(path: Path) -> tuple[Flow, Mask]:
+    """Read a 16-bit PNG; see `robustflow.media.flow.read_flow`."""
+    raw = read_png16(path, 3, "KITTI flow, which is a 16-bit RGB PNG (u, v, valid)")
+    valid = raw[..., 0] > 0
+    flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
+    flow[~valid] = 0
+    return np.ascontiguousarray(flow), valid
+
+
+def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
+    """Read a 16-bit PNG with one or three channels, uint16 (H, W) or (H, W, 3), in OpenCV's order of channels, blue
+    first. Pillow would silently reduce 16-bit RGB to 8 bits.
+    """
+    data = path.read_bytes()
+    header = check_png(path, data)
+    claimed_size(path, header.width, header.height)
+    if header.bits != 16 or header.channels != channels:
+        raise DataError(f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
+    colour = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if channels == 1 else colour)
+    except cv2.error:
+        raw = None
+    shape = (header.height, header.width, *([channels] if channels > 1 else []))
+    if raw is None or raw.dtype != np.uint16 or raw.shape != shape:
+        raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+    return np.asarray(raw)
+
+
+def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
+    """Return the flow as the bytes of a KITTI PNG, rounded to 1/64 pixel; unknown pixels are stored as (0, 0, 0)."""
+    scaled = np.rint(flow.astype(np.float64) * 64) + 32768
+    outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)
+    if outside.any():
+        worst = np.abs(flow[outside]).max()
+        raise DataError(
+            f"{path}: {int(outside.sum())} pixels (largest component {worst:.6g}) are outside KITTI's "
+            f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid"
+        )
+    raw = np.empty((*valid.shape, 3), np.uint16)
+    raw[..., 0] = valid
+    raw[..., 2] = np.where(valid, scaled[..., 0], 0)
+    raw[..., 1] = np.where(valid, scaled[..., 1], 0)
+    encoded, data = cv2.imencode(".png", raw)
+    if not encoded:
+        raise DataError(f"{path}: OpenCV could not encode {flow.shape[0]}x{flow.shape[1]} pixels as PNG; write .flo")
+    return data.tobytes()
+
+
+__all__ = ["FLOW_SUFFIXES", "read_flow", "write_flow"]
+
+FLOW_SUFFIXES = (".flo", ".png", ".pfm", ".flo5")
+"""The formats by file extension."""
+
+_READERS = {".flo": read_flo, ".png": read_kitti, ".pfm": read_pfm, ".flo5": read_flo5}
+
+
+def read_flow(path: str | Path) -> tuple[Flow, Mask]:
+    """Read a flow file; the file extension determines the format (.flo, .png, .pfm, .flo5).
+
+    Returns:
+        flow: flow vectors (u right, v down), float32 (H, W, 2), in pixels, 0 where unknown.
+        valid: boolean mask (H, W), False where the file marks the flow as unknown: a third channel of 0 (.png), a
+            component beyond 1e9 in magnitude (.flo, .pfm, .flo5), or NaN or infinity (any format).
+
+    Raises:
+        DataError: the file does not exist, is damaged or truncated, is not a flow file, or is of an unknown format.
+        AssetError: the file is a .flo5 file, but h5py is not installed.
+
+    >>> import numpy as np
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "flow.png"
+    >>> write_flow(path, np.full((2, 3, 2), 0.51))
+    >>> flow, valid = read_flow(path)
+    >>> float(flow[0, 0, 0]), bool(valid.all())
+    (0.515625, True)
+    """
+    path = Path(path)
+    reader = _READERS[_suffix(path)]
+    with readable(path):
+        return reader(path)
+
+
+def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> None:
+    """Write a flow file atomically; the file extension determines the format.
+
+    Args:
+        path: path of the file, with the extension .flo, .png (KITTI: rounded to 1/64 pixel, range -512 to 511.984375),
+            .pfm or .flo5.
+        flow: flow vectors, any numeric dtype, (H, W, 2), in pixels.
+        valid: boolean mask (H, W); pixels where it is False, and pixels with NaN or infinite flow, are written as
+            unknown.
+
+    Raises:
+        DataError: a shape is wrong, the format cannot represent a value, or the file cannot be written.
+        AssetError: the file is a .flo5 file, but h5py is not installed.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    values, mask = checked(path, flow, valid)
+    if suffix == ".flo":
+        data = flo_bytes(values, mask)
+    elif suffix == ".png":
+        data = kitti_bytes(path, values, mask)
+    elif suffix == ".pfm":
+        data = pfm_bytes(values, mask)
+    else:
+        data = flo5_bytes(values, mask)
+    atomic.write_bytes(path, data)
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in FLOW_SUFFIXES:
+        raise DataError(f"{path}: unknown flow format '{suffix}'; known: {', '.join(FLOW_SUFFIXES)}")
+    return suffix

@@ -1,0 +1,228 @@
+"""FlowFormer's memory encoder: the cost map of every pixel is encoded as eight latent tokens (Huang et al. 2022,
+3.2). FlowFormer's recurrent decoder, which queries the cost memory at the current target (Huang et al. 2022,
+3.3).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .blocks.attention import attend, context_attention, gather, linear_sine
+from .blocks.correlation import all_pairs, pixel_grid, sample_window
+from .blocks.raft import FlowHead, MotionEncoder, SepConvGRU, convex_upsample, mask_layers
+from .blocks.twins import Twins
+from .vertical_attention import VerticalAttention
+
+_WIDTH, _TOKENS, _HEADS, _DEPTH = 128, 8, 8, 3
+
+
+class CostPatchEmbedding(nn.Module):
+    """Embed cost maps, with one token per 8 x 8 pixels."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        half = _WIDTH // 2
+        self.proj = nn.Sequential(
+            nn.Conv2d(1, half // 4, 6, stride=2, padding=2),
+            nn.ReLU(),
+            nn.Conv2d(half // 4, half // 2, 6, stride=2, padding=2),
+            nn.ReLU(),
+            nn.Conv2d(half // 2, half, 6, stride=2, padding=2),
+        )
+        self.ffn_with_coord = nn.Sequential(nn.Conv2d(_WIDTH, _WIDTH, 1), nn.ReLU(), nn.Conv2d(_WIDTH, _WIDTH, 1))
+        self.norm = nn.LayerNorm(_WIDTH)
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Map (M, 1, H, W) to (M, ceil(H / 8) * ceil(W / 8), 128)."""
+        x = self.proj(F.pad(maps, (0, -maps.shape[3] % 8, 0, -maps.shape[2] % 8)))
+        centres = 8 * pixel_grid(x[:1]) + 4
+        code = linear_sine(centres.permute(0, 2, 3, 1), _WIDTH // 2).permute(0, 3, 1, 2)
+        x = self.ffn_with_coord(torch.cat((x, code.to(x.dtype).expand(len(x), -1, -1, -1)), dim=1))
+        return self.norm(x.flatten(2).transpose(1, 2))
+
+
+class LatentAttention(nn.Module):
+    """Pre-norm attention from latent tokens to other tokens or to each other, followed by an MLP of the same width."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm1 = nn.LayerNorm(_WIDTH)
+        self.norm2 = nn.LayerNorm(_WIDTH)
+        self.q = nn.Linear(_WIDTH, _WIDTH)
+        self.k = nn.Linear(_WIDTH, _WIDTH)
+        self.v = nn.Linear(_WIDTH, _WIDTH)
+        self.proj = nn.Linear(_WIDTH, _WIDTH)
+        # The third entry in the checkpoints' numbering is a dropout layer with rate 0.
+        self.ffn = nn.Sequential(nn.Linear(_WIDTH, _WIDTH), nn.GELU(), nn.Identity(), nn.Linear(_WIDTH, _WIDTH))
+
+    def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
+        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised, or to each
+        other.
+        """
+        query = self.norm1(x)
+        target = query if others is None else others
+        x = x + self.proj(attend(self.q(query), self.k(target), self.v(target), _HEADS))
+        return x + self.ffn(self.norm2(x))
+
+
+class CostPerceiver(nn.Module):
+    """Encode cost maps as latent tokens."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.patch_embed = CostPatchEmbedding()
+        self.latent_tokens = nn.Parameter(torch.randn(1, _TOKENS, _WIDTH))
+        self.input_layer = LatentAttention()
+        self.encoder_layers = nn.ModuleList(LatentAttention() for _ in range(_DEPTH))
+        self.vertical_encoder_layers = nn.ModuleList(VerticalAttention() for _ in range(_DEPTH))
+
+    def forward(self, cost_maps: Tensor, context: Tensor) -> Tensor:
+        """Map cost maps (N * H * W, 1, H, W) and context (N, 256, H, W) to latent tokens (N * H * W, 8, 128)."""
+        context = context.permute(0, 2, 3, 1)
+        n, height, width, _ = context.shape
+        latent = self.latent_tokens.expand(len(cost_maps), -1, -1)
+        first = x = self.input_layer(latent, self.patch_embed(cost_maps))
+        for among_tokens, among_pixels in zip(self.encoder_layers, self.vertical_encoder_layers, strict=True):
+            x = among_tokens(x).reshape(n, height, width, _TOKENS, _WIDTH).permute(0, 3, 1, 2, 4)
+            x = among_pixels(x.reshape(n * _TOKENS, height, width, _WIDTH), context)
+            x = x.reshape(n, _TOKENS, height * width, _WIDTH).transpose(1, 2).reshape(-1, _TOKENS, _WIDTH)
+        return first + x
+
+
+class MemoryEncoder(nn.Module):
+    """Compute the cost maps and the cost memory from two images."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.feat_encoder = Twins(large=True)
+        self.channel_convertor = nn.Conv2d(256, 256, 1, bias=False)
+        self.cost_perceiver_encoder = CostPerceiver()
+
+    def forward(self, image1: Tensor, image2: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Encode images (N, 3, 8 * H, 8 * W) in -1..1 with context (N, 256, H, W)."""
+        features = self.channel_convertor(self.feat_encoder(torch.cat((image1, image2))))
+        features1, features2 = features.chunk(2)
+        # The factor undoes the division by sqrt(256) exactly.
+        cost_maps = all_pairs(features1 * features1.shape[1] ** 0.5, features2)
+        return cost_maps, self.cost_perceiver_encoder(cost_maps, context)
+
+
+_QUERY, _MEMORY, _HEADS_MEMORY_DECODER, _RADIUS = 64, 128, 8, 4
+_WINDOW = (2 * _RADIUS + 1) ** 2
+
+
+class MemoryQuery(nn.Module):
+    """Cross-attention of one query token per pixel to the tokens of its cost memory."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm1 = nn.LayerNorm(_QUERY)
+        self.norm2 = nn.LayerNorm(_QUERY)
+        self.q = nn.Linear(_QUERY, _QUERY)
+        self.k = nn.Linear(_MEMORY, _QUERY)
+        self.v = nn.Linear(_MEMORY, _QUERY)
+        self.proj = nn.Linear(2 * _QUERY, _QUERY)
+        # The third entry in the checkpoints' numbering is a dropout layer with rate 0.
+        self.ffn = nn.Sequential(nn.Linear(_QUERY, _QUERY), nn.GELU(), nn.Identity(), nn.Linear(_QUERY, _QUERY))
+
+    def forward(self, token: Tensor, coordinates: Tensor, key: Tensor, value: Tensor) -> Tensor:
+        """Map tokens (M, 1, 64), target coordinates (M, 1, 2) in pixels, and keys and values (M, 8,
+        64) to (M, 1, 64).
+        """
+        query = self.q(self.norm1(token) + linear_sine(coordinates, _QUERY).to(token.dtype))
+        attended = attend(query, key, value, _HEADS_MEMORY_DECODER)
+        token = token + self.proj(torch.cat((attended, token), dim=-1))
+        return token + self.ffn(self.norm2(token))
+
+
+class _Aggregator(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.gamma = nn.Parameter(torch.zeros(1))
+        self.to_v = nn.Conv2d(128, 128, 1, bias=False)
+
+    def forward(self, attention: Tensor, motion: Tensor) -> Tensor:
+        return motion + self.gamma * gather(attention, self.to_v(motion))
+
+
+class UpdateBlock(nn.Module):
+    """GMA's update of the hidden state."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = MotionEncoder(_WINDOW + _QUERY)
+        self.gru = SepConvGRU(128, 3 * 128)
+        self.flow_head = FlowHead()
+        self.mask = mask_layers()
+        self.aggregator = _Aggregator()
+
+    def forward(self, net: Tensor, inp: Tensor, costs: Tensor, flow: Tensor, attention: Tensor) -> Tensor:
+        """Return the new hidden state (N, 128, H, W)."""
+        motion = self.encoder(flow, costs)
+        return self.gru(net, torch.cat((inp, motion, self.aggregator(attention, motion)), dim=1))
+
+
+class _RelativePositions(nn.Module):
+    """Position tables that are stored in the checkpoints but not used by the published model."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rel_height = nn.Embedding(2 * 160 - 1, 128)
+        self.rel_width = nn.Embedding(2 * 160 - 1, 128)
+        index = torch.arange(160)
+        self.register_buffer("rel_ind", index[None] - index[:, None] + 160 - 1)
+
+
+class _ContextAttention(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.to_qk = nn.Conv2d(128, 256, 1, bias=False)
+        self.pos_emb = _RelativePositions()
+
+    def forward(self, inp: Tensor) -> Tensor:
+        return context_attention(self.to_qk(inp))
+
+
+class MemoryDecoder(nn.Module):
+    """Decode the flow recurrently from the cost memory."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.flow_token_encoder = nn.Sequential(nn.Conv2d(_WINDOW, _QUERY, 1), nn.GELU(), nn.Conv2d(_QUERY, _QUERY, 1))
+        self.proj = nn.Conv2d(256, 256, 1)
+        self.decoder_layer = nn.ModuleDict({"cross_attend": MemoryQuery()})
+        self.update_block = UpdateBlock()
+        self.att = _ContextAttention()
+
+    def forward(
+        self, cost_maps: Tensor, memory: Tensor, context: Tensor, iterations: int, every: bool
+    ) -> tuple[list[Tensor], Tensor]:
+        """Decode the flow from cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H,
+        W).
+        """
+        net, inp = self.proj(context).chunk(2, dim=1)
+        net, inp = net.tanh(), inp.relu()
+        attention = self.att(inp)
+        query: Any = self.decoder_layer["cross_attend"]
+        key, value = query.k(memory), query.v(memory)
+        start = target = pixel_grid(context)
+        n, _, height, width = context.shape
+        flows = []
+        for iteration in range(iterations):
+            target = target.detach()
+            pixels = target.permute(0, 2, 3, 1).reshape(-1, 2)
+            local = sample_window(cost_maps, pixels, _RADIUS).reshape(n, height, width, _WINDOW).permute(0, 3, 1, 2)
+            token = self.flow_token_encoder(local).permute(0, 2, 3, 1).reshape(-1, 1, _QUERY)
+            token = query(token, pixels[:, None], key, value)
+            token = token.reshape(n, height, width, _QUERY).permute(0, 3, 1, 2)
+            costs = torch.cat((token, local), dim=1)
+            net = self.update_block(net, inp, costs, target - start, attention)
+            target = target + self.update_block.flow_head(net)
+            if every or iteration == iterations - 1:
+                # The factor balances the gradients of the mask and the flow.
+                flows.append(convex_upsample(target - start, 0.25 * self.update_block.mask(net)))
+        return flows, target - start

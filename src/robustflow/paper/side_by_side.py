@@ -1,0 +1,173 @@
+"""Compare our values with the published ones, in a table and in a file."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+
+from ..core.severity import SEVERITIES
+from ..core.text import text_cell
+from ..corruptions.registry import FAMILIES
+from ..data.benchmarks import benchmark_facts
+from ..report.table import Column, Line, Section, Table, TableCell, number_text
+from ..run.run import Run
+from ..stats.model_result import ModelResult
+from ..stats.published.tables import published_results
+from ..stats.results import (
+    AVERAGE,
+    CLEAN,
+    FAMILY_LABELS,
+    METRIC_LABELS,
+    OVERALL,
+    RESULT_METRICS,
+    SETTING_LABELS,
+    family_label,
+    mean_label,
+    short_label,
+)
+from ..stats.run_results import comparison_note, run_results
+from .plan import Artefact, Runnable, Variant
+
+MetricValues = Mapping[tuple[str, str], float]
+"""Values of one variant by (metric, corruption), with ("crer", family) for the mean CREr of a family."""
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """The published values of a variant and, if it was evaluated here, our values."""
+
+    variant: Variant
+    published: MetricValues
+    here: MetricValues
+    note: str = ""
+    random: bool = False
+
+
+def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
+    """Compare a variant's run with the published values over the same corruptions."""
+    measured = [name for name in run.summary.corruptions if name in _in_paper(artefact)]
+    here = _values_over(run_results([run], beside_published=True)[0], measured)
+    levels = run.manifest.severities
+    setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
+    differs = setting not in (runnable.variant.setting, "untrained")
+    notes = (
+        runnable.weights,
+        f"{setting}, not the setting of this row" if differs else "",
+        comparison_note(run, beside_published=True),
+        "" if len(measured) == len(_in_paper(artefact)) else "the published average is over the same corruptions",
+        "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
+    )
+    published = _published(artefact, runnable.variant, measured)
+    return SideBySide(runnable.variant, published, here, "; ".join(filter(None, notes)), runnable.random)
+
+
+def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
+    """Return a comparison that contains only the paper's values."""
+    return SideBySide(variant, _published(artefact, variant, _in_paper(artefact)), {})
+
+
+def _in_paper(artefact: Artefact) -> tuple[str, ...]:
+    return benchmark_facts(artefact.benchmark).paper_corruptions
+
+
+def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
+    of_variant = (artefact.benchmark, variant.setting, variant.method)
+    line = next(line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant)
+    cost = line.printed_cost
+    crer = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting) if cost is not None else None
+    if artefact.columns == "crer" and crer is None:
+        return {}  # Tab. 3 does not contain the method
+    values = _values_over(line, measured)
+    if len(measured) < len(_in_paper(artefact)):
+        return values
+    printed = {key: value.number for key, value in line.values.items() if key[1] == AVERAGE}
+    return {**values, **printed, **({} if crer is None else {("crer", AVERAGE): crer})}
+
+
+def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
+    """Return the values on the clean frames and under some corruptions, with the averages over these corruptions, and
+    the CREr of each family as ("crer", FAMILY)."""
+    some = replace(line, values={key: value for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)})
+    values = {key: value.number for key, value in some.values.items()}
+    for metric in RESULT_METRICS:
+        if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
+            values[metric, AVERAGE] = fmean(of_these)
+    if (cre := [some.cre[name] for name in corruptions if name in some.cre]) and values.get(("epe", CLEAN)):
+        values["crer", AVERAGE] = fmean(cre) / values["epe", CLEAN]
+    return values | {("crer", family): crer for family, crer in some.family_crer.items()}
+
+
+def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
+    """Return the columns of a table or figure for which at least one variant has a value, with their keys; if there is
+    none, all columns."""
+    if artefact.columns == "means":
+        every = [(Column(mean_label(*key)), key) for key in OVERALL]
+    elif artefact.columns == "families":
+        every = [(Column(FAMILY_LABELS[family], "CREr"), ("crer", family)) for family in FAMILIES]
+    elif artefact.columns == "crer":
+        every = [(Column("CREr"), ("crer", AVERAGE))]
+    else:
+        metric = artefact.columns
+        every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
+        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)]
+        every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
+    shown = [one.here or one.published for one in variants]
+    return [(column, key) for column, key in every if any(key in values for values in shown)] or every
+
+
+def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
+    """Return three rows for each variant with a run (published, here, difference), and one row for each variant
+    without a run."""
+    columns = columns_of(artefact, variants)
+    keys = [key for _, key in columns]
+    sections = []
+    for setting in dict.fromkeys(one.variant.setting for one in variants):
+        lines: list[Line] = []
+        for one in (one for one in variants if one.variant.setting == setting):
+            lines += _lines(one, keys)
+        sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
+    return Table(
+        artefact.name,
+        f"{artefact.name}: {artefact.title}",
+        tuple(column for column, _ in columns),
+        tuple(sections),
+    )
+
+
+def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
+    published, here = variant.published, variant.here
+    # Corruptions that were not run are not compared.
+    shown = [key for key in keys if not variant.here or key in here]
+    lines = [Line(f"{variant.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
+    if variant.here:
+        name = f"{variant.variant.method}, {'RANDOM WEIGHTS' if variant.random else 'here'}"
+        lines.append(Line(name, _cells(here, keys), variant.note))
+        lines.append(Line.of("  difference", (_difference(published, here, key) for key in keys)))
+    return lines
+
+
+def _cells(values: Mapping[tuple[str, str], float | None], keys: Sequence[tuple[str, str]]) -> tuple[TableCell, ...]:
+    return tuple(TableCell(number_text(values.get(key), None)) for key in keys)
+
+
+def _difference(published: MetricValues, here: MetricValues, key: tuple[str, str]) -> str:
+    return f"{here[key] - published[key]:+.2f}" if key in published and key in here else "-"
+
+
+def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
+    """Return one row per value: setting, model, metric, corruption (or family), published, here, difference, note."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])
+    for one in variants:
+        published, here = one.published, one.here
+        for _, key in columns_of(artefact, variants):
+            both = (published.get(key), here.get(key))
+            difference = None if None in both else here[key] - published[key]
+            cells = ["" if value is None else f"{value:.6g}" for value in (*both, difference)]
+            note, random = (text_cell(one.note), "yes" if one.random else "no") if one.here else ("", "")
+            writer.writerow([one.variant.setting, one.variant.method, *key, *cells, random, note])
+    return out.getvalue()

@@ -1,1 +1,0 @@
-"""Point spread functions at run time: PSF fields, interpolation between nodes, and blurring."""

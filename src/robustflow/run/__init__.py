@@ -1,0 +1,1 @@
+"""Plan and measure; a folder of rows."""

@@ -1,0 +1,201 @@
+"""Train the attacks of a run that need training, once per run, on samples that the run does not measure. The
+results are stored in the run folder. Compute attack cells in the process that has loaded the model, because
+attacked frames depend on the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..attacks import Attack, load_attack
+from ..attacks.api import attack_pairs, first_warnings, pair_of_sample
+from ..attacks.base import Learned, Pattern
+from ..attacks.own import register_attack
+from ..attacks.result import Attacked
+from ..attacks.trained import Trained
+from ..core.errors import UsageError
+from ..core.files import digest_of_value
+from ..core.rng import Rng, key_of
+from ..core.types import Flow, Sample
+from ..corruptions.base import BGR, VARIANTS
+from ..data.benchmarks import Benchmark
+from ..data.datasets.split import read_split
+from ..metrics.error_maps import epe_map
+from ..metrics.rows import CLEAN
+from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
+from .cells import Cell
+from .file_digests import file_digests, read_array, write_array
+from .plan import Plan, RunOptions, Unit
+from .seconds import Seconds, timed
+from .store import RunFolder
+
+
+def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
+    """Return the attacks of a run by name, in the run's variant if available."""
+    return {name: load_attack(name).with_variant(variant) for name in names}
+
+
+def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
+    """Return the training samples of an attack, none of which is measured."""
+    every, measured = benchmark.dataset.keys(), set(benchmark.keys)
+    if attack.trains.isdecimal():
+        left = [key for key in every if key not in measured]
+        if len(left) < int(attack.trains):
+            raise UsageError(
+                f"attack {attack.label} needs {attack.trains} training samples that are not measured, but only "
+                f"{len(left)} are available; measure fewer with --limit or --split, or train on fewer"
+            )
+        return tuple(sorted(left, key=lambda key: (key_of("attack training", seed, key), key))[: int(attack.trains)])
+    keys = read_split(attack.trains, every)
+    if both := [key for key in keys if key in measured]:
+        raise UsageError(
+            f"attack {attack.label} would be trained on sample '{both[0]}', which this run measures ({len(both)} such "
+            "samples in total); remove these samples from the file, or measure different ones with --split"
+        )
+    return tuple(keys)
+
+
+def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
+    """Return a digest of an attack's training samples and their files."""
+    keys = training_keys(attack, benchmark, seed)
+    digests = file_digests({key: benchmark.dataset.files(key) for key in keys})
+    return digest_of_value([list(keys), digests])
+
+
+def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
+    """Return the trained perturbations that the given units need. Each one is read from the run folder and verified
+    against its digest, or else trained in batches of `batch_size` pairs and stored there.
+    """
+    options = plan.options
+    attacks = attacks_in_run(options.attacks, options.variant)
+    trained = {name: one.training(model) for name, one in attacks.items()}
+    learned: dict[str, dict[int, Pattern]] = {}
+    for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
+        for label, (attack, on) in trained.get(name, {}).items():
+            pattern = _stored_pattern(folder, plan, label, severity, attack)
+            if pattern is None:
+                pattern = _trained(attack, plan, on, severity, batch_size)
+                path = folder.pattern_path(label, severity)
+                path.parent.mkdir(exist_ok=True)
+                write_array(path, pattern, _pattern_key(plan, label, severity))
+            learned.setdefault(label, {})[severity] = pattern
+    return learned
+
+
+def _stored_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, attack: Attack) -> Pattern | None:
+    """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
+    folder."""
+    assert isinstance(attack, Trained)
+    pattern = read_array(folder.pattern_path(label, severity), _pattern_key(plan, label, severity))
+    return pattern if pattern is not None and attack.fits(pattern) and np.isfinite(pattern).all() else None
+
+
+def _pattern_key(plan: Plan, label: str, severity: int) -> str:
+    return f"{plan.digest()} {label} {severity}"
+
+
+def _trained(attack: Attack, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
+    assert isinstance(attack, Trained)
+    options, benchmark = plan.options, plan.benchmark
+    pairs = []
+    for key in training_keys(attack, benchmark, options.seed):
+        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.seed)
+        pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
+    rng = Rng.of(options.seed, "attack training", attack.name, severity)
+    return attack.learn(model, pairs, rng, batch_size)
+
+
+class AttackStage:
+    """Attack samples."""
+
+    def __init__(
+        self,
+        model: AnyModel,
+        options: RunOptions,
+        seconds: Seconds,
+        on_predict: Callable[[str | None], None],
+    ) -> None:
+        self.names = options.attacks
+        for made in options.own_attacks:
+            register_attack(made)
+        self._attacks = {
+            name: one.with_learned(options.learned)
+            for name, one in attacks_in_run(options.attacks, options.variant).items()
+        }
+        self._model = model
+        self._options = options
+        self._seconds = seconds
+        self._on_predict = on_predict
+        self._warnings: frozenset[str] | None = None
+
+    def attack(self, targets: Sequence[tuple[Sample, Flow, Cell]]) -> list[Attacked]:
+        """Return the attacked pairs for the cells of one attack, as computed by `robustflow.attack` with the run's seed
+        and the sample's key.
+        """
+        cells = [cell for _, _, cell in targets]
+        name = cells[0][1]
+        with timed(self._seconds, "attack"):
+            if self._warnings is None:
+                self._warnings = self._warnings_of_model(targets[0][0])
+            attack = self._attacks[name]
+            pairs = [
+                (pair_of_sample(attack, sample, severity, self._options.seed), clean)
+                for sample, clean, (_, _, severity) in targets
+            ]
+            self._on_predict(describe_cells(cells))
+            with timed(self._seconds, f"attack {name}"):
+                attacked = attack_pairs(attack, self._model, pairs, self._warnings)
+            self._on_predict(None)
+        return attacked
+
+    def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
+        """Return warnings about the model itself, determined by predicting once before the first attack."""
+        self._on_predict(describe_cell(sample.key, CLEAN, 0))
+        first, second = sample.frames[:2]
+        assert isinstance(self._model, FlowModel)
+        # `clean` may come from a batched prediction
+        flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)
+        warnings = first_warnings(self._model, (first, second), sample.key, flow)
+        self._on_predict(None)
+        return warnings
+
+
+def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
+    """Check that all requested attacks work with a model."""
+    names = benchmark.attacks
+    if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
+        raise UsageError("attacks require a two-frame model; omit --attacks")
+    attacks = attacks_in_run(names, variant)
+    if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
+        raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run support it")
+    for one in attacks.values():
+        one.check(model)
+    sources = {
+        name: [one.source, *(training_digest(part, benchmark, seed) for part, _ in one.training(model).values())]
+        for name, one in attacks.items()
+    }
+    return {name: " ".join(filter(None, digests)) for name, digests in sources.items() if any(digests)}
+
+
+def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
+    """Return the columns that appear only in rows of attacks."""
+    capped = median = None
+    if sample.flow is not None and sample.valid is not None:
+        usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid
+        error = epe_map(attacked.flow, sample.flow)[usable]
+        capped = float(np.minimum(error, np.hypot(*sample.shape)).sum())
+        median = float(np.median(error)) if error.size else None
+    return {
+        "attack_linf": attacked.linf,
+        "attack_rms": attacked.rms,
+        "attack_capped_sum": capped,
+        "attack_median": median,
+        "attack_way_gone": attacked.way_gone,
+        "attack_late_gain": attacked.late_gain,
+        "attack_start_spread": attacked.start_spread,
+        "attack_evaluations": attacked.evaluations,
+        "attack_warnings": ",".join(attacked.warnings) or None,
+    }

@@ -1,0 +1,110 @@
+"""The cells of a run: which samples it measures, under which corruptions and attacks, at which severities.
+
+Calls may ask for different conditions on different samples, so a plan is a list of `Cells`: every sample is in exactly
+one of them, together with the samples that are measured under the same conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import Annotated
+
+import polars as pl
+from pydantic import AfterValidator, Field
+
+from ..core.validated import Untrusted
+from ..metrics.rows import CLEAN
+from .identity import Text
+
+Cell = tuple[str, str, int]
+"""The sample key, corruption and severity of a row."""
+
+
+UNEVEN = "not all at the same severities and on the same pairs"
+"""Remark about a mean over corruptions, see `Manifest.uneven`."""
+
+
+def _ascending(levels: tuple[int, ...]) -> tuple[int, ...]:
+    if any(one >= other for one, other in pairwise(levels)):
+        raise ValueError("severities must be ascending and different")
+    return levels
+
+
+Levels = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=5)], ...], Field(min_length=1, max_length=5), AfterValidator(_ascending)
+]
+
+
+class Cells(Untrusted):
+    """Some samples, each measured on the clean frames and under the same conditions."""
+
+    samples: tuple[Text, ...]
+    corruptions: dict[Text, Levels] = {}
+    attacks: dict[Text, Levels] = {}
+
+    def corrupted(self) -> Iterator[Cell]:
+        """Yield every cell except those of attacks; clean cells as (sample, "clean", 0)."""
+        levels = {CLEAN: (0,), **self.corruptions}
+        return ((key, name, level) for key in self.samples for name in levels for level in levels[name])
+
+    def attacked(self) -> Iterator[Cell]:
+        """Yield every cell of an attack."""
+        levels = self.attacks
+        return ((key, name, level) for key in self.samples for name in levels for level in levels[name])
+
+    def count(self) -> int:
+        """Return the number of cells, without listing them."""
+        return len(self.samples) * (1 + sum(map(len, (*self.corruptions.values(), *self.attacks.values()))))
+
+    def among(self, keys: Iterable[str]) -> Cells:
+        """Return the same conditions of other samples."""
+        return self.model_copy(update={"samples": tuple(keys)})
+
+    def contain(self) -> pl.Expr:
+        """Return an expression that selects the rows of these cells."""
+        of_level: dict[tuple[int, ...], list[str]] = {(0,): [CLEAN]}
+        for name, levels in (*self.corruptions.items(), *self.attacks.items()):
+            of_level.setdefault(levels, []).append(name)
+        conditions = (
+            pl.col("corruption").is_in(names) & pl.col("severity").is_in(levels) for levels, names in of_level.items()
+        )
+        return pl.col("sample").is_in(self.samples) & pl.any_horizontal(*conditions)
+
+
+def union(every: Iterable[Cells]) -> tuple[Cells, ...]:
+    """Return the same cells, with every sample in exactly one of the parts, and no two parts with equal conditions."""
+    parts: list[Cells] = []
+    for asked in every:
+        new, known = set(asked.samples), {key for part in parts for key in part.samples}
+        split = []
+        for part in parts:
+            together = Cells(
+                samples=tuple(key for key in part.samples if key in new),
+                corruptions=merged_levels(part.corruptions, asked.corruptions),
+                attacks=merged_levels(part.attacks, asked.attacks),
+            )
+            split += [part.among(key for key in part.samples if key not in new), together]
+        parts = _grouped([*split, asked.among(key for key in asked.samples if key not in known)])
+    return tuple(parts)
+
+
+def merged_levels(
+    one: Mapping[str, tuple[int, ...]], other: Mapping[str, tuple[int, ...]]
+) -> dict[str, tuple[int, ...]]:
+    """Return the severities that are in either of two mappings, by condition.
+
+    >>> merged_levels({"fog": (3,)}, {"snow": (2,), "fog": (1,)})
+    {'fog': (1, 3), 'snow': (2,)}
+    """
+    return {name: tuple(sorted({*one.get(name, ()), *other.get(name, ())})) for name in {**one, **other}}
+
+
+def _grouped(parts: Iterable[Cells]) -> list[Cells]:
+    """Merge parts with equal conditions, and omit parts without samples."""
+    groups: dict[tuple[frozenset[tuple[str, tuple[int, ...]]], ...], Cells] = {}
+    for part in parts:
+        if part.samples:
+            key = (frozenset(part.corruptions.items()), frozenset(part.attacks.items()))
+            groups[key] = part.among((*groups[key].samples, *part.samples)) if key in groups else part
+    return list(groups.values())

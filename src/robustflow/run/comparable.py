@@ -1,0 +1,280 @@
+"""Decide which runs may be compared, for all tables, leaderboards, tests, trends, figures and exports.
+
+Results of two runs may be compared if both measured the same rows: the same pairs under the same corruptions and
+severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they require
+that all rows are the same and were made with the same settings (`sample_set`); tests require only common rows
+(`common_to`). Differences between runs are described in words, based on the settings (seed, draws, the source of a
+user's corruption, ...) and the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import polars as pl
+
+from ..core.errors import RunError
+from ..core.files import digest_of_value
+from ..core.text import counted, first_of, joined, plain
+from ..data.benchmarks import benchmark_facts
+from ..data.benchmarks.facts import truth_remark
+from ..metrics.rows import CLEAN, ROW_KEY
+from ..metrics.summary import has_gaps
+from .cells import UNEVEN
+from .run import Run
+
+SELECTION = ("pairs", "corruptions", "severities", "complete")
+"""The parts of `measured_in_words` that describe which rows exist, not how they were made."""
+
+_DIGESTS = ("frames_digest", "truth_digest")
+_MOST_NAMED = 4
+_LONGEST_VALUE = 24
+_DIGITS = 6
+
+
+def sample_set(run: Run) -> str:
+    """Return a name that identifies what a run measured, regardless of its model: the means of runs with the same name
+    may be compared.
+    """
+
+    def made() -> str:
+        _clean_cells(run)  # cached now, from the same rows, because describing a difference needs these values
+        missing = [unit.model_dump() for unit in run.summary.missing]
+        return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
+
+    return run.cached_value("sample_set", str, made)
+
+
+def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence[Any] = ()) -> str:
+    """Return a name that identifies measured cells: (sample, corruption, severity, digest of frames, digest of ground
+    truth).
+
+    >>> sample_set_of("", [("a", "fog", 1, "00", None)]) == sample_set_of("", [("a", "fog", 1, "01", None)])
+    False
+    """
+    return digest_of_value([recipe, sorted(cells, key=lambda cell: cell[:3]), missing])
+
+
+def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
+    """Return the rows with a pixel to measure, in the form that `sample_set_of` expects."""
+    return rows.filter(pl.coalesce("n_valid", "n_all") > 0).select(*ROW_KEY, *_DIGESTS).rows()
+
+
+def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
+    """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
+    rows ("" if there are none).
+    """
+    parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
+    shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
+    if shared.is_empty():
+        raise RunError(f"{joined(list(names))} have no sample, corruption and severity in common")
+    same = shared.with_columns(
+        **{
+            name: pl.all_horizontal(
+                pl.col("_0").struct.field(name).eq_missing(pl.col(f"_{index}").struct.field(name))
+                for index in range(len(parts))
+            )
+            for name in _DIGESTS
+        }
+    ).select(*ROW_KEY, *_DIGESTS)
+    differ = ~(pl.col("frames_digest") & pl.col("truth_digest"))
+    pairs = same.filter(differ, corruption=CLEAN)["sample"].unique().sort().to_list()
+    common = same.filter(~pl.col("sample").is_in(pairs))
+    corruptions = common.filter(differ)["corruption"].unique().sort().to_list()
+    common = common.filter(~pl.col("corruption").is_in(corruptions))
+    if common.is_empty() or (corruptions and not (common["corruption"] != CLEAN).any()):
+        raise RunError(_no_common_rows_message(names, same))
+    cells = common.select(ROW_KEY)
+    remark = ""
+    if any(one.height != cells.height for one in rows):
+        counts = joined([f"the {one.height} in {name}" for name, one in zip(names, rows, strict=True)])
+        measured = "both" if len(rows) == 2 else "all"
+        remark = (
+            f"Only rows that {measured} measured are compared: {cells.height} rows (clean or corrupted pairs) out of "
+            f"{counts}."
+        )
+    for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
+        if left_out:
+            remark += (
+                f" Left out, because the frames or the ground truth differ: {counted(len(left_out), noun)} "
+                f"({_listed(left_out)})."
+            )
+    return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
+
+
+def _no_common_rows_message(names: Sequence[str], same: pl.DataFrame) -> str:
+    frames = same.filter(~pl.col("frames_digest"))
+    what = "given different frames" if frames.height else "measured against different ground truth"
+    first = (frames if frames.height else same.filter(~pl.col("truth_digest"))).sort(ROW_KEY).select(ROW_KEY)
+    sample, corruption, severity = first.row(0)
+    where = f"sample '{plain(sample)}', {plain(corruption)}" + (f" severity {severity}" if severity else "")
+    return (
+        f"{joined(list(names))} were {what} in the same cell ({where}; {first.height} of {same.height} common rows "
+        "differ)"
+    )
+
+
+@dataclass(frozen=True)
+class CommonRows:
+    """The rows of several runs that may be compared."""
+
+    rows: Mapping[str, pl.DataFrame]
+    remark: str = ""
+
+
+def common_to(runs: Mapping[str, Run]) -> CommonRows:
+    """Return the comparable rows of several runs, by name, and a description of all differences."""
+    try:
+        rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
+    except RunError as error:
+        titles = {name: _title(run) for name, run in runs.items()}
+        if len(set(titles.values())) > 1 and not _share_cells(runs):
+            (first, title), *others = titles.items()
+            of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
+            raise RunError(f"{of}, which have no frames in common; compare runs on the same benchmark") from None
+        raise RunError(f"{error}: {differences(runs)}; compare runs on the same frames and ground truth") from None
+    remarks = [remark]
+    if words := differences(runs):
+        remarks.append(f"The runs differ: {words}.")
+    remarks += [
+        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors cover only these pixels."
+        for name, run in runs.items()
+        if has_gaps(run.summary)
+    ]
+    return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
+
+
+def _share_cells(runs: Mapping[str, Run]) -> bool:
+    keys = [set(run.rows.select(ROW_KEY).iter_rows()) for run in runs.values()]
+    return bool(set.intersection(*keys))
+
+
+def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
+    """Describe how the measurements of several runs differ; "" if they do not. `parts` limits the description to some
+    of the parts of `measured_in_words`."""
+    every = list(runs.values())
+    if len({sample_set(run) for run in every}) == 1:
+        return ""
+    by_words: dict[str, list[str]] = {}
+    conditions = _distinguishing_words(measured_in_words(every), parts) if parts else conditions_of(every)
+    for name, words in zip(runs, conditions, strict=True):
+        by_words.setdefault(words, []).append(name)
+    return "; ".join(
+        f"{joined(names)} {'has' if len(names) == 1 else 'have'} {words}" for words, names in by_words.items() if words
+    )
+
+
+def conditions_of(runs: Sequence[Run]) -> list[str]:
+    """Return a short name for what each run measured, based on the differences between the runs; "" for all if there
+    are none."""
+    words, sets = _distinguishing_words(measured_in_words(runs)), [sample_set(run) for run in runs]
+    of_words: dict[str, set[str]] = {}
+    for each, measured in zip(words, sets, strict=True):
+        of_words.setdefault(each, set()).add(measured)
+    return [
+        each if len(of_words[each]) == 1 else ", ".join(filter(None, (each, f"frames {measured[:_DIGITS]}")))
+        for each, measured in zip(words, sets, strict=True)
+    ]
+
+
+def _distinguishing_words(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -> list[str]:
+    differing = [name for name in differing_parts(parts) if not among or name in among]
+    return [", ".join(one[name] for name in differing if one.get(name)) for one in parts]
+
+
+def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return the parts of `measured_in_words` that differ between runs, except digests that another part explains."""
+    names = dict.fromkeys(name for one in parts for name in one)
+    differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
+    other_data = any(name in ("benchmark", "dataset") or name.startswith("protocol ") for name in differing)
+    explained = ("truth", "clean") if other_data else ("truth",) if "ground_truth" in differing else ()
+    return [name for name in differing if name not in explained]
+
+
+def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
+    """Describe what each of several runs measured, part by part; the most informative parts come first."""
+    clean = [_clean_cells(run) for run in runs]
+    shared = sorted(set.intersection(*(set(one) for one in clean)))
+    named = [set(run.summary.corruptions) for run in runs]
+    everywhere = set.intersection(*named)
+    out = []
+    for run, cells, names in zip(runs, clean, named, strict=True):
+        words = dict(recipe_in_words(run))
+        if shared:
+            truth = [cells[sample][1] for sample in shared]
+            words["truth"] = f"ground truth {_digits(truth)}" if any(truth) else "no ground truth"
+            words["clean"] = f"clean frames {_digits([cells[sample][0] for sample in shared])}"
+        alike = any(len(other) == len(cells) and other.keys() != cells.keys() for other in clean)
+        words["pairs"] = counted(len(cells), "pair") + (f" {_digits(sorted(cells))}" if alike else "")
+        if len(names) <= _MOST_NAMED:
+            words["corruptions"] = joined(sorted(names)) if names else "no corruption"
+        else:
+            more = sorted(names - everywhere)
+            words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
+        levels = run.summary.severities() or run.manifest.severities  # a run of attacks alone has no means
+        words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
+        words["severities"] += f" ({UNEVEN})" if run.manifest.uneven else ""
+        words["complete"] = "every planned row" if run.summary.complete else "rows missing"
+        out.append({name: plain(value, 120) for name, value in words.items()})
+    return out
+
+
+def _clean_cells(run: Run) -> dict[str, tuple[str, str | None]]:
+    """Map each sample to the digests of its clean frames and of its ground truth."""
+
+    def made() -> dict[str, tuple[str, str | None]]:
+        clean = run.rows.filter(corruption=CLEAN).sort("sample")
+        return {sample: (frames, truth) for sample, frames, truth in clean.select("sample", *_DIGESTS).rows()}
+
+    return run.cached_value("clean_cells", dict[str, tuple[str, str | None]], made)
+
+
+def _digits(value: Any) -> str:
+    return digest_of_value(value)[:_DIGITS]
+
+
+_IN_WORDS: dict[str, Callable[[Any], str]] = {
+    "dataset": lambda value: f"dataset {value}",
+    "seed": lambda value: f"seed {value}",
+    "variant": lambda value: f"{value} corruptions",
+    "severity_scale": lambda value: f"{value or 'paper'} severities",
+    "common_draws": lambda value: "one draw for all severities" if value else "one draw for each severity",
+    "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
+    "streams": lambda value: f"random streams {value}",
+    "attacks": lambda value: f"attacks {value}",
+}
+"""Descriptions of the fields of `FrameIdentity`, the most informative first."""
+
+
+def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
+    """Describe how a run's frames were chosen and made, field by field, from its manifest."""
+    frames = run.manifest.identity.frames
+    protocol, fields = dict(frames.protocol), dict(frames)
+    yield "benchmark", f"benchmark {_title(run)}"
+    yield "ground_truth", truth_remark(protocol) or "the usual ground truth"
+    for name, value in sorted(protocol.items()):
+        if name != "ground_truth":
+            yield f"protocol {name}", f"{name} {_short(value)}"
+    for name, words in _IN_WORDS.items():
+        yield name, words(fields[name])
+    for name in sorted(fields.keys() - {"benchmark", "protocol", "corruptions", *_IN_WORDS}):
+        yield name, f"{name} {_short(fields[name])}"
+    for name, digest in sorted(frames.corruptions.items()):
+        yield f"source {name}", f"source {_digits(digest)} of {name}"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}={_short(each)}" for name, each in sorted(value.items()))
+    return plain(str(value), _LONGEST_VALUE)
+
+
+def _title(run: Run) -> str:
+    return plain(benchmark_facts(run.benchmark).title, 40)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return first_of([plain(name, 40) for name in names], _MOST_NAMED)

@@ -1,0 +1,195 @@
+"""Read and write small JSON files stored with a run's rows. Each file belongs to exactly one run and is untrusted.
+The cost of a run's model, measured by `robustflow profile MODEL --into RUN` and stored with the run's rows.
+Store the histogram of flow magnitudes with a run's rows, for its pages.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import polars as pl
+from pydantic import Field, ValidationError, model_validator
+
+from ..core.errors import RunError, UsageError, first_misfit
+from ..core.files import sealed, unsealed, write_json
+from ..core.text import plain
+from ..core.validated import Untrusted
+from ..metrics.rows import CLEAN
+
+if TYPE_CHECKING:
+    from .run import Run
+
+
+class RunAttachment(Untrusted):
+    """The fields that every such file contains."""
+
+    version: Annotated[int, Field(ge=1, le=1)] = 1
+    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+
+
+Attachment = TypeVar("Attachment", bound=RunAttachment)
+
+
+def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: str) -> Attachment:
+    """Parse the contents of such a file."""
+    content = unsealed(data)
+    if content is None:
+        raise RunError(
+            f"{name} is damaged (its content does not match its digest); delete it, or recreate it with robustflow "
+            f"{command}"
+        )
+    try:
+        return kind.model_validate_json(content)
+    except ValidationError as error:
+        raise RunError(f"{name}: {first_misfit(error)}; delete it, or recreate it with robustflow {command}") from error
+
+
+def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
+    """Read such a file from a run's folder; None if it does not exist."""
+    path = run.path / file
+    if not path.is_file():
+        return None  # only regular files, because reading a pipe could block
+    try:
+        with open(path, "rb") as opened:
+            data = opened.read(largest)
+    except OSError:
+        return None
+    contents = parse_attachment(kind, data, str(path), command)
+    if contents.run != run.manifest.identity_digest:
+        raise RunError(f"{path} belongs to a different run ({contents.run}); delete or recreate it")
+    return contents
+
+
+def write_attachment(run: Run, file: str, content: RunAttachment) -> Path:
+    """Store such a file in a run's folder, and return its path."""
+    path: Path = run.path / file
+    write_json(path, sealed(content.model_dump()))
+    return path
+
+
+PROFILE = "profile.json"
+COUNTED_SIZE = (432, 720)
+"""Height and width of the frames for which the paper reports costs, in pixels."""
+
+_LARGEST = 1 << 16
+_COMMAND = "profile MODEL --into RUN"
+
+_NOT_COMPARED = {
+    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
+}
+"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
+
+_Count = Annotated[int, Field(ge=0, le=10**18)]
+
+
+class RunCost(RunAttachment):
+    """The cost of one prediction of a run's model."""
+
+    height: Annotated[int, Field(ge=1, le=10**5)]
+    width: Annotated[int, Field(ge=1, le=10**5)]
+    iterations: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    parameters: _Count
+    macs: _Count
+    thop_parameters: _Count
+    thop_macs: _Count
+    seconds: Annotated[float, Field(ge=0)] | None = None
+    peak_bytes: _Count | None = None
+    device: Annotated[str, Field(max_length=40)] | None = None
+
+    @property
+    def parameters_m(self) -> float:
+        """Return the parameters in millions, counted as in the paper."""
+        return self.thop_parameters / 1e6
+
+    @property
+    def flops_g(self) -> float:
+        """Return the FLOPs as reported in the paper: thop's multiply-accumulates, in units of 10^9."""
+        return self.thop_macs / 1e9
+
+
+def parse_cost(data: bytes, name: str) -> RunCost:
+    """Parse a cost from its file."""
+    return parse_attachment(RunCost, data, name, _COMMAND)
+
+
+def read_cost(run: Run) -> RunCost | None:
+    """Return the cost stored in a run's folder; None if it was not measured."""
+    return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
+
+
+def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
+    """Check that a model has the identity of a run's model, ignoring weights and execution settings."""
+    ran = run.manifest.identity.model.settings
+    for key in sorted((ran.keys() | model.keys()) - _NOT_COMPARED):
+        before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
+        if before != here:
+            raise UsageError(
+                f"{run.path} has a different model: its {key} is {plain(before)}, "
+                f"but the given model has {plain(here)}; profile the run's model with the run's options"
+            )
+
+
+def write_cost(run: Run, cost: RunCost) -> Path:
+    """Store a cost in the folder of its run."""
+    return write_attachment(run, PROFILE, cost)
+
+
+DISPLACEMENT = "displacement.json"
+GROUND_TRUTH = "ground truth"
+"""Value of `source` for a histogram of the ground truth."""
+_LARGEST_DISPLACEMENT_FILE = 1 << 20
+_MOST_BINS = 10_000
+
+
+class DisplacementFile(RunAttachment):
+    """The contents of `RUN/displacement.json`."""
+
+    samples: Annotated[int, Field(ge=1)]
+    source: Annotated[str, Field(min_length=1, max_length=500)]
+    low: Annotated[list[Annotated[float, Field(ge=0, le=1e9)]], Field(min_length=1, max_length=_MOST_BINS)]
+    pixels: Annotated[list[Annotated[int, Field(ge=0, le=10**18)]], Field(min_length=1, max_length=_MOST_BINS)]
+
+    @model_validator(mode="after")
+    def _bins_fit(self) -> DisplacementFile:
+        if len(self.low) != len(self.pixels) or self.low[0] != 0 or sorted(set(self.low)) != self.low:
+            raise ValueError("edges must ascend from 0, with one edge per count")
+        return self
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """Return a table with the columns `low`, `high` (pixels, the last infinite) and `share` (of all counted
+        pixels)."""
+        total = max(1, sum(self.pixels))
+        share = [count / total for count in self.pixels]
+        return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
+
+
+def read_displacement(run: Run) -> DisplacementFile | None:
+    """Return the histogram stored in a run's folder; None if it does not exist, or if the run now has different
+    samples.
+    """
+    displacement = read_attachment(
+        DisplacementFile, run, DISPLACEMENT, _LARGEST_DISPLACEMENT_FILE, "reproduce displacement --into RUN"
+    )
+    return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
+
+
+def write_displacement(run: Run, table: pl.DataFrame) -> Path:
+    """Store the table of `displacement_histogram` for a run's samples in the run's folder."""
+    content = DisplacementFile(
+        run=run.manifest.identity_digest,
+        samples=len(run.manifest.samples),
+        source=table["source"][0],
+        low=table["low"].to_list(),
+        pixels=table["pixels"].to_list(),
+    )
+    return write_attachment(run, DISPLACEMENT, content)
+
+
+def clean_digests(run: Run) -> dict[str, str]:
+    """Map every sample that a run has measured to the digest of its clean frames."""
+    return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())

@@ -1,0 +1,153 @@
+"""Define what an engine receives and returns. Choose the next unit for an idle worker."""
+
+from __future__ import annotations
+
+import pickle
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import UsageError
+from ...data.datasets.base import Dataset
+from ...metrics.rows import CLEAN
+from ...models import ModelSpec
+from ...models.base import AnyModel, model_identity
+from ..plan import RunOptions, Unit
+from ..store import RunFolder
+from ..worker import Worker
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a worker needs; picklable if the model is picklable."""
+
+    dataset: Dataset
+    model: ModelSpec | AnyModel
+    options: RunOptions
+    folder: Path | None
+    """The run's folder, in which clean flows are stored between units; None to store none."""
+    batch_size: int = 1
+    loaded: AnyModel | None = field(default=None, compare=False)
+    """The model, if this process has already loaded it; never sent to other processes."""
+    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
+    row."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "loaded": None}
+
+    def load_model(self) -> AnyModel:
+        """Return the model, loading it if necessary."""
+        if self.loaded is not None:
+            return self.loaded
+        return self.model.load() if isinstance(self.model, ModelSpec) else self.model
+
+    def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
+        """Return the identity of the loaded model, including its name if it was loaded by name."""
+        return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
+
+    @property
+    def clean_path(self) -> Callable[[str], Path] | None:
+        """Return the function from a sample's key to the file of its clean flow, if clean flows are stored."""
+        return None if self.folder is None else RunFolder(self.folder).clean_path
+
+    def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
+        """Create a worker with the model that `load_model` returns."""
+        model = self.load_model()
+        return Worker(self.dataset, model, self.options, self.clean_path, on_predict, self.batch_size, self.kept)
+
+
+@dataclass(frozen=True)
+class FinishedUnit:
+    """A finished unit: its rows, and the seconds spent on each kind of work."""
+
+    unit: Unit
+    rows: list[dict[str, Any]]
+    seconds: dict[str, float]
+    place: str | None = None
+    """Node and device that computed the unit, if the engine has several."""
+
+
+FinishedUnits = Generator[FinishedUnit, None, None]
+"""Finished units in the order in which they are computed; closing it ends the engine."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """An engine that computes units."""
+
+    describe: Callable[[Sequence[Unit]], str]
+    compute: Callable[[Job, Sequence[Unit]], FinishedUnits]
+
+
+def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
+    """Return a job as it is sent to other processes."""
+    try:
+        return dumps(job)
+    except Exception as error:
+        what, advice = "dataset or corruption", "use engine='serial' without a timeout"
+        try:
+            dumps(job.model)
+        except Exception:
+            what, advice = "model object", f"{advice}, or name the model as 'module:attribute'"
+        raise UsageError(
+            f"this {what} cannot be sent to worker processes ({type(error).__name__}: {error}); {advice}"
+        ) from error
+
+
+class Schedule:
+    """Assign units so that a sample's clean flow is computed first, a worker continues with the sample it has
+    loaded, and as few samples as possible are in progress. After the clean unit, a sample's units are assigned in
+    reverse order, because the costliest corruption (psf_blur) is at the end of the plan: if it started last, one
+    worker would be busy while the others are idle.
+    """
+
+    def __init__(self, units: Iterable[Unit]) -> None:
+        self._waiting: dict[str, deque[Unit]] = {}
+        """Units by sample, with the samples in the plan's order."""
+        self._blocked: set[str] = set()
+        """Samples whose clean unit is being computed."""
+        for unit in units:
+            self._waiting.setdefault(unit.key, deque()).append(unit)
+        self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
+        """Samples that no worker has started, in reverse order."""
+
+    def take(self, last_key: str | None) -> Unit | None:
+        """Return the next unit for a worker that has `last_key` loaded; None if all remaining units have to wait."""
+        if last_key is not None and self._ready(last_key):
+            return self._pop(last_key)
+        if self._fresh:  # prefer a new sample, because two workers on the same sample load it twice
+            key = self._fresh.pop()
+            self._blocked.add(key)
+            return self._pop(key)
+        for key in self._waiting:
+            if self._ready(key):
+                return self._pop(key)
+        return None
+
+    def finished(self, unit: Unit) -> None:
+        """Record that a unit is done; a clean unit allows the rest of its sample to start."""
+        if unit.corruption == CLEAN:
+            self._blocked.discard(unit.key)
+
+    def give_back(self, unit: Unit) -> None:
+        """Put a unit whose worker was lost back into the queue, ahead of the rest of its sample."""
+        waiting = self._waiting.setdefault(unit.key, deque())
+        if unit.corruption == CLEAN:
+            waiting.appendleft(unit)
+            self._blocked.discard(unit.key)
+            self._fresh.append(unit.key)
+        else:
+            waiting.append(unit)
+
+    def _ready(self, key: str) -> bool:
+        return key in self._waiting and key not in self._blocked and key not in self._fresh
+
+    def _pop(self, key: str) -> Unit:
+        waiting = self._waiting[key]
+        unit = waiting.popleft() if waiting[0].corruption == CLEAN else waiting.pop()
+        if not self._waiting[key]:
+            del self._waiting[key]
+        return unit

@@ -1,0 +1,164 @@
+"""Choose the engine for a run."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ...core.errors import UsageError, unknown_name
+from ...core.plugins import require
+from ...core.processes import may_have_children
+from ...core.text import counted
+from ...core.threads import available_processors
+from ...models.conventions import check_count, check_positive
+from ...models.loading import devices_of
+from ..named_model import NamedModel
+from ..plan import Unit
+from .base import Engine
+from .processes import SERIAL, processes
+from .ray import on_ray
+from .staged import staged
+
+ENGINES = ("serial", "processes", "ray")
+
+_FEEDERS_PER_DEVICE = 8
+"""Maximum default number of feeders per device; a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
+
+MOST_PROCESSES = 8
+"""Maximum default number of processes, because each takes 300 MB or more."""
+
+_CELLS_PER_PROCESS = 25
+"""Several processes are the default only with at least this many cells per process, because a process takes about two
+seconds to start."""
+
+
+def choose_engine(
+    name: str | None,
+    workers: int | None,
+    timeout: float | None,
+    address: str | None,
+    model: NamedModel,
+    others: tuple[Any, ...] = (),
+    attacks: bool = False,
+) -> Engine:
+    """Return the engine with this name, or the one that suits the model, the number of workers and the timeout."""
+    if workers is not None:
+        check_count("--workers", workers)
+    if timeout is not None:
+        check_positive("--timeout", timeout)
+    devices = devices_of(model.spec, model.model)
+    if address is not None and name != "ray":
+        raise UsageError("--address applies only to the ray engine; add --engine ray, or omit --address")
+    if devices and attacks and name in (None, "processes"):
+        if name == "processes" or workers is not None or timeout is not None:
+            raise UsageError(
+                "attacks on an accelerator run in this process; omit --engine, --workers and --timeout, "
+                "or omit --attacks"
+            )
+        return _serial(" (attacks need the model in this process)")
+    why = ""
+    if name is None:
+        unasked = workers is None and timeout is None
+        light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if unasked and light and not devices:
+            return _spread(_reason_for_one_process(model, others))
+        why = _reason_for_one_process(model, others) if unasked and devices else ""
+        asked = (workers or 1) > 1 or timeout is not None
+        name = "processes" if asked or (devices and not why) else "serial"
+    if name not in ENGINES:
+        raise unknown_name("engine", name, ENGINES)
+    if name == "ray":
+        require("ray", "the ray engine")  # fail before the run is announced
+        return _ray(workers, timeout, address)
+    if name == "processes" and devices:
+        return _staged(devices, workers, timeout)
+    if name == "processes":
+        return _processes(workers or 1, timeout)
+    if (workers or 1) > 1 or timeout is not None:
+        raise UsageError("the serial engine has one worker and cannot stop a hanging model; use --engine processes")
+    return _serial(why)
+
+
+def _processes(workers: int, timeout: float | None) -> Engine:
+    def count(units: Sequence[Unit]) -> int:
+        return max(1, min(workers, len(units)))
+
+    return Engine(
+        lambda units: f"processes, {counted(count(units), 'worker')}",
+        lambda job, units: processes(job, units, count(units), timeout),
+    )
+
+
+def _spread(why_not: str) -> Engine:
+    """Return an engine with one process per CPU if each has enough work and nothing prevents it; otherwise `SERIAL`."""
+
+    def engine(units: Sequence[Unit]) -> Engine:
+        cells = sum(len(unit.severities) for unit in units)
+        count = min(available_processors(), MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units))
+        if count < 2:
+            return SERIAL
+        return _serial(why_not) if why_not else _processes(count, None)
+
+    return Engine(
+        lambda units: engine(units).describe(units),
+        lambda job, units: engine(units).compute(job, units),
+    )
+
+
+def _serial(why: str) -> Engine:
+    return replace(SERIAL, describe=lambda units: f"serial{why}")
+
+
+def _ray(workers: int | None, timeout: float | None, address: str | None) -> Engine:
+    actors = "" if workers is None else f", {counted(workers, 'actor')}"
+    return Engine(
+        lambda units: f"ray{actors}, {'on this machine' if address is None else address}",
+        lambda job, units: on_ray(job, units, workers, timeout, address),
+    )
+
+
+def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
+    if workers is not None and workers < len(devices):
+        raise UsageError(
+            f"{workers} workers are too few for {len(devices)} devices: use --workers {len(devices)} or more, or name "
+            "fewer devices with --device"
+        )
+    wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+
+    def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
+        """Limit feeders and devices to the number of cells."""
+        cells = max(1, sum(len(unit.severities) for unit in units))
+        return devices[:cells], min(wanted, cells)
+
+    def describe(units: Sequence[Unit]) -> str:
+        used, feeders = parts(units)
+        return f"processes, {counted(len(used), 'device')} + {counted(feeders, 'feeder')}"
+
+    return Engine(describe, lambda job, units: staged(job, units, *parts(units), timeout))
+
+
+def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:
+    """Return the reason why a run cannot use several processes by default; empty if it can."""
+    if multiprocessing.parent_process() is not None:
+        return " (this process is itself a worker)"
+    if not may_have_children():
+        return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'
+    if model.spec is None and not _can_be_loaded_elsewhere(model.model):
+        return " (this model object cannot be sent to another process)"
+    if not _can_be_loaded_elsewhere(others):
+        return " (this dataset or corruption cannot be sent to another process)"
+    return ""
+
+
+def _can_be_loaded_elsewhere(thing: Any) -> bool:
+    """Return whether another process can load a pickled object; False if its class is defined in a notebook or at a
+    prompt."""
+    try:
+        pickled = pickle.dumps(thing)
+    except Exception:
+        return False
+    return b"__main__" not in pickled or hasattr(sys.modules["__main__"], "__file__")

@@ -1,0 +1,201 @@
+"""Connect to an existing Ray cluster, or start one on this machine that ends with the run."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from ...core.errors import RobustFlowError, RunError, UsageError
+from ...core.paths import environment_variables, safe_path
+from ...core.plugins import require
+
+REACH_S = 10.0
+"""Time limit for the head of a cluster to respond, in seconds."""
+_STORE_BYTES = 200 * 2**20
+"""Size of the object store of a local cluster in bytes, excluding the data sent to every actor; rows are small."""
+_LONGEST_TMP = 30
+"""Maximum length of the path of Ray's folder, because the paths of its sockets may have at most 107 characters."""
+_SETTINGS = b"\4"
+_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
+"""The client preface of HTTP/2, the protocol of Ray's ports; a server responds with its settings (RFC 9113, 3.4)."""
+_WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
+_ENDED_BY_RAY = (
+    "robustflow: Ray ended this process, as it does when a Ray process on this machine is killed or runs out of "
+    "memory; finished work is kept: run the same command again to continue"
+)
+
+
+def ray_module() -> Any:
+    """Return the module `ray`."""
+    require("ray", "the ray engine")
+    import ray
+
+    return ray
+
+
+@contextmanager
+def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0) -> Iterator[Any]:
+    """Yield the module `ray`, connected to a cluster; a connection or cluster started here ends with the block."""
+    ray = ray_module()
+    if ray.is_initialized():
+        if address not in (None, "auto"):
+            raise UsageError(
+                "this process is already connected to a Ray cluster: omit the address, or call ray.shutdown() first"
+            )
+        yield ray
+        return
+    handler = signal.getsignal(signal.SIGTERM)
+    folder = None if address else _new_folder()
+    _show_messages(ray, False)
+    try:
+        with _quiet(), safe_path():
+            if address is None:
+                _start(ray, cpus, sent_bytes, folder)
+            else:
+                _join(ray, address)
+        _restore(handler)  # Ray replaces the caller's handler
+        with _last_words():
+            yield ray
+    finally:
+        with _quiet():
+            ray.shutdown()
+        _restore(handler)
+        _show_messages(ray, True)
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> None:
+    try:
+        ray.init(
+            address="local",
+            job_config=_job(ray),
+            num_cpus=cpus,
+            include_dashboard=False,
+            object_store_memory=_STORE_BYTES + 2 * sent_bytes,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            _temp_dir=folder,
+            _system_config={"worker_niceness": 0},  # by default, actors yield to every other process (nice 15)
+        )
+    except Exception as error:
+        raise RunError(
+            f"Ray did not start on this machine within 30 s ({_first_sentence(error)}): try again when "
+            "the machine is less busy, or use --engine processes"
+        ) from error
+
+
+def _join(ray: Any, address: str) -> None:
+    cluster = f"the Ray cluster at '{address}'"
+    try:
+        if address == "auto":
+            address = str(ray._private.services.get_ray_address_from_environment("auto", None))
+        _check_answers(address, cluster)
+        ray.init(address=address, job_config=_job(ray), log_to_driver=False, logging_level=logging.ERROR)
+    except RobustFlowError:
+        raise
+    except ImportError as error:
+        raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
+    except ValueError as error:
+        raise UsageError(
+            f"--address {address} is not a valid address: use auto, host:port or ray://host:port"
+        ) from error
+    except SystemExit as error:  # Ray's error for a server with a different protocol
+        raise RunError(f"{cluster} does not respond like a Ray cluster; check the address and the port") from error
+    except Exception as error:
+        raise RunError(f"cannot connect to {cluster}: {_first_sentence(error)}") from error
+
+
+@contextmanager
+def _last_words() -> Iterator[None]:
+    """Within the block, a second process prints a message if this process dies silently: when one of Ray's processes on
+    this machine is lost, Ray terminates its driver in a way that Python cannot catch."""
+    arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
+    # in a separate session, where Ctrl-C does not reach it
+    watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
+    assert watching.stdin is not None
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            watching.stdin.write(b".")
+            watching.stdin.close()
+        watching.wait()
+
+
+class _NoFolders(list[str]):
+    """An empty list of folders that Ray puts before the standard library in its workers' module path."""
+
+    def extend(self, folders: Iterable[str]) -> None:
+        """Ignore the working directory and the script's folder, because Ray has no option to leave them out."""
+
+
+def _job(ray: Any) -> Any:
+    job = ray.job_config.JobConfig()
+    job._py_driver_sys_path = _NoFolders()
+    return job
+
+
+def _check_answers(address: str, cluster: str) -> None:
+    """Check the address first: Ray would retry for two minutes and then end the process."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not (colon and host and port.isdecimal()):
+        return
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH_S) as connection:
+            connection.sendall(_PREFACE)
+            answer = connection.recv(9)
+    except TimeoutError:
+        answer = b""
+    except (OSError, OverflowError) as error:
+        raise RunError(
+            f"{cluster} cannot be reached ({error}); start it (ray start --head), or check host and port"
+        ) from error
+    if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
+        raise RunError(f"{cluster} does not respond like a Ray cluster; check host and port")
+
+
+def _new_folder() -> str:
+    """Return a folder for Ray's sockets and logs."""
+    usual = tempfile.gettempdir()
+    return tempfile.mkdtemp(prefix="rf-ray-", dir=usual if len(usual) <= _LONGEST_TMP else "/tmp")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Disable Ray's start and end messages and its usage statistics within the block."""
+    logger = logging.getLogger("ray")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with environment_variables({"RAY_USAGE_STATS_ENABLED": "0"}):
+            yield
+    finally:
+        logger.setLevel(level)
+
+
+def _show_messages(ray: Any, shown: bool) -> None:
+    """Silence Ray's messages about lost actors: Ray prints them to standard output, which contains our tables, and has
+    no option to turn them off."""
+    ray._private.worker._worker_logs_enabled = shown
+
+
+def _restore(handler: Any) -> None:
+    if handler is not None and signal.getsignal(signal.SIGTERM) is not handler:
+        try:
+            signal.signal(signal.SIGTERM, handler)
+        except ValueError:  # not in the main thread, so Ray did not change the handler either
+            return
+
+
+def _first_sentence(error: Exception) -> str:
+    return " ".join(str(error).split()).partition(". ")[0] or type(error).__name__

@@ -1,0 +1,135 @@
+"""Draw example images of a run: the worst and the median cell side by side, and one frame under every corruption."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from pathlib import Path
+from typing import Any, Literal
+
+import polars as pl
+
+from ..core.errors import DataError, RunError, UsageError, unknown_name
+from ..core.files import TEMPORARY, make_folder, write_bytes, write_json
+from ..media.images import jpeg_bytes, shrunk
+from ..models.base import describe_cell
+from .cells import Cell
+from .example_cells import (
+    EXAMPLES_FILE,
+    FOLDER,
+    SLIDER_WIDTH,
+    CellScores,
+    are_current,
+    cell_scores,
+    drop_examples,
+    example_list,
+)
+from .run import Run
+from .setup import Setup
+from .slider_pictures import slider_picture, stored_picture
+from .worker import View, Worker, temporary_worker
+
+_SAME_PX, _SAME_SHARE = 0.01, 0.01
+"""Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
+
+
+def write_examples(run: Run, setup: Setup) -> bool:
+    """Draw the examples of a complete run into its folder, unless they already exist."""
+    if run.summary.missing:
+        raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
+    listed = example_list(run.rows)
+    if listed is None:
+        raise RunError(f"{run.path} has no measured pixel, so there is no worst sample")
+    if are_current(run):
+        return False
+    home = run.path / FOLDER
+    making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
+    make_folder(making)
+    try:
+        with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
+            for panel in listed["panels"]:
+                cell = (panel["key"], panel["corruption"], panel["severity"])
+                write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
+            _write_slider(making, listed["slider"], worker, setup.options.pictures)
+        write_json(making / EXAMPLES_FILE, listed)
+        drop_examples(run.path)
+        try:
+            making.rename(home)
+        except OSError as error:
+            raise DataError(f"cannot write {home}: {error.strerror}; choose a folder with free space") from error
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+    return True
+
+
+def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
+    """Draw any cell of a run as a PNG, with the scores from the run."""
+    known = run.rows["corruption"].unique().sort()
+    if corruption not in known:
+        raise unknown_name("corruption of this run", corruption, known)
+    with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
+        return _picture(run.rows, worker, (key, corruption, severity), "", "png")
+
+
+def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:
+    key = slider["key"]
+    clean = worker.sample(key).frames
+    write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], SLIDER_WIDTH)))
+    for picture in slider["pictures"]:
+        corruption, severity = picture["corruption"], picture["severity"]
+        shown = stored_picture(pictures, corruption, severity)
+        if shown is None:
+            shown = slider_picture(worker.frames(key, corruption, severity), clean)
+        write_bytes(folder / picture["file"], shown)
+
+
+def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
+    from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
+
+    key, corruption, severity = cell
+    row = _row(rows, cell)
+    scores = cell_scores(row)
+    view = worker.inspect_cell(*cell)
+    _check_same(view, row, scores)
+    numbers = numbers_line(scores.epe, scores.cre, scores.rcre)
+    title = panel_title(key, corruption, severity, why)
+    return draw_panel(Panel(view.sample, view.frames, view.flow, view.clean_flow, title, numbers), form)
+
+
+def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
+    key, corruption, severity = cell
+    matching = rows.filter(sample=key, corruption=corruption, severity=severity)
+    if matching.is_empty():
+        raise _unknown_cell(rows, cell)
+    return matching.row(0, named=True)
+
+
+def _unknown_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
+    key, corruption, severity = cell
+    of_sample = rows.filter(sample=key)
+    if of_sample.is_empty():
+        return unknown_name("sample of this run", key, rows["sample"].unique().sort()[:20])
+    of_corruption = of_sample.filter(corruption=corruption)
+    if of_corruption.is_empty():
+        return unknown_name("corruption of this run", corruption, of_sample["corruption"].unique().sort())
+    levels = ", ".join(str(level) for level in of_corruption["severity"].sort())
+    return UsageError(
+        f"this run does not include severity {severity} of {corruption} for sample '{key}': choose from {levels}"
+    )
+
+
+def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
+    """Raise unless an image shows the frames and the flow that were measured."""
+    where = describe_cell(row["sample"], row["corruption"], row["severity"])
+    if view.row["frames_digest"] != row["frames_digest"]:
+        raise RunError(f"the frames of {where} differ from those of the run; use the data of the run")
+    again = cell_scores(view.row)
+    for name in ("epe", "rcre"):
+        before, now = getattr(scores, name), getattr(again, name)
+        if before is None and now is None:
+            continue
+        if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
+            raise RunError(
+                f"the model predicts a different flow than in the run on {where} ({name.upper()} {now} instead of "
+                f"{before}), so an image would not show the measured flow; repeat the run in a different folder"
+            )

@@ -1,0 +1,253 @@
+"""Define everything that determines the results of a run, in three parts: frames, model and measurement. Describe a
+model's training data, and what they mean for a run. Describe the environment of a run, for its manifest.
+
+These classes are the only definition. A plan makes an `Identity`; manifests and records store it; it is used to resume,
+compare, group and repeat runs. A new field of `FrameIdentity` takes effect in all of these.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Collection, Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, JsonValue
+
+from ..core.errors import UsageError
+from ..core.files import digest_of_value
+from ..core.validated import Untrusted
+from ..data.benchmarks.facts import EXPORTED
+from ..data.benchmarks.setting import BACKBONE_NOTE, PAIRS_NOTE, judge
+from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training
+
+IDENTITY_VERSION = 2
+
+LONGEST_NAME = 80
+"""Maximum length of a model's name in tables and figures."""
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+_EDITED = {"corruption": "the source of the corruption", "attack": "the definition of the attack"}
+_ADDED = {"corruption": "your corruption", "attack": "the attack"}
+
+
+class _IdentityPart(Untrusted):
+    """Base of the parts."""
+
+    def record(self) -> dict[str, Any]:
+        """Return this part as stored in a manifest: JSON types only, without fields that have their default values."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+
+class FrameIdentity(_IdentityPart):
+    """Everything that determines the frames and the ground truth, except the choice of samples, corruptions and
+    severities.
+    """
+
+    benchmark: Text
+    dataset: Text
+    protocol: dict[str, JsonValue]
+    seed: int
+    variant: Text
+    streams: int
+    attacks: int
+    severity_scale: Text | None = None
+    common_draws: bool = False
+    psf: Text | None = None
+    depth: Text | None = None
+    corruptions: dict[Text, Text] = {}
+    attack_sources: dict[Text, Text] = {}
+
+    @property
+    def made_with(self) -> dict[str, JsonValue]:
+        """Return the seed, the variant and the severity scale of the corrupted frames: those of the export if the
+        frames are read from one."""
+        made: dict[str, JsonValue] = {
+            "seed": self.seed,
+            "variant": self.variant,
+            "severity_scale": self.severity_scale or "paper",
+        }
+        exported = self.protocol if EXPORTED.items() <= self.protocol.items() else {}
+        return made | {name: value for name, value in exported.items() if type(value) is type(made.get(name))}
+
+    @property
+    def scale(self) -> str:
+        """Return the name of the severity scale: "paper" or "calibrated"."""
+        return (self.severity_scale or "paper").partition(" ")[0]
+
+
+class ModelIdentity(_IdentityPart):
+    """The model's description of itself (`robustflow.models.base.model_identity`), and the window of frames around a
+    pair that the model receives; None for a two-frame model."""
+
+    settings: dict[str, JsonValue]
+    window: dict[str, JsonValue] | None = None
+
+
+class Measuring(_IdentityPart):
+    """Versions of identity and rows, whether predictions may be NaN or infinite, the confidence that is measured
+    (`robustflow.models.confidence`), and the number of draws of each corruption."""
+
+    version: int
+    rows: int
+    allow_invalid: bool
+    confidence: Text | None = None
+    draws: int = Field(default=1, ge=1)
+
+
+class Identity(_IdentityPart):
+    """Exactly the settings that change the numbers in a row; the number of workers and the choice of samples are not
+    included. Two runs with equal identities may share a folder."""
+
+    frames: FrameIdentity
+    model: ModelIdentity
+    measuring: Measuring
+
+    def digest(self) -> str:
+        """Return a stable hash of 16 hexadecimal digits, the same for a plan and for its manifest."""
+        return digest_of_value(self.record())
+
+    def difference(self, before: Identity) -> str:
+        """Describe how this identity differs from an earlier one, naming the user's corruptions."""
+        parts = differing_fields(self, before)
+        kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
+        if kind is None:
+            return f"it differs in: {parts}"
+        current, recorded = getattr(self.frames, parts), getattr(before.frames, parts)
+        if edited := [name for name in current if name in recorded and current[name] != recorded[name]]:
+            return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
+        if added := [name for name in current if name not in recorded]:
+            return f"it was started without {_ADDED[kind]} {', '.join(added)}"
+        return f"it was also started with the {kind} {', '.join(recorded)}"
+
+    def edited_corruptions(self, before: Identity) -> list[str]:
+        """Return the user's corruptions whose source differs between two identities; empty if anything else differs
+        too."""
+        current, recorded = self.frames.corruptions, before.frames.corruptions
+        if differing_fields(self, before) != "corruptions":
+            return []
+        return [name for name in current if name in recorded and current[name] != recorded[name]]
+
+
+def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
+    """Return the names of the fields in which two identities, or two of their parts, differ; the settings of a model
+    count as one field, "model".
+
+    >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
+    'seed'
+    """
+    new, old = _fields(now), _fields(before)
+    return ", ".join(sorted(key for key in new.keys() | old.keys() if new.get(key) != old.get(key))) or "identity"
+
+
+def _fields(part: _IdentityPart | Mapping[str, Any]) -> Mapping[str, Any]:
+    if isinstance(part, Identity):
+        model = {"model": part.model.settings, "window": part.model.window}
+        return {**dict(part.frames), **model, **dict(part.measuring)}
+    return part if isinstance(part, Mapping) else dict(part)
+
+
+def checked_name(name: str) -> str:
+    """Check a model's name for tables and figures, and remove surrounding spaces.
+
+    >>> checked_name(" My model ")
+    'My model'
+    """
+    name = name.strip()
+    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        raise UsageError(f"the name of a model must be 1 to {LONGEST_NAME} printable characters, not {name[:100]!r}")
+    return name
+
+
+class Provenance(Untrusted):
+    """The training data of a model."""
+
+    setting: Setting
+    trained_on: Annotated[tuple[Text, ...], Field(max_length=100)] | None
+    basis: Text
+    note: str = ""
+    backbone: Text | Literal[""] = ""
+
+    @classmethod
+    def of(
+        cls,
+        training: Training,
+        benchmark: str,
+        keys: Collection[str] | None = None,
+        protocol: Mapping[str, Any] | None = None,
+    ) -> Provenance:
+        """Return the provenance of a model on a benchmark; arguments as for `setting_of`."""
+        setting, notes = judge(training, benchmark, keys, protocol or {})
+        note = "; ".join(filter(None, (training.note, *notes)))
+        backbone = training.backbone
+        return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
+
+    def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
+        """Return the provenance of the same training data for a benchmark and the given samples."""
+        own = "; ".join(part for part in self.note.split("; ") if not part.startswith((PAIRS_NOTE, BACKBONE_NOTE)))
+        trained = self.basis not in (RANDOM, KNOWLEDGE)
+        training = Training(self.trained_on, self.basis, own, trained=trained, backbone=self.backbone)
+        return Provenance.of(training, benchmark, keys, protocol)
+
+
+UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
+"""The provenance of a model with unknown training data."""
+
+
+_PACKAGES = (
+    "robustflow",
+    "numpy",
+    "opencv-python-headless",
+    "opencv-python",
+    "scipy",
+    "numba",
+    "polars",
+    "av",
+    "torch",
+    "torchvision",
+    "ptlflow",
+)
+
+
+class Machine(Untrusted):
+    """The machine; a record contains only its kind, without the version of the operating system."""
+
+    system: str
+    processor: str
+    cores: int | None
+
+
+class Environment(Untrusted):
+    """Versions of all software that can change results, the machine, and the command line, which a record omits."""
+
+    python: str
+    packages: Annotated[dict[Text, Text], Field(max_length=100)]
+    machine: Machine
+    command: tuple[str, ...] = ()
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Return the versions of the installed packages. Parsing takes a tenth of a second, so the result is cached."""
+    versions = {}
+    for name in _PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return versions
+
+
+def environment() -> Environment:
+    """Return the environment of this process."""
+    return Environment(
+        python=platform.python_version(),
+        packages=_versions(),
+        machine=Machine(system=platform.platform(), processor=platform.machine(), cores=os.cpu_count()),
+        command=(os.path.basename(sys.argv[0]), *sys.argv[1:]),
+    )

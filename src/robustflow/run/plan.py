@@ -1,0 +1,194 @@
+"""Define what has to run: samples, corruptions and severities, and the identity of the results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from ..attacks.registry import ATTACK_VERSION
+from ..corruptions.api import STREAM_VERSION
+from ..corruptions.base import Corruption
+from ..corruptions.scale import calibration_digest
+from ..corruptions.stack import levels_of
+from ..data.benchmarks.base import Benchmark
+from ..data.datasets.base import Depths
+from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
+from ..models.window import Window
+from .cells import Cell, Cells
+from .identity import IDENTITY_VERSION, UNDECLARED, FrameIdentity, Identity, Measuring, ModelIdentity, Provenance
+from .manifest import Manifest
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The smallest unit of work that is computed and written: one corruption of one sample, at all missing
+    severities."""
+
+    key: str
+    corruption: str
+    severities: tuple[int, ...]
+
+    @property
+    def cells(self) -> list[Cell]:
+        return [(self.key, self.corruption, severity) for severity in self.severities]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options that change the results, apart from the benchmark and the model."""
+
+    seed: int = 0
+    variant: str = "default"
+    allow_invalid: bool = False
+    severity_scale: str = "paper"
+    sources: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of the user's files that affect corrupted frames (see `corruptions.sources`)."""
+    window: Window | None = None
+    """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
+    common_draws: bool = False
+    """Whether the five severities of a pair share one draw."""
+    own: tuple[Any, ...] = ()
+    """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
+    """Corruption classes by name, see `Benchmark.classes`."""
+    attacks: tuple[str, ...] = ()
+    """The conditions that are attacks on the model; the others are corruptions."""
+    own_attacks: tuple[Any, ...] = ()
+    """The user's attacks, like `own` (see `attacks.own`)."""
+    learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
+    """Trained perturbations by attack and severity."""
+    attack_sources: Mapping[str, str] = field(default_factory=dict)
+    """Digests, by attack, of everything except its name that affects it."""
+    confidence: str | None = None
+    """The confidence that the model predicts in addition to its flow (see `models.confidence`)."""
+    depth: Depths | None = None
+    """The source of depth for corruptions that need it; None if there is no depth."""
+    draws: int = 1
+    """The number of draws of each corruption, with `seed` and the following seeds, for the spread of the flow."""
+    run: str = ""
+    """Digest of the run's identity, by which clean flows of a different run in the same folder are recognized."""
+    pictures: Path | None = None
+    """The folder in which workers store small pictures of corrupted frames; None to store none. It does not affect
+    results."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A benchmark, the options of the run, and the identity of the model."""
+
+    benchmark: Benchmark
+    options: RunOptions
+    model_identity: dict[str, Any]
+    provenance: Provenance = UNDECLARED
+    name: str | None = None
+    """The model's name in tables and figures; it does not affect results."""
+
+    def units(self) -> list[Unit]:
+        """Return all units of a complete run, with each sample's clean unit first."""
+        return list(self._all_units())
+
+    def count(self) -> int:
+        """Return the number of units in a complete run."""
+        cells = self.cells()
+        return len(cells.samples) * (1 + len(cells.corruptions) + len(cells.attacks))
+
+    def _all_units(self) -> Iterator[Unit]:
+        cells = self.cells()
+        conditions = {CLEAN: (0,), **cells.corruptions, **cells.attacks}
+        return (Unit(key, name, levels) for key in cells.samples for name, levels in conditions.items())
+
+    def cells(self) -> Cells:
+        """Return the cells of a complete run."""
+        chosen, scale = self.benchmark, self.options.severity_scale
+        levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
+        corruptions = {name: of_name for name, of_name in levels.items() if of_name}
+        attacks = dict.fromkeys(chosen.attacks, chosen.severities)
+        return Cells(samples=tuple(chosen.keys), corruptions=corruptions, attacks=attacks)
+
+    def left_out(self) -> dict[str, tuple[int, ...]]:
+        """Return the requested severities that do not exist on the severity scale, by corruption."""
+        levels = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
+        lacking = {name: lacking_levels(name, of_name, self.options.severity_scale) for name, of_name in levels.items()}
+        return {name: of_name for name, of_name in lacking.items() if of_name}
+
+    def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
+        """Return the planned units that are not done yet."""
+        left = []
+        for unit in self._all_units():
+            severities = tuple(cell[2] for cell in unit.cells if cell not in existing)
+            if severities:
+                left.append(replace(unit, severities=severities))
+        return left
+
+    def identity(self) -> Identity:
+        """Return the identity of the run's rows."""
+        options = self.options
+        return Identity(
+            frames=FrameIdentity(
+                benchmark=self.benchmark.name,
+                dataset=self.benchmark.dataset.name,
+                protocol=_json_types(self.benchmark.protocol),
+                seed=options.seed,
+                variant=options.variant,
+                streams=STREAM_VERSION,
+                attacks=ATTACK_VERSION,
+                severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
+                common_draws=options.common_draws,
+                depth=self.benchmark.own_depth.digest if self.benchmark.own_depth is not None else None,
+                attack_sources=dict(options.attack_sources),
+                **options.sources,
+            ),
+            model=ModelIdentity(
+                settings=_json_types(self.model_identity),
+                window=options.window.record() if options.window else None,
+            ),
+            measuring=Measuring(
+                version=IDENTITY_VERSION,
+                rows=ROW_SCHEMA_VERSION,
+                allow_invalid=options.allow_invalid,
+                confidence=options.confidence,
+                draws=options.draws,
+            ),
+        )
+
+    def digest(self) -> str:
+        """Return the digest of the identity, 16 hexadecimal digits."""
+        return self.identity().digest()
+
+
+def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
+    """Return the samples for which a run lacks a row, including rows of attacks."""
+    parts = manifest.planned
+    return {cell[0] for part in parts for cell in chain(part.corrupted(), part.attacked()) if cell not in cells}
+
+
+def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:
+    """Return those of a corruption's severities that do not exist on a severity scale.
+
+    >>> lacking_levels("saturate", (1, 5), "calibrated"), lacking_levels("saturate", (1, 5), "paper")
+    ((5,), ())
+    """
+    exist = levels_of(name, tuple(severities), scale)
+    return tuple(level for level in severities if level not in exist)
+
+
+def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
+    """Describe which severities a run omits.
+
+    >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
+    'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
+    """
+    each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
+    return f"the calibrated scale has no {each}"
+
+
+def _json_types(value: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert values to the form in which they are read from a manifest: lists for tuples, strings for types that JSON
+    lacks."""
+    out: dict[str, Any] = json.loads(json.dumps(dict(value), default=str))
+    return out

@@ -1,0 +1,218 @@
+"""Count the parameters and multiply-accumulates of a network, both exactly and by the rules of the thop library.
+Find the PyTorch network inside a model, and count the cost of the model's predictions. Measure the time and
+memory of actual predictions.
+
+The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
+upsampling). It ignores matrix products in correlation volumes and attention, layers that are not executed, and layers
+whose class is not exactly PyTorch's own. A module that is registered at two points in the network is hooked twice and
+added twice, so its operations are counted four times; this is the case for some norms in RAFT. thop's rules are
+reimplemented here from its observed behaviour, because thop modifies the network and is no longer maintained.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+import resource
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch._subclasses.fake_tensor import (
+    DataDependentOutputException,
+    DynamicOutputShapeException,
+    FakeTensorMode,
+    unset_fake_temporarily,
+)
+from torch.utils.flop_counter import FlopCounterMode
+
+from ..core.errors import ModelError, RobustFlowError, UsageError
+from ..models.tiling import TiledModel
+from ..models.torch.model import NetworkModel, TorchClipModel
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The cost of one prediction."""
+
+    parameters: int
+    macs: int
+    thop_parameters: int
+    thop_macs: int
+
+
+def count(net: nn.Module, height: int, width: int) -> Counts:
+    """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values."""
+    try:
+        try:
+            with _unlogged(), FakeTensorMode(allow_non_fake_inputs=True):
+                return _count(_copy(net), height, width)
+        except (DataDependentOutputException, DynamicOutputShapeException):
+            return _count(_copy(net), height, width)
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        message = " ".join(str(error).split())
+        raise ModelError(
+            f"the network fails on frames of {height}x{width} ({type(error).__name__}: {message}); many networks fail "
+            "on small frames, so try a larger size"
+        ) from error
+
+
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """Suppress the tracebacks that PyTorch logs in addition to the exceptions it raises for tensors without values."""
+    logger = logging.getLogger(torch._subclasses.fake_tensor.__name__)
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def _copy(net: nn.Module) -> nn.Module:
+    with unset_fake_temporarily():
+        return copy.deepcopy(net).cpu().eval()
+
+
+def _count(net: nn.Module, height: int, width: int) -> Counts:
+    tally = _ThopTally(net)
+    handles = [
+        module.register_forward_hook(tally.hook, with_kwargs=True) for module in net.modules() if type(module) in _RULES
+    ]
+    counter = FlopCounterMode(display=False)
+    try:
+        with torch.no_grad(), counter:
+            net(*(torch.zeros(1, 3, height, width) for _ in range(2)))
+    finally:
+        for handle in handles:
+            handle.remove()
+    return Counts(
+        parameters=sum(value.numel() for value in net.parameters()),
+        macs=int(counter.get_total_flops()) // 2,
+        thop_parameters=sum(
+            tally.places[module] * value.numel() for module in tally.run for value in module.parameters()
+        ),
+        thop_macs=tally.macs,
+    )
+
+
+class _ThopTally:
+    def __init__(self, net: nn.Module) -> None:
+        self.macs = 0
+        self.run: dict[nn.Module, None] = {}
+        self.places = Counter(_visits(net))
+
+    def hook(self, module: nn.Module, inputs: tuple[Any, ...], named: dict[str, Any], output: Any) -> None:
+        self.run[module] = None
+        tensors = [value for value in (*inputs, *named.values()) if isinstance(value, Tensor)]
+        if tensors and isinstance(output, Tensor):
+            self.macs += self.places[module] ** 2 * _RULES[type(module)](module, tensors[0], output)
+
+
+def _visits(net: nn.Module) -> Iterator[nn.Module]:
+    """Yield each module once for every path that leads to it."""
+    yield net
+    for child in net.children():
+        yield from _visits(child)
+
+
+def _convolution(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * (x.shape[1] // module.groups) * prod(module.weight.shape[2:])
+
+
+def _linear(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * int(module.in_features)
+
+
+def _norm(module: Any, x: Tensor, y: Tensor) -> int:
+    scaled = getattr(module, "affine", False) or getattr(module, "elementwise_affine", False)
+    return x.numel() * (4 if scaled else 2)
+
+
+def _softmax(module: Any, x: Tensor, y: Tensor) -> int:
+    features = x.shape[module.dim]
+    return x.numel() // features * (3 * features - 1)
+
+
+def _adaptive_pooling(module: Any, x: Tensor, y: Tensor) -> int:
+    return int((prod(x.shape[2:]) / prod(y.shape[2:]) + 1) * y.numel())
+
+
+def _upsampling(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * {"nearest": 1, "linear": 5, "bilinear": 11, "bicubic": 259}.get(module.mode, 0)
+
+
+_RULES: dict[type[nn.Module], Callable[[Any, Tensor, Tensor], int]] = {
+    **dict.fromkeys((nn.Conv1d, nn.Conv2d, nn.Conv3d), _convolution),
+    **dict.fromkeys((nn.ConvTranspose1d, nn.ConvTranspose2d, nn.ConvTranspose3d), _convolution),
+    nn.Linear: _linear,
+    **dict.fromkeys((nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm, nn.LayerNorm), _norm),
+    **dict.fromkeys((nn.InstanceNorm1d, nn.InstanceNorm2d, nn.InstanceNorm3d), _norm),
+    nn.Softmax: _softmax,
+    nn.PReLU: lambda module, x, y: x.numel(),
+    **dict.fromkeys((nn.AvgPool1d, nn.AvgPool2d, nn.AvgPool3d), lambda module, x, y: y.numel()),
+    **dict.fromkeys((nn.AdaptiveAvgPool1d, nn.AdaptiveAvgPool2d, nn.AdaptiveAvgPool3d), _adaptive_pooling),
+    **dict.fromkeys((nn.Upsample, nn.UpsamplingNearest2d, nn.UpsamplingBilinear2d), _upsampling),
+}
+
+
+def network_of(model: Any) -> NetworkModel:
+    """Return the adapter that contains a model's network, without the tiling wrapper."""
+    while isinstance(model, TiledModel):
+        model = model.model
+    if isinstance(model, TorchClipModel):
+        raise UsageError(
+            f"'{model.name}' needs a clip, but only two-frame networks can be profiled: choose a different model"
+        )
+    if not isinstance(model, NetworkModel):
+        raise UsageError(
+            "only PyTorch networks can be profiled, but this model does not expose one; choose a model that "
+            "robustflow list models shows with the source own, ptlflow or torchvision"
+        )
+    return model
+
+
+def count_prediction(model: Any, height: int, width: int) -> Counts:
+    """Count the cost of one prediction on frames of this size, over all tiles if the model predicts in tiles."""
+    network = network_of(model)
+    tiles, size = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
+    one = count(network.net, *network.convention.fitted_size(*size))
+    return replace(one, macs=tiles * one.macs, thop_macs=tiles * one.thop_macs)
+
+
+@dataclass(frozen=True)
+class PredictionCost:
+    """Measurements from several predictions."""
+
+    seconds: float
+    peak_bytes: int
+    device: str
+
+
+def measure_prediction(model: NetworkModel | TiledModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
+    """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first."""
+    if repeat < 1:
+        raise UsageError(f"the number of repetitions must be at least 1, not {repeat}")
+    frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3)).astype(np.uint8)
+    gpu = model.device.type == "cuda"
+    if gpu:
+        model.predict(*frames)
+        torch.cuda.reset_peak_memory_stats(model.device)
+    seconds = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        model.predict(*frames)  # waits for the GPU, because the flow is copied to the CPU
+        seconds.append(time.perf_counter() - start)
+    unit = 1 if sys.platform == "darwin" else 1024
+    peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0
+    peak = peak or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return PredictionCost(min(seconds), peak, str(model.device))

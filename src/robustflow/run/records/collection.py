@@ -1,0 +1,110 @@
+"""A shared folder of records, from which a leaderboard in a git repository is generated.
+
+    FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as submitted
+    FOLDER/records.json                                            their list, one entry per record
+
+Only records that pass verification are stored, and no text from a record is used as a file name. The list is sorted and
+has one canonical form, so that changes can be reviewed line by line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import DataError
+from ...core.files import make_folder, write_bytes, write_json
+from ..run import Run
+from .container import read_file
+from .pack import SUFFIX, record_bytes
+from .read import Reader
+from .verify import verified
+
+LIST = "records.json"
+RECORDS = "records"
+VERSION = 3
+"""Version of `records.json`."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """The result of `add_records`."""
+
+    copies: Sequence[Path]
+    earlier: Sequence[str]
+
+
+def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
+    """Verify records and copy either all or none of them into a collection. A missing collection is created."""
+    before = _entries(folder)
+    contents: dict[Path, bytes] = {}
+    entries = {}
+    for file in sources:
+        data = record_bytes(Run(file)) if file.is_dir() else read_file(file)
+        reader = Reader(data, str(file))
+        subject = verified(reader)
+        name = f"{RECORDS}/{reader.sha256[:16]}{SUFFIX}"
+        entries[name] = {
+            "file": name,
+            "sha256": reader.sha256,
+            "model": subject.model,
+            "benchmark": subject.benchmark,
+            "sentence": subject.sentence(),
+        }
+        contents[folder / name] = data
+    about = {(entry["model"], entry["benchmark"]) for entry in entries.values()}
+    earlier = [
+        entry for entry in before if entry["file"] not in entries and (entry["model"], entry["benchmark"]) in about
+    ]
+    entries |= {entry["file"]: entry for entry in before if not (supersede and entry in earlier)}
+    make_folder(folder / RECORDS)
+    for path, data in contents.items():
+        write_bytes(path, data)
+    ordered = [entries[name] for name in sorted(entries)]
+    write_json(folder / LIST, {"version": VERSION, "records": ordered})
+    for entry in earlier if supersede else ():
+        (folder / entry["file"]).unlink()
+    return Added(list(contents), [f"{entry['file']} ({entry['sentence']})" for entry in earlier])
+
+
+_ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
+
+
+def is_collection(folder: Path) -> bool:
+    """Return whether a folder has a list of records."""
+    return (folder / LIST).is_file()
+
+
+def collected(folder: Path) -> list[Path]:
+    """Return the records of a collection."""
+    paths = []
+    for entry in _entries(folder):
+        paths.append(folder / entry["file"])
+        if hashlib.sha256(read_file(paths[-1])).hexdigest() != entry["sha256"]:
+            raise DataError(
+                f"{paths[-1]}: not the file listed in {LIST}; restore it, or remove its entry and add it again"
+            )
+    return paths
+
+
+def _entries(folder: Path) -> list[dict[str, Any]]:
+    if not is_collection(folder):
+        return []
+    path = folder / LIST
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if (version := document["version"]) != VERSION:
+            raise DataError(f"{path}: has version {str(version)[:20]}, but version {VERSION} is required")
+        entries = [{key: str(entry[key]) for key in _ENTRY} for entry in document["records"]]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error
+    for entry in entries:
+        if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
+            raise DataError(f"{path}: {entry['file'][:60]!r} is not named after its hash; add the record again")
+        if not (folder / entry["file"]).is_file():
+            raise DataError(f"{folder / entry['file']}: listed in {LIST} but missing; restore it, or remove its entry")
+    return entries

@@ -1,0 +1,173 @@
+"""Pack a run folder into a single file. Read a run from a folder or a record; used by every command that reads
+runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import weakref
+from collections.abc import Iterable
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TypeVar, overload
+
+import polars as pl
+
+from ...core.errors import DataError, RunError, UsageError
+from ...core.files import json_bytes, sealed, write_bytes
+from ...core.paths import user_path
+from ..costs import PROFILE, read_cost
+from ..run import Run
+from .container import check_text, container_bytes, read_file
+from .contents import PackedEntry, Record, parsed, rows_to_text, shareable_manifest
+from .read import Reader
+from .verify import verify_read
+
+SUFFIX = ".robustflow"
+
+
+def pack(
+    run: Run,
+    path: str | Path | None = None,
+    *,
+    author: str = "",
+    link: str = "",
+    description: str = "",
+    partial: bool = False,
+    keep_paths: bool = False,
+    overwrite: bool = False,
+) -> Path:
+    """Write a run as a record; `docs/records.md` describes its contents. The same run and texts always produce the same
+    bytes.
+    """
+    data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
+    target = user_path(path) if path is not None else Path(run.path.absolute().name + SUFFIX)
+    if target.suffix != SUFFIX:
+        raise UsageError(f"{target}: the name of a record must end in {SUFFIX}")
+    verification = verify_read(Reader(data, str(target)))
+    if not verification.ok:
+        raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")
+    if not overwrite and target.exists() and _run_of(target) != run.manifest.identity_digest:
+        raise RunError(
+            f"{target} exists and is not a record of this run; choose a different file with -o, or give --overwrite"
+        )
+    write_bytes(target, data)
+    return target
+
+
+def _run_of(path: Path) -> str | None:
+    """Return the digest of the run in a record file, or None if the file is not a record."""
+    reader = Reader(read_file(path), str(path))
+    try:
+        reader.container()
+        reader.record()
+    except DataError:
+        return None
+    return reader.facts.run
+
+
+def record_bytes(
+    run: Run,
+    *,
+    author: str = "",
+    link: str = "",
+    description: str = "",
+    partial: bool = False,
+    keep_paths: bool = False,
+) -> bytes:
+    """Return the bytes of the file that `record pack` writes."""
+    manifest = shareable_manifest(run.manifest, keep_paths)
+    attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
+    missing = sum(len(units.samples) for units in run.summary.missing)
+    missing += sum(len(list(part.attacked())) for part in manifest.planned) - attacked.height
+    if missing and not partial:
+        raise RunError(
+            f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "
+            "pack the unfinished run with --partial"
+        )
+    entries = {
+        "manifest.json": json_bytes(manifest.record()),
+        "rows.csv": rows_to_text(pl.concat([run.rows, attacked])),
+        "summary.json": json_bytes(run.document()),
+    }
+    cost = read_cost(run)
+    if cost is not None:
+        entries[PROFILE] = json_bytes(sealed(cost.model_dump()))
+    texts = {"author": author, "link": link, "description": description}
+    stated = {name: " ".join(text.split()) for name, text in texts.items()}
+    for name, text in stated.items():
+        check_text(text, f"--{name}")
+    packed = {
+        name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()) for name, data in entries.items()
+    }
+    facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": packed, **stated}
+    record = parsed(Record.model_validate, facts, "the record")
+    return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})
+
+
+AnyRun = TypeVar("AnyRun", bound=Run)
+
+
+@overload
+def load_any_run(path: str | Path) -> Run: ...
+
+
+@overload
+def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
+
+
+def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
+    """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote."""
+    path = user_path(path)
+    return _open_record(path, kind) if path.is_file() else kind(path)
+
+
+def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
+    """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, sorted by
+    name.
+    """
+    found = []
+    for path in (user_path(each) for each in paths):
+        if not path.is_dir() or (path / "manifest.json").exists():
+            found.append(path)
+            continue
+        inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
+        if not inside:
+            raise RunError(f"{path} contains no run or record; give a run folder, or a folder that contains runs")
+        found += inside
+    return found
+
+
+def is_record(path: str | Path) -> bool:
+    """Return whether a path looks like a record: a zip file whose first entry is `record.json`."""
+    if not os.path.isfile(path):  # reading a pipe would block, or take the bytes from the next reader
+        return False
+    try:
+        with open(path, "rb") as file:
+            head = file.read(64)
+    except OSError:
+        return False
+    return head.startswith(b"PK\x03\x04") and head[30:].startswith(b"record.json")
+
+
+def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
+    from .container import read_file
+    from .read import Reader
+    from .verify import verified
+
+    if not is_record(path):
+        raise RunError(f"{path} is neither a run folder nor a record; give one written by 'run' or 'record pack'")
+    reader = Reader(read_file(path), str(path))
+    verified(reader)
+    folder = Path(mkdtemp(prefix="robustflow-"))
+    try:
+        reader.extract(folder)
+        run = kind(folder)
+        run.record = reader.sha256
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(run, shutil.rmtree, folder, True)
+    return run

@@ -1,0 +1,242 @@
+"""Set up one run: benchmark, model and options, from a request or from the manifest of a finished run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..attacks.own import own_attacks_among
+from ..core.errors import RobustFlowError, RunError, UsageError
+from ..core.rng import check_seed
+from ..core.text import plain
+from ..corruptions import load_corruption
+from ..corruptions.api import user_sources
+from ..corruptions.base import BGR, VARIANTS
+from ..corruptions.on_disk import on_disk
+from ..corruptions.own import is_known, own_among
+from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
+from ..data.benchmarks.facts import check_still, is_still, moving_name
+from ..data.benchmarks.registry import check_keys
+from ..data.datasets import DATASETS
+from ..data.datasets.base import Dataset, FromClips
+from ..data.datasets.clips import window_on
+from ..models import ModelSpec
+from ..models.base import AnyModel, FlowLookup
+from ..models.confidence import check_confidence
+from ..models.conventions import check_count
+from .attack_stage import check_attacks
+from .identity import FrameIdentity, Identity, Provenance, checked_name, differing_fields
+from .named_model import NamedModel, name_model
+from .plan import Plan, RunOptions, left_out_sentence
+from .run import Run
+from .source import RunSource
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A plan and the model for it."""
+
+    plan: Plan
+    model: NamedModel
+
+    @property
+    def dataset(self) -> Dataset:
+        """Return the dataset of the plan's benchmark."""
+        return self.plan.benchmark.dataset
+
+    @property
+    def options(self) -> RunOptions:
+        """Return the plan's options."""
+        return self.plan.options
+
+
+def set_up(
+    model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
+    benchmark: Benchmark,
+    *,
+    seed: int = 0,
+    variant: str = "default",
+    severity_scale: str = "paper",
+    allow_invalid: bool = False,
+    common_draws: bool = False,
+    confidence: str | None = None,
+    draws: int = 1,
+    name: str | None = None,
+) -> Setup:
+    """Set up a run from a request: check the request and load the model, without computing anything."""
+    seed = check_seed(seed)
+    for corruption in benchmark.corruptions:
+        if not benchmark.closed or on_disk(corruption) is None:
+            load_corruption(corruption, variant, severity_scale)
+    if benchmark.closed and severity_scale != "paper":
+        raise UsageError(
+            "these frames were corrupted beforehand, at the paper's severities; omit --severity-scale, "
+            "or use the uncorrupted data"
+        )
+    named = name_model(model)
+    if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
+        raise UsageError("flow files cannot be used with --still; omit --still, or choose a model that predicts")
+    check_confidence(confidence, named.model)
+    _check_draws(draws, benchmark, confidence)
+    attack_sources = check_attacks(benchmark, seed, variant, named.model)
+    window = window_on(named.model, benchmark.dataset)
+    if benchmark.depth_to_read() is not None and window is not None:
+        raise UsageError(
+            "3D corruptions need depth, which is available only for the two frames of a pair, but this model needs "
+            f"{window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
+        )
+    options = RunOptions(
+        seed=seed,
+        variant=variant,
+        allow_invalid=allow_invalid,
+        severity_scale=severity_scale,
+        window=window,
+        common_draws=common_draws,
+        **_benchmark_options(benchmark, benchmark.corruptions, variant),
+        attacks=benchmark.attacks,
+        own_attacks=own_attacks_among(benchmark.attacks),
+        attack_sources=attack_sources,
+        confidence=confidence,
+        draws=draws,
+    )
+    shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
+    provenance = Provenance.of(named.training, benchmark.name, benchmark.keys, benchmark.protocol)
+    plan = Plan(benchmark, options, named.identity, provenance, shown)
+    if plan.left_out() and len(plan.units()) == len(benchmark.keys):
+        raise UsageError(
+            f"nothing to run: {left_out_sentence(plan.left_out())}; choose different severities, or the paper's "
+            "--severity-scale"
+        )
+    return Setup(plan, named)
+
+
+def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
+    check_count("draws", draws)
+    if draws > 1 and benchmark.closed:
+        raise UsageError("these frames were corrupted beforehand, with one draw; omit --seeds")
+    if draws > 1 and confidence is not None:
+        raise UsageError("a run measures either a confidence or the spread over seeds; omit one of the two")
+
+
+def restore_setup(run: Run, source: RunSource) -> Setup:
+    """Set up a finished run again from its manifest, with the model and the data named in `source`."""
+    identity = run.manifest.identity
+    benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
+    if source.model is None:
+        raise RunError(f"{run.path} was run with a Python object, which has no name; specify --model NAME")
+    try:
+        named = name_model(source.model)
+    except RobustFlowError as error:
+        raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
+    options = replace(
+        _options_of(identity, benchmark),
+        window=window_on(named.model, benchmark.dataset),
+        confidence=identity.measuring.confidence,
+        draws=identity.measuring.draws,
+    )
+    check_confidence(options.confidence, named.model)
+    plan = Plan(benchmark, options, named.identity)
+    if (now := plan.identity()) != identity:
+        raise RunError(
+            f"the current setup does not match that of {run.path} (it differs in: {differing_fields(now, identity)}); "
+            "use the options of the run"
+        )
+    return Setup(plan, named)
+
+
+def set_up_frames(
+    identity: Identity, data: str | Path | None, data_options: dict[str, Any]
+) -> tuple[Dataset, RunOptions]:
+    """Return the dataset and options needed to recompute the frames of a run without its model."""
+    benchmark = _benchmark_of(identity.frames, data, data_options)
+    # invalid pixels depend on a model, which is not used here
+    options = replace(_options_of(identity, benchmark), allow_invalid=True)
+    made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
+    if made != recorded:
+        differing = differing_fields(made, recorded)
+        parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing.split(", ")]
+        remedies = [words for name, words in _REMEDIES.items() if name in differing.split(", ")]
+        raise RunError(
+            f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
+            f"{remedies[0] if remedies else 'use the version of the run'}"
+        )
+    return benchmark.dataset, options
+
+
+_REMEDIES = {
+    "dataset": "use the data and data options of the run",
+    "protocol": "use the data and data options of the run",
+    "depth": "pass the depth maps and the focal length of the run with -D depth=DIR and -D focal=PX",
+    "psf": "set ROBUSTFLOW_PSF_DIR to the same value as for the run",
+    "corruptions": "pass the run's version of your corruption with --own-corruption",
+}
+
+
+def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
+    """Return the benchmark of a run; raise if opening it would load code named in an untrusted file."""
+    name = moving_name(frames.benchmark)
+    if name not in BENCHMARKS and name not in DATASETS:
+        raise RunError(
+            f"the run's benchmark '{plain(frames.benchmark)}' is unknown: neither this package nor an installed one "
+            "provides it, and code named in a run is never loaded"
+        )
+    return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
+
+
+def open_benchmark(
+    benchmark: str | Benchmark,
+    data: str | Path | None = None,
+    split: str | Path | None = None,
+    options: dict[str, Any] | None = None,
+    variant: str = "default",
+    still: bool = False,
+) -> Benchmark:
+    """Open a benchmark by name, or use a benchmark object. Optionally, set the variant of corruptions that are applied
+    to clips, or use the frames without motion (`Benchmark.still`).
+    """
+    if still and isinstance(benchmark, str):
+        check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
+    if isinstance(benchmark, str):
+        chosen = load_benchmark(benchmark, data, split, options)
+    else:
+        chosen = benchmark
+        if given := [name for name, value in {"data": data, "split": split, "data_options": options}.items() if value]:
+            raise UsageError(f"the benchmark '{chosen.name}' is already open: omit {', '.join(given)}")
+        check_keys(chosen, f"the benchmark '{chosen.name}'")
+    if isinstance(chosen.dataset, FromClips):
+        chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
+    return chosen.still() if still else chosen
+
+
+def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
+    """Return the options recorded in an identity, without its attacks, which are not repeated."""
+    frames = identity.frames
+    for name in frames.corruptions:
+        if not is_known(name):
+            raise RunError(
+                f"the run's corruption '{plain(name)}' is unknown and not part of this package: specify it with "
+                "--own-corruption MODULE:ATTRIBUTE, or install its package"
+            )
+    return RunOptions(
+        seed=frames.seed,
+        variant=frames.variant,
+        allow_invalid=identity.measuring.allow_invalid,
+        severity_scale=frames.scale,
+        common_draws=frames.common_draws,
+        attack_sources=frames.attack_sources,
+        **_benchmark_options(benchmark, frames.corruptions, frames.variant),
+    )
+
+
+def _benchmark_options(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:
+    """Return the options that follow from a benchmark and the names of the corruptions."""
+    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
+    names = tuple(corruptions)
+    return {
+        "sources": user_sources(of_corruptions, names),
+        "own": own_among(names),
+        "classes": benchmark.classes,
+        "depth": benchmark.depths,
+    }

@@ -1,0 +1,144 @@
+"""Store the location of a run's model and data, which `report --examples` needs to repeat cells of a finished run.
+Determine the default folder of a run.
+
+The file is stored next to the manifest, not in it: paths on one machine are not part of a result and are not shared
+with it.
+
+A run's folder is untrusted, so this file can only load models that its author cannot have written: models registered by
+this package or by an installed one (an entry point), and those of ptlflow. Code (`module:attribute`) and files
+(exported networks, folders of flows, checkpoints by path) have to be named again by the user.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import RunError
+from ..core.files import write_json
+from ..core.paths import user_path
+from ..core.text import file_name, plain
+from ..data.benchmarks.facts import moving_name
+from ..data.datasets.folder import OWN_FRAMES
+from ..models.catalog import PTLFLOW, is_in_ptlflow
+from ..models.loading import ModelSpec
+from ..models.registry import MODELS
+from .plan import Plan
+from .store import RunFolder
+
+FILE = "source.json"
+
+
+@dataclass(frozen=True)
+class RunSource:
+    """The model and data needed to set up a run again."""
+
+    model: ModelSpec | None = None
+    data: Path | None = None
+    data_options: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        """Write the source into a run's folder."""
+        model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
+        data = None if self.data is None else str(user_path(self.data).absolute())
+        options = _plain(self.data_options.items())
+        write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
+
+    @classmethod
+    def read(cls, folder: Path) -> RunSource:
+        """Read the source of a run; return an empty source if there is no file."""
+        try:
+            source = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            spec, data = source["model"], source["data"]
+            model = None if spec is None else ModelSpec(str(spec["name"]), tuple(_scalars(spec["options"]).items()))
+            return cls(model, None if data is None else Path(data), _scalars(source["data_options"]))
+        except FileNotFoundError:
+            return cls()
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise RunError(f"{folder / FILE} is damaged; delete it, and give --model and --data instead") from error
+
+    def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
+        """Return the recorded model with the options that the user gives now; None for a Python object, which has no
+        name.
+        """
+        if self.model is None:
+            return None
+        options = {key: value for key, value in self.model.options if key not in given}
+        if self.model.name in _OF_FILES or not _registered(self.model.name):
+            raise RunError(
+                f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file; "
+                "code named in a run's folder is never loaded: give --model yourself if you trust it"
+            )
+        for key, value in options.items():
+            if isinstance(value, str) and _LIKE_A_PATH.search(value):
+                raise RunError(
+                    f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; files "
+                    f"named in a run's folder are never opened: give -O {plain(key)}=VALUE yourself if you trust it"
+                )
+        return ModelSpec(self.model.name, tuple((options | dict(given)).items()))
+
+
+_OF_FILES = ("precomputed", "onnx")
+"""Registered models that consist entirely of the user's files."""
+_LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
+
+
+def _registered(name: str) -> bool:
+    return name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
+
+
+def _scalars(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options read from a file; raise a TypeError for a list or an object, which could contain paths."""
+    if any(isinstance(value, list | dict) for value in dict(options).values()):
+        raise TypeError("an option is not a scalar")
+    return dict(options)
+
+
+def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Convert options to JSON types; a Python object, possible only with `evaluate`, is converted to a string.
+
+    >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
+    {'step': 2, 'root': 'a', 'limit': 'inf'}
+    """
+    types = (str, int, type(None))
+    return {
+        name: value if isinstance(value, types) or (isinstance(value, float) and math.isfinite(value)) else str(value)
+        for name, value in options
+    }
+
+
+def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None = None) -> Path:
+    """Return the default folder of a run: `runs/<benchmark>_<model>_<identity>`, followed by the name of the data
+    for a user's own frames, because the identity does not depend on which frames they are."""
+    name = spec.name if spec is not None else plan.model_identity.get("name", "model")
+    benchmark = plan.benchmark.name
+    if moving_name(benchmark) == OWN_FRAMES and data is not None:
+        benchmark += f"-{file_name(user_path(data).absolute().stem)[-40:]}"
+    return Path("runs") / f"{benchmark}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
+
+
+def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
+    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited."""
+    identity = plan.identity()
+    if folder.exists() or not identity.frames.corruptions:
+        return
+    for other in sorted(folder.parent.glob(f"{folder.name.rpartition('_')[0]}_*")):
+        try:
+            manifest = RunFolder(other).manifest()
+        except RunError:
+            continue
+        if manifest is None:
+            continue
+        if edited := identity.edited_corruptions(manifest.identity):
+            warnings.warn(
+                f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts in "
+                f"{folder}",
+                stacklevel=3,
+            )
+            return

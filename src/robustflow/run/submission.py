@@ -1,0 +1,143 @@
+"""Write a model's flows for RobustSpring in the layout that the server's tool expects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.errors import DataError, ModelError, RunError, UsageError
+from ..core.files import digest_of_value, make_folder, read_bounded, write_json
+from ..core.types import Flow
+from ..data.benchmarks.base import spread
+from ..data.datasets.robustspring import CLEAN, DIRECTIONS, Condition
+from ..media.flow import read_flow, write_flow
+from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
+from ..models import ModelSpec
+from ..models.base import AnyModel
+from .file_digests import file_digests
+from .identity import differing_fields
+from .named_model import load_predictor
+from .predict import flows_of
+from .run import Run
+
+MODEL_FILE = "model.json"
+"""Name of the file in a submission's folder that records the model of its flows."""
+_LARGEST = 1 << 20
+
+
+@dataclass(frozen=True)
+class ConditionPairs:
+    """The pairs of one condition in one temporal direction."""
+
+    condition: str
+    pairs: Condition
+    keys: tuple[str, ...]
+
+
+class Robustness(NamedTuple):
+    """The difference between a corrupted and the clean flow, over all pixels, as computed by RobustSpring's server
+    (`compute_flow_errors` in springeval/management/commands/evaluation.py of cv-stuttgart/springwebsite at bbfabe8).
+    """
+
+    epe: float
+    fl: float
+    px1: float
+
+
+@dataclass(frozen=True)
+class Submitted:
+    """One flow file of a submission."""
+
+    condition: str
+    key: str
+    fresh: bool
+    frames: str
+    moved: Robustness | None
+
+
+def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
+    """Load the model of a run again."""
+    if spec is None:
+        raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
+    named = load_predictor(spec)
+    recorded = run.manifest.identity.model.settings
+    if named.identity != recorded:
+        raise RunError(
+            f"the loaded model is not the model of {run.path} (it differs in: "
+            f"{differing_fields(named.identity, recorded)}); use the options of the run"
+        )
+    return named.model
+
+
+def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
+    """Return the conditions of a submission, clean first; every condition has the same pairs."""
+    if limit is not None and limit < 1:
+        raise UsageError(f"the limit must be at least 1; got {limit}")
+    clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
+    wanted = {*spread(sorted(key for pairs in clean.values() for key in pairs.keys()), limit)}  # noqa: SIM118
+    conditions = []
+    for condition in dict.fromkeys((CLEAN, *corruptions)):
+        for direction in DIRECTIONS:
+            pairs = clean[direction] if condition == CLEAN else Condition(root, condition, direction)
+            keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
+            if gone := set(keys) - set(pairs.keys()):
+                raise DataError(
+                    f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
+                )
+            conditions.append(ConditionPairs(condition, pairs, tuple(keys)))
+    return conditions
+
+
+def write_submission(
+    run: Run, model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path
+) -> Iterator[Submitted]:
+    """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; the model's existing
+    files are kept.
+    """
+    _claim(folder, run.manifest.identity.model.settings)
+    for each in conditions:
+        targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
+        written = {key for key in each.keys if targets[key].exists()}
+        frames = file_digests({key: each.pairs.files(key) for key in each.keys})
+        for key in sorted(written, key=each.keys.index):
+            moved = _flow_change(read_flow(targets[key])[0], folder, each.condition, key)
+            yield Submitted(each.condition, key, False, digest_of_value(frames[key]), moved)
+        for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
+            if not np.isfinite(flow).all():
+                raise ModelError(
+                    f"{each.condition}, '{key}': some vectors are not finite; a submission needs a finite vector at "
+                    "every pixel"
+                )
+            make_folder(targets[key].parent)
+            write_flow(targets[key], flow)
+            moved = _flow_change(flow, folder, each.condition, key)
+            yield Submitted(each.condition, key, True, digest_of_value(frames[key]), moved)
+
+
+def _claim(folder: Path, settings: dict[str, Any]) -> None:
+    """Record in a folder whose flows it contains; raise if it contains flows of a different model."""
+    record = folder / MODEL_FILE
+    try:
+        recorded = json.loads(read_bounded(record, _LARGEST, "restore it")) if record.is_file() else None
+    except (DataError, ValueError, RecursionError):
+        recorded = None
+    if recorded != settings and next(folder.rglob("*.flo5"), None) is not None:
+        raise UsageError(f"{folder} contains flows of a different model; choose another folder with --output")
+    make_folder(folder)
+    write_json(record, settings)
+
+
+def _flow_change(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:
+    if condition == CLEAN:
+        return None
+    clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
+    if clean.shape != flow.shape:
+        raise UsageError(f"{folder}: the flows of '{key}' have different sizes; choose an empty folder with --output")
+    moved = epe_map(flow, clean)
+    outliers = (moved > FL_PIXELS) & (moved > FL_SHARE * magnitude_map(clean))
+    return Robustness(float(moved.mean()), 100 * float(outliers.mean()), 100 * float((moved > 1).mean()))

@@ -1,0 +1,138 @@
+"""Phantom motion: the motion that a model predicts where nothing moves. Reasons not to rank a model by robustness,
+whatever its CRE: random weights, a flow hardly better than zero flow, or a flow that hardly depends on the
+frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median_low
+
+import polars as pl
+
+from ..data.benchmarks.facts import is_still
+from ..metrics.rows import CLEAN
+from ..run.comparable import sample_set
+from ..run.means import averaged_rows, clean_flow_length, clean_mean, image_mean
+from ..run.run import Run
+from .results import NEVER_RANKED, inside, long_label
+
+PHANTOM = (
+    "Nothing moves in these frames, so EPE measures phantom motion: bias on clean frames, flicker under corruption. "
+    "A model that always predicts zero flow has none; its error on moving scenes shows the cost."
+)
+"""The explanation shown with errors on still scenes."""
+
+
+def phantom_motion(run: Run) -> str:
+    """Describe the phantom motion of a run on still scenes in one sentence; "" for other runs, or if nothing was
+    measured."""
+    clean, corrupted = run.summary.epe_clean, run.summary.epe
+    if not is_still(run.benchmark) or clean is None:
+        return ""
+    sentence = f"phantom motion: {clean:.3f} px on clean frames"
+    known = {name: scores.epe for name, scores in run.summary.corruptions.items() if scores.epe is not None}
+    if corrupted is None or not known:
+        return sentence
+    sentence += f", {corrupted:.3f} px under corruption"
+    most = max(known, key=lambda name: known[name])
+    if len(known) > 1 and known[most] > min(known.values()):
+        sentence += f", most under {inside(long_label(most))} ({known[most]:.3f} px)"
+    if run.summary.spread is not None:
+        draws = run.manifest.identity.measuring.draws
+        sentence += f"; the flow's standard deviation over {draws} draws is {run.summary.spread:.3f} px"
+    return sentence
+
+
+ACCURATE_BELOW = 0.5
+"""Upper bound on the clean EPE of a sound model, as a fraction of the EPE of zero flow. Above this bound,
+a model is hardly better than zero flow, so a small change under corruption is not evidence of robustness."""
+SMALL_MOTION = 1.0
+"""Mean length of the ground-truth flow in pixels below which even sound models may exceed `ACCURATE_BELOW`: on
+Middlebury's RubberWhale (1.26 px), the EPE of the package's models is 0.23 to 0.40 px."""
+BLIND_BELOW = 0.001
+"""RCRE, as a fraction of the length of the clean flow, below which a flow hardly depends on the frames. For DIS,
+Farneback and `tiny` at the lowest severity of a single corruption, the fraction is 0.010 to 0.15."""
+EXPLAINED_BELOW = 0.9
+"""Upper bound on the clean photometric error of a sound model, as a fraction of that of zero flow. On 61 real pairs,
+the fraction is 0.08 to 0.82 for DIS, and at least 0.91 for a tenth of its flow."""
+
+
+def exclusion_reasons(run: Run) -> list[str]:
+    """List the reasons not to rank a run's model by robustness, each as a clause; empty for a sound model."""
+    reasons = [reason] if (reason := NEVER_RANKED.get(run.setting)) else []
+    if is_still(run.benchmark):
+        return reasons  # zero flow is correct, so a model may ignore its frames
+    return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
+
+
+def exclusions(runs: Sequence[Run]) -> list[str]:
+    """State why each run should not be ranked; "" for a run that should be ranked."""
+    reasons = [list(exclusion_reasons(run)) for run in runs]
+    lengths: dict[str, dict[int, float]] = {}
+    for index, run in enumerate(runs):
+        length = run.summary.clean_flow_length
+        if length is not None and run.summary.epe_clean is None and not reasons[index]:
+            lengths.setdefault(sample_set(run), {})[index] = length
+    for of_frames in lengths.values():
+        for index, length in of_frames.items():
+            others = [other for key, other in of_frames.items() if key != index]
+            if others and length < ACCURATE_BELOW * median_low(others):
+                reasons[index].append(
+                    f"its clean flow is {length:.2f} px long on average, less than half of the "
+                    f"{median_low(others):.2f} px median of the other models"
+                )
+    return list(map(" and ".join, reasons))
+
+
+def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
+    """List the reasons that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving scenes."""
+    reasons = []
+    if (missed := missed_motion(rows)) is not None:
+        epe, still = missed
+        why = (
+            "motion this small does not distinguish a sound model from zero flow: measure the model on larger motion"
+            if still < SMALL_MOTION
+            else "a flow that misses the motion can hardly get worse"
+        )
+        reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
+    length, moved = clean_flow_length(rows), _mean_change(rows)
+    error, of_still = (clean_mean(rows, f"photometric_{name}sum", "n_photometric") for name in ("", "still_"))
+    if zero_flow_epe(rows) is None and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
+        how = "worse" if error > of_still else "hardly better"
+        reasons.append(
+            f"its clean flow explains the frames {how} than zero flow: its photometric error is {error:.2f} grey "
+            f"levels, that of zero flow {of_still:.2f}"
+        )
+    if length is not None and moved is not None and moved <= BLIND_BELOW * length:
+        reasons.append(
+            f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px (length {length:.2f} px)"
+        )
+    return reasons
+
+
+def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
+    """Return the clean EPE and the EPE of zero flow, in pixels, if their ratio is at least `ACCURATE_BELOW`; None for a
+    smaller ratio or without ground truth."""
+    epe, still = clean_epe(rows), zero_flow_epe(rows)
+    if epe is None or still is None or epe < ACCURATE_BELOW * still:
+        return None
+    return epe, still
+
+
+def clean_epe(rows: pl.DataFrame) -> float | None:
+    """Return the EPE on the clean frames, averaged over images, in pixels; None without ground truth."""
+    return clean_mean(rows, "epe_sum", "n_valid")
+
+
+def zero_flow_epe(rows: pl.DataFrame) -> float | None:
+    """Return the EPE of a model that predicts zero flow, in pixels: the mean length of the ground-truth flow; None
+    without ground truth."""
+    return clean_mean(rows, "magnitude_sum", "n_valid")
+
+
+def _mean_change(rows: pl.DataFrame) -> float | None:
+    """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
+    clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
+    corrupted = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
+    return image_mean(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")

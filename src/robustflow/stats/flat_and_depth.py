@@ -1,0 +1,96 @@
+"""Compare the paper's flat corruptions with their depth-dependent counterparts: differences for each model, and rank
+correlations over models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import polars as pl
+
+from ..run.comparable import common_to
+from ..run.run import Run
+from .exclusion import exclusions
+from .ranking import rank_correlation
+from .run_results import named_runs
+from .uncertainty.bootstrap import Interval, bootstrap
+from .uncertainty.sums import ClusterSums
+
+TWINS = (
+    ("fog", "fog_3d"),
+    ("snow", "snow_3d"),
+    ("defocus_blur", "near_focus"),
+    ("defocus_blur", "far_focus"),
+    ("camera_motion_blur", "motion_blur_3d"),
+)
+"""Pairs consisting of a corruption from the paper and its depth-dependent counterpart."""
+
+
+@dataclass(frozen=True)
+class TwinErrors:
+    """One model under a flat corruption and its depth-dependent counterpart."""
+
+    model: str
+    flat: float
+    deep: float
+    difference: Interval
+    excluded: str
+
+
+@dataclass(frozen=True)
+class TwinComparison:
+    """A flat corruption and its depth-dependent counterpart, compared over several models."""
+
+    flat: str
+    deep: str
+    severities: tuple[int, ...]
+    metric: str
+    models: tuple[TwinErrors, ...]
+    count: int
+    rho: float | None
+    interval: tuple[float, float] | None
+    remark: str
+
+
+def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
+    """Compare each pair of `TWINS` over the cells that all runs containing this pair have in common."""
+    named = named_runs(runs)
+    excluded = dict(zip(named, exclusions(runs), strict=True))
+    found = []
+    for twins in TWINS:
+        having = {name: run for name, run in named.items() if set(twins) <= set(run.manifest.corruptions)}
+        if not having:
+            continue
+        metric = "rcre" if any(run.cre is None for run in having.values()) else "cre"
+        common = common_to(having)
+        shared = set.intersection(*(_severities(part, twin) for part in common.rows.values() for twin in twins))
+        if shared:
+            parts = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
+            found.append(_compared(twins, tuple(sorted(shared)), metric, parts, excluded, common.remark, seed))
+    return found
+
+
+def _severities(rows: pl.DataFrame, corruption: str) -> set[int]:
+    return set(rows.filter(pl.col("corruption") == corruption)["severity"])
+
+
+def _compared(
+    twins: tuple[str, str],
+    severities: tuple[int, ...],
+    metric: str,
+    rows: Mapping[str, pl.DataFrame],
+    excluded: Mapping[str, str],
+    remark: str,
+    seed: int,
+) -> TwinComparison:
+    models = []
+    for name, part in rows.items():
+        sums = ClusterSums.of(part)
+        flat, deep = (sums.statistic(metric, twin) for twin in twins)
+        statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
+        resampled = bootstrap(statistics, len(sums.clusters), seed=seed)
+        errors = resampled["flat"].estimate, resampled["deep"].estimate
+        models.append(TwinErrors(name, *errors, resampled["difference"], excluded[name]))
+    ranked = [model for model in models if not model.excluded]
+    rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
+    return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends, remark)

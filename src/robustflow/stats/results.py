@@ -1,0 +1,163 @@
+"""Names of the metrics and conditions of result values. Labels of metrics, corruptions and settings in tables and
+figures.
+"""
+
+from __future__ import annotations
+
+from ..core.text import plain
+from ..corruptions.on_disk import on_disk
+from ..corruptions.registry import FAMILIES, family_of
+from ..data.benchmarks import benchmark_facts
+from ..metrics.rows import CLEAN
+
+__all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS"]
+
+AVERAGE = "average"
+RESULT_METRICS = ("epe", "cre", "rcre", "crer")
+"""Metrics of results, in pixels except the last, which has no unit."""
+
+
+METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr", "photometric": "photometric error"}
+UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": "", "photometric": "grey levels"}
+OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
+"""The overall means of a model, as (metric, condition)."""
+
+SETTING_LABELS = {
+    "knowledge": "Knowledge-driven",
+    "OOD": "Out-of-domain (OOD)",
+    "ID": "In-domain (ID)",
+    "LEAKED": "Trained on the evaluated pairs (LEAKED)",
+    "own": "Training not stated",
+    "untrained": "Random weights",
+}
+SETTING_EXPLANATIONS = {
+    "knowledge": "is not a learned method",
+    "OOD": "was not trained on data from the benchmark's domain",
+    "ID": "was trained on the domain, but not on the evaluated frames",
+    "LEAKED": "was trained on the evaluated frames",
+    "own": "the run does not state what its model was trained on, or its backbone was not checked",
+    "untrained": "has random weights and is never ranked",
+}
+NEVER_RANKED = {"untrained": "its weights are random"}
+"""Settings whose models are never ranked, with the reason."""
+FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
+
+_SHORT = {
+    "jpeg_compression": "JPEG",
+    "high_light": "HL",
+    "low_light": "LL",
+    "over_exposure": "OE",
+    "under_exposure": "UE",
+    "gaussian_noise": "Gaussian",
+    "shot_noise": "Shot",
+    "impulse_noise": "Impulse",
+    "gaussian_blur": "Gaussian",
+    "defocus_blur": "Defocus",
+    "glass_blur": "Glass",
+    "camera_motion_blur": "Camera",
+    "object_motion_blur": "Object",
+    "psf_blur": "PSF",
+    "h264_crf": "CRF",
+    "h264_abr": "ABR",
+    "bit_error": "Bit error",
+}
+
+
+def metric_label(metric: str) -> str:
+    """Return the name of a metric with its unit.
+
+    >>> metric_label("cre"), metric_label("crer")
+    ('CRE (px)', 'CREr')
+    """
+    return f"{METRIC_LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else METRIC_LABELS[metric]
+
+
+def mean_label(metric: str, condition: str) -> str:
+    """Return the label of an overall mean.
+
+    >>> mean_label("epe", "clean"), mean_label("epe", "average")
+    ('clean EPE', 'EPE')
+    """
+    return f"{'clean ' if condition == CLEAN else ''}{METRIC_LABELS[metric]}"
+
+
+def benchmark_label(benchmark: str) -> str:
+    """Return the title of a benchmark for a heading, or its name if the benchmark is unknown.
+
+    >>> benchmark_label("kitti-fc"), benchmark_label("sintel"), benchmark_label("folder")
+    ('KITTI-FC', 'MPI-Sintel', 'Your own frames')
+    """
+    return plain(benchmark_facts(benchmark).title, 40)
+
+
+def benchmark_words(benchmark: str) -> str:
+    """Return the name of a benchmark for use within a sentence.
+
+    >>> benchmark_words("folder"), benchmark_words("demo")
+    ('your own frames', 'the demo')
+    """
+    label = benchmark_label(benchmark)
+    return "the demo" if label == "demo" else label.replace("Your own", "your own", 1)
+
+
+def on_benchmark(model: str, benchmark: str) -> str:
+    """Describe a model and its benchmark; the benchmark is not repeated if the name already contains it.
+
+    >>> on_benchmark("DIS", "gopro-fc"), on_benchmark("DIS (GoPro-FC)", "gopro-fc")
+    ('DIS on GoPro-FC', 'DIS on GoPro-FC')
+    """
+    return f"{model.removesuffix(f' ({benchmark_label(benchmark)})')} on {benchmark_words(benchmark)}"
+
+
+def setting_words(setting: str) -> str:
+    """Describe a setting as a phrase for use within a sentence.
+
+    >>> setting_words("own"), setting_words("ID")
+    ('training not stated', 'ID')
+    """
+    words = {"own": "training not stated", "knowledge": "knowledge-driven", "untrained": "random weights"}
+    return words.get(setting, plain(setting, 40))
+
+
+def short_label(corruption: str) -> str:
+    """Return the name of a corruption as in the paper's tables, for use below its family name. The source is added
+    for a corruption that exists only as files.
+
+    >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
+    ('Gaussian', 'Fog', 'RS fog')
+    """
+    if (files := on_disk(corruption)) is not None:
+        return f"{files.abbreviation} {inside(short_label(files.dataset_name(corruption)))}"
+    return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
+
+
+def long_label(corruption: str) -> str:
+    """Return the name of a corruption in running text.
+
+    >>> long_label("psf_blur"), long_label("h264_crf"), long_label("robustspring_zoom_blur")
+    ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
+    """
+    if (files := on_disk(corruption)) is not None:
+        return f"{files.title} {inside(long_label(files.dataset_name(corruption)))}"
+    words = corruption.replace("_", " ").capitalize()
+    return (
+        words.replace("Jpeg", "JPEG")
+        .replace("Psf", "PSF")
+        .replace("H264 crf", "H.264 CRF")
+        .replace("H264 abr", "H.264 ABR")
+    )
+
+
+def family_label(corruption: str) -> str | None:
+    """Return the heading above a corruption's column; None for a corruption without a family.
+
+    >>> family_label("robustspring_rain"), family_label("elastic_transform")
+    ('Weather', None)
+    """
+    family = family_of(corruption)
+    return None if family is None else FAMILY_LABELS[family]
+
+
+def inside(label: str) -> str:
+    """Lowercase the first letter of a label for use within a sentence, unless the label starts with an abbreviation."""
+    return label[:1].lower() + label[1:] if label.partition(" ")[0][1:].islower() else label

@@ -1,0 +1,94 @@
+"""Measure how a model's flow changes under corruption on RobustSpring, as results for a leaderboard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import fsum
+from typing import Protocol
+
+from ..core.text import counted, joined
+from ..corruptions.on_disk import ROBUSTSPRING
+from ..run.comparable import sample_set_of
+from ..run.run import Run
+from .model_result import ModelResult, Value
+from .results import AVERAGE, inside, long_label
+from .run_results import OWN_SETTING
+
+ROBUSTNESS = ("epe", "fl", "px1")
+"""RobustSpring's three measures of a flow under corruption: its mean distance to the clean flow in pixels, and the
+percentage of pixels whose flow changes by more than Fl's thresholds and by more than 1 px."""
+
+_MOST_NAMED = 3
+
+
+class MovedFlow(Protocol):
+    """A flow in an export, as in `robustflow.run.submission.Submitted`."""
+
+    @property
+    def condition(self) -> str:
+        """The name of a RobustSpring corruption, or "clean"."""
+
+    @property
+    def key(self) -> str:
+        """The key of the pair."""
+
+    @property
+    def frames(self) -> str:
+        """The digest of the frame files."""
+
+    @property
+    def moved(self) -> Sequence[float] | None:
+        """The numbers of `ROBUSTNESS`; None for the clean flow."""
+
+
+def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
+    """Compute the RCRE per corruption and its mean. Results for the same corruptions of the same frames form one sample
+    set.
+    """
+    flows = list(flows)
+    moved: dict[str, list[float]] = {}
+    for flow in flows:
+        if flow.moved is not None:
+            moved.setdefault(ROBUSTSPRING.local_name(flow.condition), []).append(flow.moved[0])
+    means = {name: fsum(values) / len(values) for name, values in moved.items()}
+    few = joined([inside(long_label(name)) for name in moved]) if len(moved) <= _MOST_NAMED else ""
+    pairs = min(len(values) for values in moved.values())
+    note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
+    means[AVERAGE] = fsum(means.values()) / len(means)
+    cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
+    frames = f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}"
+    values = {("rcre", name): Value(value, source=run.manifest.identity_digest) for name, value in means.items()}
+    return ModelResult(ROBUSTSPRING.dataset, frames, _setting(run), run.name, note, values)
+
+
+def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, tuple[int, list[float]]]:
+    """Return, for each corruption, the number of pairs and the means of `ROBUSTNESS` over them; "average" is the mean
+    over corruptions.
+    """
+    table = {ROBUSTSPRING.local_name(own): (len(values), _columns(values)) for own, values in moved.items()}
+    pairs, means = zip(*table.values(), strict=True)
+    return table | {AVERAGE: (min(pairs), _columns(means))}
+
+
+def robustness_csv(means: Mapping[str, tuple[int, Sequence[float]]]) -> str:
+    """Format the result of `robustness_means` as CSV.
+
+    >>> print(robustness_csv({"robustspring_fog": (4, [0.5, 2.0, 10.0])}), end="")
+    corruption,pairs,epe,fl,px1
+    robustspring_fog,4,0.5,2.0,10.0
+    """
+    lines = [",".join([name, str(pairs), *map(repr, values)]) for name, (pairs, values) in means.items()]
+    return "\n".join([",".join(("corruption", "pairs", *ROBUSTNESS)), *lines]) + "\n"
+
+
+def _columns(values: Sequence[Sequence[float]]) -> list[float]:
+    return [fsum(column) / len(values) for column in zip(*values, strict=True)]
+
+
+def _setting(run: Run) -> str:
+    """Return the model's setting on RobustSpring's frames, regardless of which benchmark the run used."""
+    manifest = run.manifest
+    setting = manifest.provenance.on(
+        ROBUSTSPRING.dataset, list(manifest.samples), manifest.identity.frames.protocol
+    ).setting
+    return OWN_SETTING if setting == "UNKNOWN" else setting

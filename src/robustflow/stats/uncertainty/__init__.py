@@ -1,0 +1,21 @@
+"""Uncertainty of means: bootstrap intervals, paired tests, and statements about differences.
+
+`docs/design/uncertainty.md` explains the choice of methods and evaluates them.
+"""
+
+from __future__ import annotations
+
+from .intervals import intervals
+from .paired import compare_all, compare_leaders, compare_rows, difference_sentence
+from .standings import standings
+from .variance import variance_split
+
+__all__ = [
+    "compare_all",
+    "compare_leaders",
+    "compare_rows",
+    "difference_sentence",
+    "intervals",
+    "standings",
+    "variance_split",
+]

@@ -1,0 +1,113 @@
+"""Split the variance of a score into components for images, the corruptions' seed, and severity.
+
+Let y_ijk be the score of image i with seed j at severity k, averaged over corruptions. The mean squares of the crossed
+analysis of variance (one value per cell) give the components by the method of moments, with negative ones set to 0
+(Searle, Casella and McCulloch 1992, ch. 4). Severities are chosen by the protocol, not sampled, so their component is
+reported but not included in the error of the mean, which depends on images and seeds only:
+
+    var(mean) = image / n + seed / s + r / (n s)
+
+where r is the interaction of image and seed, averaged over severities. The rest of one score y_ijk is r and the
+variation within an image and seed: all interactions with the severity and the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...core.errors import RunError, unknown_name
+from ...metrics.rows import CLEAN
+from ...run.means import averaged_rows
+from .sums import image_errors
+
+VARIANCE_SCHEMA: dict[str, Any] = {
+    "source": pl.String,
+    "levels": pl.Int64,
+    "deviation": pl.Float64,
+    "share": pl.Float64,
+    "error_of_mean": pl.Float64,
+}
+"""`deviation` is the standard deviation in pixels that a source causes in the score of one image, `share` its
+percentage of the total variance, and `error_of_mean` its contribution to the standard error of the mean in pixels (null
+for severity)."""
+
+VARIANCE_METRICS = ("epe", "cre", "rcre")
+
+
+def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
+    """Split the variance of one model's score into parts for image, seed, severity and the rest."""
+    if metric not in VARIANCE_METRICS:
+        raise unknown_name("metric", metric, VARIANCE_METRICS)
+    if len(runs) < 2:
+        raise RunError("the variance between seeds needs at least two seeds; run the same model with --seeds 2 or more")
+    y = _cells(runs, metric)
+    images, seeds, levels = y.shape
+    if images < 2:
+        raise RunError(
+            "fewer than two images were measured with every seed; the variance between images needs at least two"
+        )
+    mean = y.mean()
+    image, seed, level = (y.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1)))
+    both = y.mean(axis=2)
+    square_image = seeds * levels * np.square(image - mean).sum() / (images - 1)
+    square_seed = images * levels * np.square(seed - mean).sum() / (seeds - 1)
+    inter = both - image[:, None] - seed[None, :] + mean
+    square_inter = levels * np.square(inter).sum() / ((images - 1) * (seeds - 1))
+    per_image = max(0.0, (square_image - square_inter) / (seeds * levels))
+    per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
+    rest_of_mean = square_inter / levels  # for an image's mean over severities with one seed
+    per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
+    rest = rest_of_mean
+    if levels > 1:  # severities are fixed, so within an image and seed the variance is (levels - 1) / levels of this
+        of_image = y.mean(axis=1) - image[:, None] - level + mean
+        of_seed = y.mean(axis=0) - seed[:, None] - level + mean
+        residual = y - both[:, :, None] - level + mean - of_image[:, None, :] - of_seed
+        square_residual = np.square(residual).sum() / ((images - 1) * (seeds - 1) * (levels - 1))
+        within = np.square(of_image).sum() / ((images - 1) * (levels - 1))
+        within += np.square(of_seed).sum() / ((seeds - 1) * (levels - 1))
+        within += square_residual * (1 - 1 / images - 1 / seeds)
+        rest += within * (levels - 1) / levels
+    parts = [
+        ("image", images, per_image, per_image / images),
+        ("seed", seeds, per_seed, per_seed / seeds),
+        ("severity", levels, per_level, None),
+        ("rest", images * seeds * levels, rest, rest_of_mean / (images * seeds)),
+    ]
+    whole = sum(variance for _, _, variance, _ in parts) or 1.0
+    records = [
+        (name, count, float(variance**0.5), 100 * variance / whole, None if of_mean is None else float(of_mean**0.5))
+        for name, count, variance, of_mean in parts
+    ]
+    return pl.DataFrame(records, schema=VARIANCE_SCHEMA, orient="row")
+
+
+def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
+    """Average over the corruptions that all runs have at all severities, as float64 (images, seeds, severities)."""
+    parts = [
+        image_errors(averaged_rows(rows))
+        .filter(pl.col("corruption") != CLEAN)
+        .drop_nulls(metric)
+        .with_columns(_seed=pl.lit(index))
+        for index, rows in enumerate(runs.values())
+    ]
+    values = pl.concat(parts).select("sample", "corruption", "severity", "_seed", metric)
+    conditions = values.group_by("corruption", "severity").agg(pl.struct("sample", "_seed").n_unique().alias("cells"))
+    most = int(conditions["cells"].max() or 0)  # type: ignore[arg-type]
+    full = conditions.filter(cells=most)
+    levels = int(full["severity"].n_unique()) if full.height else 0
+    whole = full.group_by("corruption").agg(pl.len()).filter(pl.col("len") == levels)
+    values = values.join(whole, on="corruption", how="semi")
+    per_cell = values.group_by("sample", "_seed", "severity").agg(pl.col(metric).mean(), pl.len())
+    complete_cells = per_cell.filter(pl.col("len") == whole.height)
+    complete = complete_cells.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
+    measured_everywhere = complete_cells.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
+    if measured_everywhere.is_empty():
+        raise RunError(
+            "no image was measured with every seed under the same corruptions and severities; "
+            "run all seeds on the same pairs"
+        )
+    return measured_everywhere[metric].to_numpy().reshape(complete.height, len(runs), levels)
