@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+
+from robustflow.core.errors import RobustFlowError
+
+
+def refusal(call: Callable[[], object], error: type[RobustFlowError], culprit: object) -> RobustFlowError:
+    """Call it, and check the class and the culprit of its error, whose message is one line."""
+    with pytest.raises(RobustFlowError) as caught:
+        call()
+    assert (type(caught.value), caught.value.culprit) == (error, str(culprit)), caught.value
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
 @contextmanager

@@ -133,7 +133,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
         path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "an image")
         height, width = stored_size(path)
         if height * width > MAX_PIXELS:
-            raise DataError(f"{path}: {height}x{width} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
+            raise DataError(path, f"{height}x{width} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
         paths.append(path)
     frames = read_frames((paths[0], paths[1]))
     name = f"{paths[0].name}, {paths[1].name}"
@@ -142,10 +142,10 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
     if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # checked before decompression
         height, width = stored_size(truth)
-        raise DataError(f"{truth}: {height}x{width} is not the size of the frames; the files do not match")
+        raise DataError(truth, f"{height}x{width} is not the size of the frames; the files do not match")
     flow, valid = read_flow(truth)
     if not valid.any():
-        raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")
+        raise DataError(truth, "no pixel with known flow, so there is nothing to measure against")
     return one_pair(name, Sample(paths[0].stem, frames, flow, valid))
 
 
@@ -156,10 +156,10 @@ def _clip(file: UploadFile, folder: Path) -> PairSource:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
             frames = max((s.frames for s in container.streams.video), default=0)
     except (av.FFmpegError, ValueError, OSError) as error:
-        raise DataError(f"{path}: cannot be read as a video; it may be damaged") from error
+        raise DataError(path, "cannot be read as a video; it may be damaged") from error
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
-        raise DataError(f"{path}: clips are limited to {most}; shorten the clip or scale it down")
+        raise DataError(path, f"clips are limited to {most}; shorten the clip or scale it down")
     return clip_pairs(path.name, path, folder)
 
 
@@ -170,7 +170,7 @@ def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str)
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(".") or "unnamed"
     suffix = Path(name).suffix.lower()
     if suffix not in suffixes:
-        raise UsageError(f"{name}: not {what} ({', '.join(suffixes)})")
+        raise UsageError(name, f"not {what} ({', '.join(suffixes)})")
     folder.mkdir(exist_ok=True)
     path = folder / name
     with open(path, "wb") as out:

@@ -123,11 +123,11 @@ def digests(
     from ..run.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     if not data.is_dir():
-        raise DataError(f"{data}: no such folder; give the folder of the dataset")
+        raise DataError(data, "no such folder; give the folder of the dataset")
     before = read_list(data) if not overwrite and (data / DIGEST_LIST).exists() else None
     names = listed_files(data)
     if not names:
-        raise DataError(f"{data}: contains no files; give the folder of the dataset")
+        raise DataError(data, "contains no files; give the folder of the dataset")
     with ProgressBar() as progress:
         found = dict(progress.track(digests_in(data, names), f"{data}: reading", len(names)))
     if before is None:

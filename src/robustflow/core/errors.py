@@ -13,33 +13,58 @@ if TYPE_CHECKING:
 
 
 class RobustFlowError(Exception):
-    """Base class of all exceptions that RobustFlow raises on purpose."""
+    """Base class of all exceptions that RobustFlow raises on purpose: `Error(culprit, sentence)`, or `Error(sentence)`
+    where nothing in particular is at fault.
 
+    >>> error = DataError("a.flo", "truncated; copy it again")
+    >>> print(error, "|", error.culprit, "|", error.code)
+    a.flo: truncated; copy it again | a.flo | data
+    """
+
+    code = "error"
+    """Kind of the error, the same in every version: "usage", "data", "asset", "model" or "run"."""
     exit_code = 1
     """Exit code of the command line."""
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*parts)
+        self.culprit = str(parts[0]) if len(parts) > 1 else ""
+        """Path, option, key or name that is at fault; "" if there is none."""
+
+    def __str__(self) -> str:
+        return ": ".join(map(str, self.args))
 
 
 class UsageError(RobustFlowError, ValueError):
     """An argument is invalid: an unknown name, a severity of 6, or mutually exclusive options."""
 
+    code = "usage"
     exit_code = 2
 
 
 class DataError(RobustFlowError):
     """A file or folder is missing, damaged, or not of the expected kind."""
 
+    code = "data"
+
 
 class AssetError(RobustFlowError):
     """Something that a corruption, model or command needs (textures, weights, a library) is not installed."""
+
+    code = "asset"
 
 
 class ModelError(RobustFlowError):
     """A model cannot be loaded, or returned something other than optical flow."""
 
+    code = "model"
+
 
 class RunError(RobustFlowError):
     """A run folder cannot be used: it is locked, not writable, has a different schema, or belongs to a different
     run."""
+
+    code = "run"
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
@@ -60,7 +85,9 @@ camera_motion_blur, motion_blur_3d
     longer = [each for each in names if len(name) > 2 and name.lower() in each.lower()][:3]
     close = longer or [as_lower[each] for each in get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)]
     hint = f": did you mean {' or '.join(map(repr, close))}?" if close else "."
-    return UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names) or 'none'}")
+    error = UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names) or 'none'}")
+    error.culprit = name
+    return error
 
 
 def first_misfit(error: ValidationError, whole: str = "the file") -> str:

@@ -29,13 +29,13 @@ def locate(
     root = user_path(root)
     layout = expected or " and ".join(f"{marker}/" for marker in markers)
     if not root.exists():
-        raise DataError(f"{root}: no such folder; give the folder of {title} that contains {layout}")
+        raise DataError(root, f"no such folder; give the folder of {title} that contains {layout}")
     if not root.is_dir():
         if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
             raise DataError(
-                f"{root}: this is an archive; unpack it, and give the folder of {title} that contains {layout}"
+                root, f"this is an archive; unpack it, and give the folder of {title} that contains {layout}"
             )
-        raise DataError(f"{root}: not a folder; give the folder of {title} that contains {layout}")
+        raise DataError(root, f"not a folder; give the folder of {title} that contains {layout}")
     try:
         for folder in (root / prefix for prefix in prefixes):
             if _holds(folder, markers):
@@ -43,10 +43,10 @@ def locate(
         near = next((f for f in _neighbours(root) if any(_holds(f / p, markers) for p in prefixes)), None)
         empty = next(root.iterdir(), None) is None
     except OSError as error:
-        raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check its permissions") from error
+        raise DataError(root, f"cannot be listed ({error.strerror or error}); check its permissions") from error
     hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset into it"
     state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
-    raise DataError(f"{root}: {state} {layout}{hint}")
+    raise DataError(root, f"{state} {layout}{hint}")
 
 
 def user_path(path: str | Path) -> Path:
@@ -57,7 +57,7 @@ def user_path(path: str | Path) -> Path:
         expanded = Path(path).expanduser()
         expanded.exists()
     except RuntimeError as error:
-        raise DataError(f"{path}: there is no such user; write out the full path") from error
+        raise DataError(path, "there is no such user; write out the full path") from error
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise DataError(f"{str(path)[:60]}...: not a valid path ({why}); correct it") from error
@@ -74,7 +74,7 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
         if match:
             number = int(match[1])
             if number in frames:
-                raise DataError(f"{path}: has the same frame number as {frames[number].name}; remove one of the two")
+                raise DataError(path, f"has the same frame number as {frames[number].name}; remove one of the two")
             frames[number] = path
     return dict(sorted(frames.items()))
 
@@ -97,8 +97,9 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
     for before, gap in zip(numbers, gaps, strict=False):
         if gap != stride:
             raise DataError(
-                f"{frames[before].parent}: with a stride of {stride}, the frame after {frames[before].name} is "
-                "missing; restore it, or move the frames after the gap into a separate folder"
+                frames[before].parent,
+                f"with a stride of {stride}, the frame after {frames[before].name} is "
+                "missing; restore it, or move the frames after the gap into a separate folder",
             )
     return list(pairwise(numbers))
 
@@ -111,7 +112,7 @@ def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
 def partner(path: Path, whose: Path) -> Path:
     """Return `path`; if the file is missing, raise a DataError that names it and `whose`, the item it belongs to."""
     if not path.is_file():
-        raise DataError(f"{path}: missing, but required by {whose}; restore the file or remove the rest of the pair")
+        raise DataError(path, f"missing, but required by {whose}; restore the file or remove the rest of the pair")
     return path
 
 

@@ -138,11 +138,12 @@ def check_frame(frame: Any, first: Frame, what: str) -> None:
     """Check that a frame is RGB uint8 (H, W, 3) and has the size of the first frame; `what` names it in errors."""
     is_bytes = isinstance(frame, np.ndarray) and frame.dtype == np.uint8
     if not is_bytes or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
-        raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {described_array(frame)}")
+        raise DataError(what, f"expected RGB uint8 (H, W, 3), got {described_array(frame)}")
     if frame.shape != first.shape:
         raise DataError(
-            f"{what}: frames differ in size, {first.shape[0]}x{first.shape[1]} and {frame.shape[0]}x{frame.shape[1]}; "
-            "all frames of a pair or clip must have the same size"
+            what,
+            f"frames differ in size, {first.shape[0]}x{first.shape[1]} and {frame.shape[0]}x{frame.shape[1]}; "
+            "all frames of a pair or clip must have the same size",
         )
 
 

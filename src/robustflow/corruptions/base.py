@@ -147,14 +147,15 @@ class DepthCorruption(Corruption):
         """Call `draw_scene` for a sample with depth."""
         if not isinstance(depth, SceneDepth | None):
             raise UsageError(
-                f"{self.name}: depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "
-                "frames and the camera"
+                self.name,
+                f"depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "
+                "frames and the camera",
             )
         if depth is not None and depth.maps[0].shape != shape:
             height, width = depth.maps[0].shape
             raise DataError(
-                f"{self.name}: the depth maps are {height}x{width}, but the frames are {shape[0]}x{shape[1]}; "
-                "the sizes must match"
+                self.name,
+                f"the depth maps are {height}x{width}, but the frames are {shape[0]}x{shape[1]}; the sizes must match",
             )
         return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)
 

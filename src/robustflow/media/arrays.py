@@ -46,13 +46,13 @@ def readable(path: Path) -> Iterator[None]:
     """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
-        raise DataError(f"{path}: {why}")
+        raise DataError(path, f"{why}")
     try:
         yield
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+        raise DataError(path, f"cannot be read ({error.strerror or error}); check its permissions") from error
     except DAMAGE as error:
-        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error
+        raise DataError(path, f"damaged or truncated ({first_line(error)}); copy it again") from error
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
@@ -70,31 +70,31 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
     """
     array = np.asarray(flow)
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
-        raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
+        raise DataError(path, f"cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
     if max(array.shape[:2]) > MAX_SIDE:
-        raise DataError(f"{path}: a flow of {array.shape[0]}x{array.shape[1]} exceeds {MAX_SIDE} pixels per side")
+        raise DataError(path, f"a flow of {array.shape[0]}x{array.shape[1]} exceeds {MAX_SIDE} pixels per side")
     mask = np.ones(array.shape[:2], bool) if valid is None else np.asarray(valid)
     if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
-        raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
+        raise DataError(path, f"valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
     mask = mask & np.isfinite(array).all(axis=2)
     if (np.abs(array[mask]) > UNKNOWN_THRESHOLD).any():
-        raise DataError(f"{path}: a known component exceeds 1e9 and would be read as unknown; mark the pixel invalid")
+        raise DataError(path, "a known component exceeds 1e9 and would be read as unknown; mark the pixel invalid")
     return np.where(mask[..., None], array, 0).astype(np.float32), mask
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
     """Reject implausible dimensions before memory is allocated."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        raise DataError(f"{path}: the header claims {height}x{width} pixels, so the file is damaged; download it again")
+        raise DataError(path, f"the header claims {height}x{width} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {height}x{width} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
+        raise DataError(path, f"{height}x{width} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
 
 
 def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
     """Reject a file whose length does not match its header."""
     if size != expected:
         state = "truncated" if size < expected else "too long"
-        raise DataError(f"{path}: {state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")
+        raise DataError(path, f"{state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")
 
 
 _HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
@@ -113,10 +113,10 @@ def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
     with open(path, "rb") as file:
         header = _HEADER.match(file.read(128))
         if header is None:
-            raise DataError(f"{path}: not a .pfm file (no 'PF' or 'Pf' header), or truncated; check the file")
+            raise DataError(path, "not a .pfm file (no 'PF' or 'Pf' header), or truncated; check the file")
         if _CHANNELS[header[1]] != channels:
             kinds = {1: "one channel ('Pf'), as depth and disparity maps have", 3: "three channels ('PF'), as flow has"}
-            raise DataError(f"{path}: expected {kinds[channels]}, but the file has {kinds[4 - channels]}")
+            raise DataError(path, f"expected {kinds[channels]}, but the file has {kinds[4 - channels]}")
         width, height = int(header[2]), int(header[3])
         claimed_size(path, width, height)
         scale = _scale_of(path, header[4])
@@ -144,5 +144,5 @@ def _scale_of(path: Path, text: bytes) -> float:
         scale = 0.0
     if abs(scale) != 1.0:
         # Readers disagree on whether to multiply values by the magnitude.
-        raise DataError(f"{path}: scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
+        raise DataError(path, f"scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
     return scale

@@ -47,12 +47,12 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
         }
         if version not in readers:
             raise DataError(
-                f"{path}: .npy version {'.'.join(map(str, version))} is not supported; save the array with numpy.save"
+                path, f".npy version {'.'.join(map(str, version))} is not supported; save the array with numpy.save"
             )
         shape, fortran, dtype = readers[version](file)
         if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
             expected = ", ".join(("H", "W", *map(str, channels)))
-            raise DataError(f"{path}: {dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
+            raise DataError(path, f"{dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
         claimed_size(path, shape[1], shape[0])
         exact_size(path, file.tell() + dtype.itemsize * prod(shape), path.stat().st_size, shape[1], shape[0])
         return np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
@@ -69,7 +69,7 @@ def read_dpt(path: Path) -> Values:
     with readable(path), open(path, "rb") as file:
         start = file.read(12)
         if len(start) < 12 or np.frombuffer(start[:4], "<f4")[0] != _SINTEL:
-            raise DataError(f"{path}: not a Sintel .dpt file, or truncated; copy or download it again")
+            raise DataError(path, "not a Sintel .dpt file, or truncated; copy or download it again")
         width, height = np.frombuffer(start[4:], "<i4").tolist()
         claimed_size(path, width, height)
         exact_size(path, 12 + 4 * width * height, path.stat().st_size, width, height)
@@ -84,7 +84,7 @@ def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
         data = path.read_bytes() if path.stat().st_size == 4 + 8 * 21 else b""
         numbers = np.frombuffer(data, "<f8", offset=4) if data[:4] == _SINTEL.astype("<f4").tobytes() else None
         if numbers is None or not np.isfinite(numbers).all():
-            raise DataError(f"{path}: not a Sintel .cam file, or damaged; copy or download it again")
+            raise DataError(path, "not a Sintel .cam file, or damaged; copy or download it again")
         return numbers[:9].reshape(3, 3), numbers[9:].reshape(3, 4)
 
 

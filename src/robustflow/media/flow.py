@@ -41,9 +41,9 @@ def read_flo(path: Path) -> tuple[Flow, Mask]:
     with open(path, "rb") as file:
         header = file.read(_HEADER)
         if header[:4] != MAGIC[: len(header)] or not header:
-            raise DataError(f"{path}: not a Middlebury .flo file (it does not begin with 'PIEH'); check the format")
+            raise DataError(path, "not a Middlebury .flo file (it does not begin with 'PIEH'); check the format")
         if len(header) < _HEADER:
-            raise DataError(f"{path}: truncated, only {len(header)} bytes; copy or download it again")
+            raise DataError(path, f"truncated, only {len(header)} bytes; copy or download it again")
         width, height = struct.unpack("<ii", header[4:])
         claimed_size(path, width, height)
         exact_size(path, _HEADER + 8 * width * height, path.stat().st_size, width, height)
@@ -78,11 +78,11 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
             # A link or a virtual dataset could refer to any other file on this machine.
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
                 raise DataError(
-                    f"{path}: contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
+                    path, f"contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
                 )
             return _values(h5py, path, file[name], kind, channels)
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError, zlib.error) as error:
-        raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
+        raise DataError(path, f"not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
 
 
 def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
@@ -96,18 +96,16 @@ def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
 
 def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ...]) -> Any:
     if not isinstance(node, h5py.Dataset) or node.is_virtual or node.external:
-        raise DataError(
-            f"{path}: {node.name[1:]!r} is not stored as a plain dataset in this file; get the original file"
-        )
+        raise DataError(path, f"{node.name[1:]!r} is not stored as a plain dataset in this file; get the original file")
     if len(node.shape) != 2 + len(channels) or node.shape[2:] != channels or node.dtype.kind != "f":
         wanted = ", ".join(("H", "W", *map(str, channels)))
-        raise DataError(f"{path}: {node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} is float ({wanted})")
+        raise DataError(path, f"{node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} is float ({wanted})")
     claimed_size(path, node.shape[1], node.shape[0])
     needed = node.size * node.dtype.itemsize
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
     if max(needed, chunk) > MOST_INFLATED * stored:
-        raise DataError(f"{path}: damaged, claims {needed} bytes but stores {stored}; download it again")
+        raise DataError(path, f"damaged, claims {needed} bytes but stores {stored}; download it again")
     if node.chunks:
         _check_chunks(path, node, chunk)
     return node[()]
@@ -118,13 +116,13 @@ def _check_chunks(path: Path, node: Any, size: int) -> None:
     recipe = node.id.get_create_plist()
     filters = [recipe.get_filter(place)[0] for place in range(recipe.get_nfilters())]
     if len(set(filters)) < len(filters) or not set(filters) <= set(_FILTERS):
-        raise DataError(f"{path}: has HDF5 filters {filters} instead of gzip once; save it again with gzip")
+        raise DataError(path, f"has HDF5 filters {filters} instead of gzip once; save it again with gzip")
     large: list[tuple[int, ...]] = []
     node.id.chunk_iter(lambda chunk: large.append(chunk.chunk_offset) if chunk.size > _HARMLESS else None)
     for place in large if 1 in filters else ():
         _, data = node.id.read_direct_chunk(place)
         if len(zlib.decompressobj().decompress(data, size + 1)) > size:
-            raise DataError(f"{path}: damaged, a chunk inflates to more than its {size} bytes; download it again")
+            raise DataError(path, f"damaged, a chunk inflates to more than its {size} bytes; download it again")
 
 
 def _h5py() -> Any:
@@ -155,7 +153,7 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
     header = check_png(path, data)
     claimed_size(path, header.width, header.height)
     if header.bits != 16 or header.channels != channels:
-        raise DataError(f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
+        raise DataError(path, f"a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
     colour = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if channels == 1 else colour)
@@ -163,7 +161,7 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
         raw = None
     shape = (header.height, header.width, *([channels] if channels > 1 else []))
     if raw is None or raw.dtype != np.uint16 or raw.shape != shape:
-        raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+        raise DataError(path, "a damaged PNG that cannot be decoded; copy or download it again")
     return np.asarray(raw)
 
 
@@ -174,8 +172,9 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
     if outside.any():
         worst = np.abs(flow[outside]).max()
         raise DataError(
-            f"{path}: {int(outside.sum())} pixels (largest component {worst:.6g}) are outside KITTI's "
-            f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid"
+            path,
+            f"{int(outside.sum())} pixels (largest component {worst:.6g}) are outside KITTI's "
+            f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid",
         )
     raw = np.empty((*valid.shape, 3), np.uint16)
     raw[..., 0] = valid
@@ -183,7 +182,7 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
     raw[..., 1] = np.where(valid, scaled[..., 1], 0)
     encoded, data = cv2.imencode(".png", raw)
     if not encoded:
-        raise DataError(f"{path}: OpenCV could not encode {flow.shape[0]}x{flow.shape[1]} pixels as PNG; write .flo")
+        raise DataError(path, f"OpenCV could not encode {flow.shape[0]}x{flow.shape[1]} pixels as PNG; write .flo")
     return data.tobytes()
 
 
@@ -252,5 +251,5 @@ def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | Non
 def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in FLOW_SUFFIXES:
-        raise DataError(f"{path}: unknown flow format '{suffix}'; known: {', '.join(FLOW_SUFFIXES)}")
+        raise DataError(path, f"unknown flow format '{suffix}'; known: {', '.join(FLOW_SUFFIXES)}")
     return suffix

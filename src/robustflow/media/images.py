@@ -50,23 +50,23 @@ class PngHeader(NamedTuple):
 def check_png(path: Path, data: bytes) -> PngHeader:
     """Read a PNG header and check, without decoding, that all chunks are present and undamaged."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
-        raise DataError(f"{path}: not a PNG file, or truncated; check or copy it again")
+        raise DataError(path, "not a PNG file, or truncated; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
     if width * height * bits * header.channels > 8 * MOST_INFLATED * len(data):
         raise DataError(
-            f"{path}: damaged: {len(data)} bytes are too few for {height}x{width} pixels; copy or download it again"
+            path, f"damaged: {len(data)} bytes are too few for {height}x{width} pixels; copy or download it again"
         )
     view, start, name = memoryview(data), 8, b""
     while name != b"IEND":
         length = int.from_bytes(view[start : start + 4], "big")
         end = start + 12 + length
         if end > len(data):
-            raise DataError(f"{path}: truncated, the end of the PNG is missing; copy or download it again")
+            raise DataError(path, "truncated, the end of the PNG is missing; copy or download it again")
         name = data[start + 4 : start + 8]
         # Pillow stops reading after the last row, before it reaches the checksum of the last chunk.
         if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise DataError(f"{path}: damaged, a checksum of the PNG is wrong; copy or download it again")
+            raise DataError(path, "damaged, a checksum of the PNG is wrong; copy or download it again")
         start = end
     return header
 
@@ -79,7 +79,7 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any], interl
 
     suspect = interlaced or not pixels[-1:].any()
     if suspect and cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is None:
-        raise DataError(f"{path}: damaged, the PNG ends before its last row; copy or download it again")
+        raise DataError(path, "damaged, the PNG ends before its last row; copy or download it again")
 
 
 def check_jpeg(path: Path, data: bytes) -> None:
@@ -96,9 +96,9 @@ def check_jpeg(path: Path, data: bytes) -> None:
     except av.error.PatchWelcomeError:
         return
     except (av.error.FFmpegError, ValueError) as error:
-        raise DataError(f"{path}: damaged, the JPEG data is corrupt; copy it again") from error
+        raise DataError(path, "damaged, the JPEG data is corrupt; copy it again") from error
     if not frames or any(frame.is_corrupt for frame in frames):
-        raise DataError(f"{path}: damaged, the JPEG data is corrupt; copy it again")
+        raise DataError(path, "damaged, the JPEG data is corrupt; copy it again")
 
 
 def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
@@ -114,7 +114,7 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
     if sizes and len(data) not in sizes:
         state = "truncated" if len(data) < sizes[0] else "too long, or contains several images"
         raise DataError(
-            f"{path}: {state}: {len(data)} bytes, but the header implies {sizes[0]}; copy or convert it again"
+            path, f"{state}: {len(data)} bytes, but the header implies {sizes[0]}; copy or convert it again"
         )
 
 
@@ -127,9 +127,9 @@ def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) ->
                 out = inflate.decompress(part, 2**20)
                 part = inflate.unconsumed_tail
                 if not out and not part:
-                    raise DataError(f"{path}: damaged, a strip of the TIFF is truncated; copy it again")
+                    raise DataError(path, "damaged, a strip of the TIFF is truncated; copy it again")
         except zlib.error as error:
-            raise DataError(f"{path}: damaged, a checksum of the TIFF is wrong; copy it again") from error
+            raise DataError(path, "damaged, a checksum of the TIFF is wrong; copy it again") from error
 
 
 MAX_PIXELS = 2**27
@@ -166,7 +166,7 @@ def read_image(path: str | Path) -> Frame:
     except DataError:
         raise
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy or download it again") from error
+        raise DataError(path, f"damaged or truncated ({first_line(error)}); copy or download it again") from error
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -191,9 +191,9 @@ def write_image(path: str | Path, image: Frame) -> None:
     """Write an RGB uint8 (H, W, 3) image to a PNG file atomically. The file name must end in .png."""
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise DataError(f"{path}: images are written as lossless PNG; use a file name that ends in .png")
+        raise DataError(path, "images are written as lossless PNG; use a file name that ends in .png")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise DataError(f"{path}: cannot write {image.dtype} {image.shape} as an image; pass RGB uint8 (H, W, 3)")
+        raise DataError(path, f"cannot write {image.dtype} {image.shape} as an image; pass RGB uint8 (H, W, 3)")
     atomic.write_bytes(path, png_bytes(image))
 
 
@@ -246,7 +246,7 @@ def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple
                     width, height = image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
                 return (height, width), is_turned(image)
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
+        raise DataError(path, f"cannot be read as an image ({first_line(error)}); check the file") from error
 
 
 def _is_turned(image: Image.Image) -> bool:
@@ -271,19 +271,19 @@ def _check_file(path: Path) -> None:
     """Raise a DataError unless the path is a regular file; opening a pipe would block forever."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such image file; check the path"
-        raise DataError(f"{path}: {why}")
+        raise DataError(path, f"{why}")
 
 
 def _contents(path: Path) -> bytes:
     _check_file(path)
     try:
         if path.stat().st_size > LARGEST:
-            raise DataError(f"{path}: larger than {LARGEST >> 20} MiB, so it is not a supported image; check the file")
+            raise DataError(path, f"larger than {LARGEST >> 20} MiB, so it is not a supported image; check the file")
         data = path.read_bytes()
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+        raise DataError(path, f"cannot be read ({error.strerror or error}); check its permissions") from error
     if not data:
-        raise DataError(f"{path}: the file is empty; copy or download it again")
+        raise DataError(path, "the file is empty; copy or download it again")
     return data
 
 
@@ -293,12 +293,12 @@ def _open(path: Path, data: bytes) -> Image.Image:
         image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except Image.UnidentifiedImageError as error:
         kinds = "PNG, JPEG, PPM, BMP, TIFF or WebP"
-        raise DataError(f"{path}: not an image ({kinds}), or its header is damaged; check the file") from error
+        raise DataError(path, f"not an image ({kinds}), or its header is damaged; check the file") from error
     width, height = image.size
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {height}x{width} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
+        raise DataError(path, f"{height}x{width} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
     if deep or _is_deep(image):
-        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (flow maps are not images)")
+        raise DataError(path, "more than 8 bits per channel; convert it to 8 bits (flow maps are not images)")
     return image
 
 
@@ -307,8 +307,8 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
     frames = getattr(image, "n_frames", 1)
     if frames > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
         raise DataError(
-            f"{path}: contains {frames} images, but only one can be read; save them as separate files "
-            "and pass their folder"
+            path,
+            f"contains {frames} images, but only one can be read; save them as separate files and pass their folder",
         )
     end = 0
     tiles = getattr(image, "tile", [])
@@ -336,9 +336,9 @@ def _rgb(path: Path, image: Image.Image) -> Frame:
     if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
         image = image.convert("RGBA")
         if image.getchannel("A").getextrema() != (255, 255):
-            raise DataError(f"{path}: the image has transparent pixels; flatten it onto a background first")
+            raise DataError(path, "the image has transparent pixels; flatten it onto a background first")
     if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
-        raise DataError(f"{path}: colour mode {image.mode} is not supported; convert the image to 8-bit RGB")
+        raise DataError(path, f"colour mode {image.mode} is not supported; convert the image to 8-bit RGB")
     return np.array(image.convert("RGB"))
 
 
@@ -352,7 +352,7 @@ def images_in(folder: Path) -> list[Path]:
     ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
     for path in ordered:
         if not is_utf8(str(path)):
-            raise DataError(f"{path}: the name is not valid UTF-8; rename the file or folder")
+            raise DataError(path, "the name is not valid UTF-8; rename the file or folder")
     return ordered
 
 

@@ -21,7 +21,7 @@ _NO_MODEL = {
 def require_file(path: Path, what: str) -> None:
     """Raise an error if a file is missing, before the library that reads it is imported."""
     if not path.exists():
-        raise ModelError(f"{path}: no such {what}")
+        raise ModelError(path, f"no such {what}")
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
     """Open a file, and return it (positioned at its start) with its SHA-256 as 64 hexadecimal digits."""
     try:
         if not (path.is_file() or path.is_dir()) and path.exists():
-            raise ModelError(f"{path}: a pipe or a device, not a file; pass the path of a checkpoint")
+            raise ModelError(path, "a pipe or a device, not a file; pass the path of a checkpoint")
         with path.open("rb") as file:
             _refuse_other_files(path, file)
             file.seek(0)
@@ -39,27 +39,28 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
             file.seek(0)
             yield file, digest
     except FileNotFoundError:
-        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or pass its path") from None
+        raise ModelError(path, "no such checkpoint; put the authors' file there, or pass its path") from None
     except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; pass the path of a checkpoint") from None
+        raise ModelError(path, f"cannot be read: {error.strerror or error}; pass the path of a checkpoint") from None
 
 
 def damaged(path: Path, error: Exception) -> ModelError:
     """Return the error for a file that cannot be read, with the first line of the library's message."""
     first_line = next(iter(str(error).splitlines()), "it ends early")
     return ModelError(
-        f"{path}: truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
-        "download it again and compare its size with that of the original"
+        path,
+        f"truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
+        "download it again and compare its size with that of the original",
     )
 
 
 def _refuse_other_files(path: Path, file: BinaryIO) -> None:
     head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
     if not head:
-        raise ModelError(f"{path}: the file is empty; download it again")
+        raise ModelError(path, "the file is empty; download it again")
     for start, what in _NO_MODEL.items():
         if re.match(start, head):
-            raise ModelError(f"{path}: the file is {what}; download the checkpoint itself, for example in a browser")
+            raise ModelError(path, f"the file is {what}; download the checkpoint itself, for example in a browser")
 
 
 def _check_hash(path: Path, digest: str, expected: str) -> None:
@@ -67,6 +68,5 @@ def _check_hash(path: Path, digest: str, expected: str) -> None:
         raise UsageError(f"sha256={expected} is not a SHA-256 (64 hexadecimal digits) or a prefix of at least 8 digits")
     if not digest.startswith(expected.lower()):
         raise ModelError(
-            f"{path}: its SHA-256 is {digest} instead of {expected}; the file is different or damaged: "
-            "download it again"
+            path, f"its SHA-256 is {digest} instead of {expected}; the file is different or damaged: download it again"
         )

@@ -26,8 +26,8 @@ class Precomputed:
         self._folder = user_path(folder)
         if not (self._folder / "clean").is_dir():
             raise ModelError(
-                f"{self._folder}: no folder 'clean' with flow files; expected clean/<key>.flo and "
-                "<corruption>_<severity>/<key>.flo"
+                self._folder,
+                "no folder 'clean' with flow files; expected clean/<key>.flo and <corruption>_<severity>/<key>.flo",
             )
 
     def identity(self) -> dict[str, Any]:
@@ -49,7 +49,7 @@ class Precomputed:
                 flow, valid = read_flow(path)
                 return flow if valid.all() else np.where(valid[..., None], flow, np.float32(np.nan))
         raise ModelError(
-            f"{self._folder}: no flow for sample '{key}' under {setting}/ (looked for {', '.join(FLOW_SUFFIXES)})"
+            self._folder, f"no flow for sample '{key}' under {setting}/ (looked for {', '.join(FLOW_SUFFIXES)})"
         )
 
 
@@ -68,4 +68,4 @@ def _sha256(path: Path) -> str:
     try:
         return sha256_of_file(path)
     except OSError as error:
-        raise ModelError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from None
+        raise ModelError(path, f"cannot be read ({error.strerror or error}); check its permissions") from None

@@ -196,7 +196,7 @@ def _files(folders: Sequence[Path]) -> Iterator[Path]:
     for folder in folders:
         folder = user_path(folder)
         if not folder.is_dir():
-            raise DataError(f"{folder}: no such folder; give the folder that contains the checkpoints")
+            raise DataError(folder, "no such folder; give the folder that contains the checkpoints")
         yield from sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
 
 

@@ -135,7 +135,7 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
             (first, title), *others = titles.items()
             of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
             raise RunError(f"{of}, which have no frames in common; compare runs on the same benchmark") from None
-        raise RunError(f"{error}: {differences(runs)}; compare runs on the same frames and ground truth") from None
+        raise RunError(error, f"{differences(runs)}; compare runs on the same frames and ground truth") from None
     remarks = [remark]
     if words := differences(runs):
         remarks.append(f"The runs differ: {words}.")

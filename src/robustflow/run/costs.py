@@ -45,7 +45,7 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
-        raise RunError(f"{name}: {first_misfit(error)}; delete it, or recreate it with robustflow {command}") from error
+        raise RunError(name, f"{first_misfit(error)}; delete it, or recreate it with robustflow {command}") from error
 
 
 def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:

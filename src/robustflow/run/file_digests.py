@@ -92,7 +92,7 @@ def listed_files(folder: Path) -> list[str]:
     names = [path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))]
     for name in names:
         if "\n" in name or "\\" in name:
-            raise DataError(f"{folder}: the name {plain(name)} contains a line break or a backslash; rename the file")
+            raise DataError(folder, f"the name {plain(name)} contains a line break or a backslash; rename the file")
     return names
 
 
@@ -113,17 +113,16 @@ def read_list(folder: Path) -> dict[str, str]:
     path = folder / DIGEST_LIST
     try:
         if path.stat().st_size > _LARGEST_LIST:
-            raise DataError(
-                f"{path}: larger than {_LARGEST_LIST >> 20} MiB, too large for a list of digests; delete it"
-            )
+            raise DataError(path, f"larger than {_LARGEST_LIST >> 20} MiB, too large for a list of digests; delete it")
         lines = path.read_bytes().decode(errors="surrogateescape").removesuffix("\n").split("\n")
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+        raise DataError(path, f"cannot be read ({error.strerror}); check its permissions") from error
     matches = [_LINE.fullmatch(line) for line in lines]
     if None in matches:
         raise DataError(
-            f"{path}: line {matches.index(None) + 1} is not a digest and a name; write the list again with robustflow "
-            f"prepare digests --data {folder} --overwrite"
+            path,
+            f"line {matches.index(None) + 1} is not a digest and a name; write the list again with robustflow "
+            f"prepare digests --data {folder} --overwrite",
         )
     return {match[2]: match[1] for match in matches if match}
 
@@ -160,7 +159,7 @@ def _digests(paths: Iterable[Path]) -> Iterator[tuple[Path, str]]:
 
 def _digest(path: Path) -> str:
     if not path.is_file():
-        raise RunError(f"{path}: missing, or not a regular file; restore or remove it")
+        raise RunError(path, "missing, or not a regular file; restore or remove it")
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=8)).hexdigest()

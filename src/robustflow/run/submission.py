@@ -87,7 +87,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
             keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
             if gone := set(keys) - set(pairs.keys()):
                 raise DataError(
-                    f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
+                    root, f"{condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
                 )
             conditions.append(ConditionPairs(condition, pairs, tuple(keys)))
     return conditions
@@ -137,7 +137,7 @@ def _flow_change(flow: Flow, folder: Path, condition: str, key: str) -> Robustne
         return None
     clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
     if clean.shape != flow.shape:
-        raise UsageError(f"{folder}: the flows of '{key}' have different sizes; choose an empty folder with --output")
+        raise UsageError(folder, f"the flows of '{key}' have different sizes; choose an empty folder with --output")
     moved = epe_map(flow, clean)
     outliers = (moved > FL_PIXELS) & (moved > FL_SHARE * magnitude_map(clean))
     return Robustness(float(moved.mean()), 100 * float(outliers.mean()), 100 * float((moved > 1).mean()))

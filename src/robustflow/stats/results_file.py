@@ -62,7 +62,7 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
         if absent := [column for column in _REQUIRED if column not in names]:
             raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
         if duplicates := [column for column in _WRITTEN if names.count(column) > 1]:
-            raise DataError(f"{name}: the column '{duplicates[0]}' appears twice; remove one of the two")
+            raise DataError(name, f"the column '{duplicates[0]}' appears twice; remove one of the two")
         return merged((_result_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
@@ -71,22 +71,20 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
 def _result_of_line(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
     """Parse one line of the file, which contains one value."""
     if None in line or None in line.values():
-        raise DataError(
-            f"{where}: the number of cells differs from that of the header; quote cells that contain commas"
-        )
+        raise DataError(where, "the number of cells differs from that of the header; quote cells that contain commas")
     cells = {column: line[column].strip() for column in line}
     for column in ("setting", "model", "metric", "corruption"):
         if not cells[column] or len(cells[column]) > _LONGEST_TEXT:
-            raise DataError(f"{where}: '{column}' must be 1 to {_LONGEST_TEXT} characters long")
+            raise DataError(where, f"'{column}' must be 1 to {_LONGEST_TEXT} characters long")
     if cells["metric"] not in RESULT_METRICS:
-        raise DataError(f"{where}: unknown metric '{cells['metric'][:40]}'; choose from {', '.join(RESULT_METRICS)}")
+        raise DataError(where, f"unknown metric '{cells['metric'][:40]}'; choose from {', '.join(RESULT_METRICS)}")
     marked = cells.get("marked", "")
     if marked not in _MARKED.values():
-        raise DataError(f"{where}: 'marked' must be yes, no or empty, not '{marked[:40]}'")
+        raise DataError(where, f"'marked' must be yes, no or empty, not '{marked[:40]}'")
     _check_corruption(cells["corruption"], where)
     number, decimals = _number(cells["value"], where)
     if number < 0 and cells["metric"] in ("epe", "rcre"):
-        raise DataError(f"{where}: {cells['metric'].upper()} {number:g}: a length in pixels cannot be negative")
+        raise DataError(where, f"{cells['metric'].upper()} {number:g}: a length in pixels cannot be negative")
     value = Value(number, decimals, None if marked == "" else marked == "yes", cells.get("source") or "")
     return ModelResult(
         benchmark=cells.get("benchmark") or "kitti-fc",
@@ -106,7 +104,7 @@ def _share(text: str, where: str) -> float | None:
     except ValueError:
         share = -1.0
     if not 0 <= share <= 1:
-        raise DataError(f"{where}: 'coverage' must be a number from 0 to 1, not '{text[:40]}'")
+        raise DataError(where, f"'coverage' must be a number from 0 to 1, not '{text[:40]}'")
     return share if share < 1 else None
 
 
@@ -115,7 +113,7 @@ def _check_corruption(name: str, where: str) -> None:
         try:
             parse_stack(name)
         except UsageError as error:
-            raise DataError(f"{where}: {error}") from None
+            raise DataError(where, f"{error}") from None
 
 
 def _number(text: str, where: str) -> tuple[float, int | None]:
@@ -124,10 +122,10 @@ def _number(text: str, where: str) -> tuple[float, int | None]:
         number = Decimal(text)
         value = float(number)
     except (InvalidOperation, ValueError):
-        raise DataError(f"{where}: '{text[:40]}' is not a number") from None
+        raise DataError(where, f"'{text[:40]}' is not a number") from None
     exponent = number.as_tuple().exponent
     if not isinstance(exponent, int) or abs(value) > 1e9:
-        raise DataError(f"{where}: '{text[:40]}' is not a finite number of pixels")
+        raise DataError(where, f"'{text[:40]}' is not a finite number of pixels")
     decimals = max(0, -exponent)
     return value, decimals if decimals <= _MOST_PRINTED else None
 

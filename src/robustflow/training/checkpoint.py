@@ -63,7 +63,7 @@ def save_training(
 def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
     """Read a file written by `save_training`; return its entire content and the progress."""
     if not path.exists():
-        raise RunError(f"{path.parent}: no training run to resume ({path.name} not found); start one without --resume")
+        raise RunError(path.parent, f"no training run to resume ({path.name} not found); start one without --resume")
     content, _ = read_content(path)
     if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
         raise RunError(f"{path} contains weights but no training state; start from the weights with --init {path}")

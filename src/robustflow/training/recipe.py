@@ -253,11 +253,12 @@ def _parts_of_mix_file(path: Path) -> tuple[Part, ...]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError) as error:
         reason = " ".join(str(error).split())
         raise UsageError(
-            f"{path}: not a valid mix of data ({type(error).__name__}: {reason[:200]}); expected "
-            'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
+            path,
+            f"not a valid mix of data ({type(error).__name__}: {reason[:200]}); expected "
+            'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]',
         ) from error
     if not parts:
-        raise UsageError(f"{path}: the mix of data has no parts; include at least one dataset")
+        raise UsageError(path, "the mix of data has no parts; include at least one dataset")
     return parts
 
 

@@ -68,7 +68,7 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     try:
         return PsfField(stack[:, :, ::-1, ::-1])
     except DataError as error:
-        raise DataError(f"{path}: {error}; use an unmodified .pth file") from error
+        raise DataError(path, f"{error}; use an unmodified .pth file") from error
 
 
 def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:

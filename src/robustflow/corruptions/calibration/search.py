@@ -170,11 +170,11 @@ def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
         home = Path(skimage.__file__).parent / "data"
         return {name: read_image(home / name) for name in PHOTOGRAPHS}
     if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; --data must be a folder with images")
+        raise DataError(folder, "no such folder; --data must be a folder with images")
     files = images_in(folder)
     if not files:
         raise DataError(
-            f"{folder}: contains no images ({', '.join(IMAGE_SUFFIXES)}); --data must be a folder with images"
+            folder, f"contains no images ({', '.join(IMAGE_SUFFIXES)}); --data must be a folder with images"
         )
     return {file.name: read_image(file) for file in files}
 

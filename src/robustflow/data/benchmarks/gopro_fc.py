@@ -56,10 +56,11 @@ class GoProFC:
             _check_sequences(dataset.keys())
             return released("gopro-fc", dataset, dataset.keys(), GoProFC.facts)
         if not data.exists():
-            raise DataError(f"{data}: no such file or folder; check the path")
+            raise DataError(data, "no such file or folder; check the path")
         raise DataError(
-            f"{data}: neither a prepared nor the released GoPro-FC; prepare it with robustflow prepare gopro-fc "
-            f"--data {data} --output PREPARED, then give --data PREPARED"
+            data,
+            f"neither a prepared nor the released GoPro-FC; prepare it with robustflow prepare gopro-fc "
+            f"--data {data} --output PREPARED, then give --data PREPARED",
         )
 
 

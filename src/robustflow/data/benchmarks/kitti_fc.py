@@ -79,6 +79,7 @@ def _check_truth(dataset: KittiPairs) -> None:
     """Raise unless the ground truth covers all pixels, including occluded ones, as KITTI-FC requires."""
     if dataset.non_occluded:
         raise DataError(
-            f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
-            "on flow_noc/ with --benchmark kitti2015, which labels the results accordingly"
+            dataset.folder,
+            "no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
+            "on flow_noc/ with --benchmark kitti2015, which labels the results accordingly",
         )

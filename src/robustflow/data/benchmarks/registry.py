@@ -90,7 +90,7 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
         return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
     there = tuple(corruption for corruption in facts.corruptions if dataset.has_corrupted(corruption))
     if not there:
-        raise DataError(f"{data}: has clean frames of {facts.title} but no corrupted ones; expected {facts.layout}")
+        raise DataError(data, f"has clean frames of {facts.title} but no corrupted ones; expected {facts.layout}")
     protocol["frames"] = "released"
     return Benchmark(name, dataset, tuple(keys), there, about.severities, protocol=protocol, closed=True, facts=about)
 
@@ -161,7 +161,7 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
 def _benchmark_of(root: Path) -> str:
     """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset."""
     if not root.exists():
-        raise DataError(f"{root}: no such file or folder; check the path")
+        raise DataError(root, "no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
         raise UsageError(
             f"{root} looks like the data of {fitting}: give --benchmark {fitting} or another that reads it "

@@ -60,8 +60,9 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     source = (settings or {}).get("benchmark", name)
     if source != name:
         raise DataError(
-            f"{dataset.root}: frames exported from {plain(str(source))}, so a result on them is not a {name} result; "
-            f"run that benchmark on its own data, or export {name}"
+            dataset.root,
+            f"frames exported from {plain(str(source))}, so a result on them is not a {name} result; "
+            f"run that benchmark on its own data, or export {name}",
         )
     flat = [corruption for corruption in SHIPPED if not needs_depth(corruption)]  # an export does not contain depth
     by_corruption = {
@@ -71,8 +72,9 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
     if not by_corruption or not severities:
         raise DataError(
-            f"{dataset.root}: contains clean frames, but no severity that all corruptions share; expected folders "
-            "such as fog_3 next to clean"
+            dataset.root,
+            "contains clean frames, but no severity that all corruptions share; expected folders "
+            "such as fog_3 next to clean",
         )
     protocol: dict[str, Any] = {"frames": "released"}
     if settings is not None:

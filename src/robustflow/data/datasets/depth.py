@@ -70,8 +70,9 @@ def existing(files: list[Path], title: str, parts: str) -> list[Path]:
     for path in files:
         if not path.is_file():
             raise DataError(
-                f"{path}: missing, but needed for the depth of {title}; unpack {parts} there, or give your own "
-                "maps with --depth DIR"
+                path,
+                f"missing, but needed for the depth of {title}; unpack {parts} there, or give your own "
+                "maps with --depth DIR",
             )
     return files
 
@@ -83,9 +84,9 @@ def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
         table = np.array([[float(word) for word in line.split()] for line in lines if line.strip()], np.float64)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or first_line(error)
-        raise DataError(f"{path}: cannot be read as numbers ({why}); restore the file") from error
+        raise DataError(path, f"cannot be read as numbers ({why}); restore the file") from error
     if table.ndim != 2 or table.shape[1] != columns or not np.isfinite(table).all():
-        raise DataError(f"{path}: expected {columns} numbers on every line; restore the file")
+        raise DataError(path, f"expected {columns} numbers on every line; restore the file")
     return table
 
 
@@ -95,11 +96,9 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
         depth = np.array(values, np.float32, order="C")
     measured = np.isfinite(depth) & (depth != 0)
     if not measured.any():
-        raise DataError(f"{what}: no pixel has a measured depth; give a map with measurements")
+        raise DataError(what, "no pixel has a measured depth; give a map with measurements")
     if (depth[measured] < 0).any():
-        raise DataError(
-            f"{what}: contains negative depths; give distances along the optical axis, in front of the camera"
-        )
+        raise DataError(what, "contains negative depths; give distances along the optical axis, in front of the camera")
     if not measured.all():
         _fill(depth, measured)
     return depth, measured

@@ -72,11 +72,11 @@ def _marks(folder: Path, numbers: list[int]) -> list[str]:
     path = next((place for place in places if place.is_file()), None)
     if path is None:
         raise DataError(
-            f"{folder}: no {' or '.join(_SPLIT_FILES)} here or in the parent folder; add one, or use split 'all'"
+            folder, f"no {' or '.join(_SPLIT_FILES)} here or in the parent folder; add one, or use split 'all'"
         )
     marks = path.read_text(errors="replace").split()
     if not set(marks) <= {"1", "2"} or len(marks) < max(numbers):
-        raise DataError(f"{path}: expected a 1 (train) or 2 (val) for each of at least {max(numbers)} pairs")
+        raise DataError(path, f"expected a 1 (train) or 2 (val) for each of at least {max(numbers)} pairs")
     return marks
 
 
@@ -142,7 +142,7 @@ def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str
     images, flows = part / f"image_{render_pass}" / side, part / "flow" / side / f"into_{direction}"
     for needed in (images, flows):
         if not needed.is_dir():
-            raise DataError(f"{needed}: no such folder; unpack that part of the FlyingThings3D subset there")
+            raise DataError(needed, "no such folder; unpack that part of the FlyingThings3D subset there")
     ahead = 1 if direction == "future" else -1
     pairs, known, scene = {}, numbered(flows, r"(\d{7})\.flo"), 0
     for number, flow in known.items():

@@ -58,7 +58,7 @@ class FrameFolder(PairDataset):
                 pairs[key] = PairFiles((first, second), group=sequence)
         if not pairs:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise DataError(f"{root}: contains no images ({kinds}); give a folder of frames or a video file")
+            raise DataError(root, f"contains no images ({kinds}); give a folder of frames or a video file")
         super().__init__(pairs, root)
         order = sorted(pairs, key=lambda key: natural_order(pairs[key].frames[0].relative_to(root).as_posix()))
         self._pairs = {key: pairs[key] for key in order}
@@ -73,11 +73,11 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
     if path.is_file():
         return Video(path, step, start, stop)
     if not path.is_dir():
-        raise DataError(f"{path}: no such folder or video; check the path")
+        raise DataError(path, "no such folder or video; check the path")
     frames = images_in(path) or any(images_in(inner) for inner in folders(path))
     videos = [inner for inner in sorted(path.iterdir()) if inner.suffix.lower() in VIDEO_SUFFIXES]
     if videos and not frames:
-        raise DataError(f"{path}: contains videos, not frames; give one file, for example {videos[0]}")
+        raise DataError(path, f"contains videos, not frames; give one file, for example {videos[0]}")
     return FrameFolder(path, step, start, stop)
 
 
@@ -93,7 +93,7 @@ def _check(folder: Path, frames: list[Path]) -> None:
     size = image_size(frames[0])
     for frame in frames:
         if frame.stem in stems:
-            raise DataError(f"{folder}: {stems[frame.stem].name} and {frame.name} share a name; remove one of them")
+            raise DataError(folder, f"{stems[frame.stem].name} and {frame.name} share a name; remove one of them")
         stems[frame.stem] = frame
         if image_size(frame) != size:
             (h, w), (other_h, other_w) = size, image_size(frame)

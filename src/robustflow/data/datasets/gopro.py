@@ -71,7 +71,7 @@ def _sequences(root: Path, split: str) -> list[Path]:
     if plain and split == "all":
         return plain
     if root.is_dir() and _is_sequence(root):
-        raise DataError(f"{root}: a single sequence; give its parent folder, or read it as dataset 'folder'")
+        raise DataError(root, "a single sequence; give its parent folder, or read it as dataset 'folder'")
     expected = f"{' or '.join(f'{part}/' for part in parts)} with sequence folders (GOPR0384_11_00/sharp/000001.png)"
     return folders(locate("GoPro", root, list(parts), expected=expected))
 
@@ -83,7 +83,7 @@ def _is_sequence(folder: Path) -> bool:
 def _frames(sequence: Path, images: str) -> list[Path]:
     kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
     if kinds and images not in kinds:
-        raise DataError(f"{sequence}: contains no folder {images}/; choose images from {', '.join(kinds)}")
+        raise DataError(sequence, f"contains no folder {images}/; choose images from {', '.join(kinds)}")
     frames = numbered(sequence / images if kinds else sequence, _FRAME)
     consecutive(frames, stride=None)
     return list(frames.values())

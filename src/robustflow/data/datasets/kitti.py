@@ -148,7 +148,7 @@ class KittiPairs(PairDataset):
             return Truth(flow, valid)
         visible = read_flow(pair.occlusion)[1]
         if visible.shape != valid.shape:
-            raise DataError(f"{pair.occlusion}: different size from {pair.flow}; the files do not match")
+            raise DataError(pair.occlusion, f"different size from {pair.flow}; the files do not match")
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
@@ -246,8 +246,9 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
     truth = occ or noc
     if truth is None:
         raise DataError(
-            f"{folder}: no flow_occ/ or flow_noc/ next to {images}/; the training part has them, and frames without "
-            "ground truth can be evaluated as dataset 'folder'"
+            folder,
+            f"no flow_occ/ or flow_noc/ next to {images}/; the training part has them, and frames without "
+            "ground truth can be evaluated as dataset 'folder'",
         )
     keys = {key for source in (folder / images, truth) for key in _firsts(source)}
     groups, pairs, missing = drive_groups(dataset), {}, list[str]()
@@ -279,10 +280,10 @@ def _calibration(path: Path) -> tuple[Camera, float]:
         left, right = ([float(word) for word in entries[f"P_rect_{number}"].split()] for number in ("02", "03"))
         (fx, _, cx, at_left, _, fy, cy, *_), (at_right, *_) = left, right[3:]
     except (OSError, ValueError, KeyError) as error:
-        raise DataError(f"{path}: no calibration with P_rect_02 and P_rect_03; restore the file") from error
+        raise DataError(path, "no calibration with P_rect_02 and P_rect_03; restore the file") from error
     scale = at_left - at_right
     if not all(0 < value < 1e6 for value in (fx, fy, scale)):
-        raise DataError(f"{path}: a focal length or baseline is not positive; restore the file")
+        raise DataError(path, "a focal length or baseline is not positive; restore the file")
     return Camera((fx, fy), (cx, cy)), scale
 
 

@@ -53,14 +53,14 @@ class KittiRaw(PairDataset):
         self.leaves_out_evaluated = choice("drives", drives, ("apart", "all")) == "apart" and not listing
         root = user_path(root)
         if not root.is_dir():
-            raise DataError(f"{root}: no such folder; give the folder of KITTI raw that contains {_EXPECTED}")
+            raise DataError(root, f"no such folder; give the folder of KITTI raw that contains {_EXPECTED}")
         if listing:
             super().__init__(_listed(root, user_path(listing)), root)
             return
         drive_folders = list(_drives(root))
         if not drive_folders:
             raise DataError(
-                f"{root}: not laid out like KITTI raw; expected {_EXPECTED}; check the path, or unpack it there"
+                root, f"not laid out like KITTI raw; expected {_EXPECTED}; check the path, or unpack it there"
             )
         known = _evaluated() if drives == "apart" else frozenset()
         pairs = {
@@ -72,8 +72,9 @@ class KittiRaw(PairDataset):
         }
         if not pairs:
             raise DataError(
-                f"{root}: no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
-                "2012; unpack more drives, or give drives=all"
+                root,
+                f"no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
+                "2012; unpack more drives, or give drives=all",
             )
         super().__init__(pairs, root)
 
@@ -93,7 +94,7 @@ def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
     try:
         lines = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{listing}: cannot be read as a list of frames ({error}); give two names per line") from error
+        raise DataError(listing, f"cannot be read as a list of frames ({error}); give two names per line") from error
     pairs: dict[str, PairFiles] = {}
     for number, names in enumerate(lines, 1):
         if len(names) < 2:
@@ -138,12 +139,13 @@ class KittiMultiview(PairDataset):
         pairs: dict[str, PairFiles] = {}
         for marker in markers:
             if not (folder / marker).is_dir():
-                raise DataError(f"{folder}: no {marker}/; unpack all of data_scene_flow_multiview.zip")
+                raise DataError(folder, f"no {marker}/; unpack all of data_scene_flow_multiview.zip")
             pairs |= _pairs(folder, marker)
         if not pairs:
             raise DataError(
-                f"{folder}: no two consecutive frames apart from 09 to 12; unpack data_scene_flow_multiview.zip "
-                "there, which contains _00 to _20 of each scene"
+                folder,
+                "no two consecutive frames apart from 09 to 12; unpack data_scene_flow_multiview.zip "
+                "there, which contains _00 to _20 of each scene",
             )
         super().__init__(pairs, folder)
 

@@ -177,8 +177,9 @@ class Motorcycle(Samples):
         for path in self._files:
             if not path.is_file():
                 raise AssetError(
-                    f"{path}: missing from this installation of scikit-image; reinstall its wheel: "
-                    "pip install --force-reinstall --no-deps scikit-image"
+                    path,
+                    "missing from this installation of scikit-image; reinstall its wheel: "
+                    "pip install --force-reinstall --no-deps scikit-image",
                 )
 
     def keys(self) -> list[str]:

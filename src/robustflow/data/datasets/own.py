@@ -75,13 +75,14 @@ class OwnDepth:
             path = self._map(frame)
             if path is None:
                 raise DataError(
-                    f"{self._folder}: no depth map for {frame}; expected {frame.stem} with the extension "
-                    f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/"
+                    self._folder,
+                    f"no depth map for {frame}; expected {frame.stem} with the extension "
+                    f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/",
                 )
             if (other := self._owners.get(path)) is not None and other != frame:
                 raise DataError(
-                    f"{path}: matches both {other} and {frame}; put the maps into folders named like the "
-                    "folders of the frames"
+                    path,
+                    f"matches both {other} and {frame}; put the maps into folders named like the folders of the frames",
                 )
             found.append(path)
         return found[0], found[1]
@@ -142,12 +143,12 @@ def check_members(dataset: Any, what: str) -> None:
         if not hasattr(dataset, member):
             raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
-        raise UsageError(f"{what}: the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
+        raise UsageError(what, f"the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
     keys = called(f"{what} failed in keys", dataset.keys)
     if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
-        raise UsageError(f"{what}: keys() must return a non-empty list of strings, not {keys!r:.60}")
+        raise UsageError(what, f"keys() must return a non-empty list of strings, not {keys!r:.60}")
     if len(set(keys)) != len(keys):
-        raise UsageError(f"{what}: keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
+        raise UsageError(what, f"keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
     check_sample(dataset, keys[0], what)
 
 
@@ -156,12 +157,12 @@ def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
     what = what or f"the dataset '{dataset.name}'"
     sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
-        raise UsageError(f"{what}: load('{key}') returned {type(sample).__name__}; it must return a Sample")
+        raise UsageError(what, f"load('{key}') returned {type(sample).__name__}; it must return a Sample")
     if sample.key != key:
-        raise UsageError(f"{what}: load('{key}') returned the sample '{sample.key}'")
+        raise UsageError(what, f"load('{key}') returned the sample '{sample.key}'")
     if (sample.flow is not None) != bool(dataset.has_flow):
         state = "has ground truth" if sample.flow is not None else "has no ground truth"
-        raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
+        raise UsageError(what, f"has_flow is {dataset.has_flow}, but sample '{key}' {state}")
     return sample
 
 
@@ -170,7 +171,7 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
     sample = load_checked(dataset, key, what)
     files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
-        raise UsageError(f"{what}: files('{key}') must return the paths of existing files, not {files!r:.80}")
+        raise UsageError(what, f"files('{key}') must return the paths of existing files, not {files!r:.80}")
     return sample
 
 

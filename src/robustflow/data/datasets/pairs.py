@@ -86,7 +86,7 @@ class PairDataset(Samples):
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:
-            raise DataError(f"{where}: contains no image pair of {self.name}; check that it was unpacked completely")
+            raise DataError(where, f"contains no image pair of {self.name}; check that it was unpacked completely")
         self._pairs = dict(sorted(pairs.items()))
 
     def keys(self) -> list[str]:
@@ -106,11 +106,12 @@ class PairDataset(Samples):
             return Sample(key, frames, group=pair.group)
         if truth.flow.shape[:2] != frames[0].shape[:2]:
             raise DataError(
-                f"{pair.flow}: the flow is {_size(truth.flow)}, but the frame {pair.frames[0].name} is "
-                f"{_size(frames[0])}; the files do not match"
+                pair.flow,
+                f"the flow is {_size(truth.flow)}, but the frame {pair.frames[0].name} is "
+                f"{_size(frames[0])}; the files do not match",
             )
         if not truth.valid.any():
-            raise DataError(f"{pair.flow}: no pixel with known flow, so nothing can be measured; restore the file")
+            raise DataError(pair.flow, "no pixel with known flow, so nothing can be measured; restore the file")
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
     def pair(self, key: str) -> PairFiles:
@@ -179,7 +180,7 @@ def pairs_at_step(frames: Sequence[Path], step: int, where: Path, total: int = 0
 def too_few_frames(count: int, step: int, where: Path, total: int = 0) -> DataError:
     """Return the error for a sequence without a single pair."""
     frames = counted(count, "frame") + (f" of {total} from start to stop" if total > count else "")
-    return DataError(f"{where}: {frames}, but pairs with a step of {step} need {step + 1} or more")
+    return DataError(where, f"{frames}, but pairs with a step of {step} need {step + 1} or more")
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:

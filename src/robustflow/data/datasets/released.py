@@ -50,7 +50,7 @@ class ReleasedPairs(PairDataset):
         setting = self.root / f"{DISK_NAMES.get(corruption, corruption)}_{severity}"
         if not setting.is_dir():
             known = ", ".join(map(str, self.severities(corruption))) or "none"
-            raise DataError(f"{setting}: no such folder; severities of {corruption} in this release: {known}")
+            raise DataError(setting, f"no such folder; severities of {corruption} in this release: {known}")
         return [partner(setting / self.place(key) / frame.name, frame) for frame in self.pair(key).frames]
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:

@@ -108,7 +108,7 @@ def _key(sequence: str, side: str, direction: str, number: int) -> str:
 def _pairs(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
     folder = sequence / f"frame_{side}"
     if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; unpack the frames of both cameras")
+        raise DataError(folder, "no such folder; unpack the frames of both cameras")
     frames = numbered(folder, rf"frame_{side}_(\d{{4}})\.png")
     pairs = {}
     for before, after in consecutive(frames):
@@ -217,5 +217,5 @@ class RobustSpring(Samples):
             there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
             if lacks := names - there:
                 raise DataError(
-                    f"{folder / place / min(lacks)}: missing, though {clean.folder} exists; unpack the complete archive"
+                    folder / place / min(lacks), f"missing, though {clean.folder} exists; unpack the complete archive"
                 )

@@ -49,9 +49,7 @@ class Sintel(PairDataset):
         passes = [path.name for path in folders(folder) if path.name not in _MAPS]
         if render_pass not in passes:
             available = ", ".join(passes) or "none"
-            raise DataError(
-                f"{folder}: no pass '{render_pass}'; found: {available} (option render_pass of the dataset)"
-            )
+            raise DataError(folder, f"no pass '{render_pass}'; found: {available} (option render_pass of the dataset)")
         scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
         pairs: dict[str, PairFiles] = {}
         for scene in sorted(scenes):
@@ -108,5 +106,5 @@ def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:
 def _fitting(path: Path, shape: tuple[int, ...]) -> Mask:
     mask = read_mask(path)
     if mask.shape != shape:
-        raise DataError(f"{path}: {mask.shape[0]}x{mask.shape[1]} pixels, but the flow has {shape[0]}x{shape[1]}")
+        raise DataError(path, f"{mask.shape[0]}x{mask.shape[1]} pixels, but the flow has {shape[0]}x{shape[1]}")
     return mask

@@ -96,17 +96,17 @@ def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
     try:
         text = read_bounded(path, _LARGEST, advice).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"{path}: cannot be read as a split (not a text file); {advice}") from error
+        raise DataError(path, f"cannot be read as a split (not a text file); {advice}") from error
     lines = [line.strip() for line in text.splitlines()]
     entries = [line for line in lines if line and not line.startswith("#")]
     if entries and set(entries) <= {"0", "1"} and not set(entries) <= set(keys):
         if len(entries) != len(keys):
-            raise DataError(f"{path}: {len(entries)} zeros and ones for {len(keys)} pairs; give one per pair")
+            raise DataError(path, f"{len(entries)} zeros and ones for {len(keys)} pairs; give one per pair")
         chosen = {key for key, mark in zip(keys, entries, strict=True) if mark == "1"}
     else:
         chosen = _listed(path, entries, keys)
     if not chosen:
-        raise DataError(f"{path}: selects no sample; list one key per line, for example {keys[0]}")
+        raise DataError(path, f"selects no sample; list one key per line, for example {keys[0]}")
     return [key for key in keys if key in chosen]
 
 
@@ -117,10 +117,11 @@ def _listed(path: Path, entries: list[str], keys: Sequence[str]) -> set[str]:
             close = get_close_matches(entry, keys, n=1) or [keys[0]]
             missing = sum(other not in known for other in entries)
             raise DataError(
-                f"{path}: no sample '{entry}' in the dataset ({missing} of {len(entries)} are unknown); "
-                f"did you mean '{close[0]}'?"
+                path,
+                f"no sample '{entry}' in the dataset ({missing} of {len(entries)} are unknown); "
+                f"did you mean '{close[0]}'?",
             )
         if entry in chosen:
-            raise DataError(f"{path}: '{entry}' is listed twice; list every key only once")
+            raise DataError(path, f"'{entry}' is listed twice; list every key only once")
         chosen.add(entry)
     return chosen

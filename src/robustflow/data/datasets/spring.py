@@ -67,7 +67,7 @@ class Spring(PairDataset):
         flow, valid = read_flow(pair.flow)
         if flow.shape[0] % 2 or flow.shape[1] % 2:
             raise DataError(
-                f"{pair.flow}: {flow.shape[0]}x{flow.shape[1]} vectors; Spring has two per pixel on each axis"
+                pair.flow, f"{flow.shape[0]}x{flow.shape[1]} vectors; Spring has two per pixel on each axis"
             )
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
@@ -80,7 +80,7 @@ class Spring(PairDataset):
         for path in maps:
             place = int(path.stem[-4:]) - 1
             if place >= len(table) or not (table[place, :2] > 0).all():
-                raise DataError(f"{intrinsics}: no positive focal lengths for frame {place + 1}; restore the file")
+                raise DataError(intrinsics, f"no positive focal lengths for frame {place + 1}; restore the file")
             fx, fy, cx, cy = table[place].tolist()
             lenses.append((fx, fy, cx, cy))
             disparity = read_dsp5(path)[::2, ::2]

@@ -70,7 +70,7 @@ class TartanAir(PairDataset):
             return None
         flow, mask = read_npy(pair.flow, "a flow", (2,)), read_npy(pair.occlusion, "a mask")
         if mask.shape != flow.shape[:2]:
-            raise DataError(f"{pair.flow}: {flow.shape} with a mask of {mask.shape}; the files do not match")
+            raise DataError(pair.flow, f"{flow.shape} with a mask of {mask.shape}; the files do not match")
         flow, valid = known(flow)
         valid &= mask < _OUT_OF_VIEW
         flow[~valid] = 0
@@ -83,7 +83,7 @@ class TartanAir(PairDataset):
         table = table_of(poses, 7)
         places = [int(path.name[:6]) for path in maps]
         if max(places) >= len(table):
-            raise DataError(f"{poses}: {len(table)} poses, but none for frame {max(places)}; restore the file")
+            raise DataError(poses, f"{len(table)} poses, but none for frame {max(places)}; restore the file")
         motion = relative_motion(*(_world_to_camera(table[place].tolist(), poses) for place in places))
         camera = Camera((_FOCAL, _FOCAL), _CENTRE, *motion)
         now, then = (read_depth_npy(path) for path in maps)
@@ -128,7 +128,7 @@ def _world_to_camera(pose: list[float], path: Path) -> npt.NDArray[np.float64]:
     tx, ty, tz, x, y, z, w = pose
     squared = x * x + y * y + z * z + w * w
     if not 0.5 < squared < 2:
-        raise DataError(f"{path}: contains a quaternion of length {squared**0.5:.3g}; restore the file")
+        raise DataError(path, f"contains a quaternion of length {squared**0.5:.3g}; restore the file")
     s = 2 / squared
     right = (s * (x * y - z * w), 1 - s * (x * x + z * z), s * (y * z + x * w))
     down = (s * (x * z + y * w), s * (y * z - x * w), 1 - s * (x * x + y * y))

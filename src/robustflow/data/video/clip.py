@@ -49,7 +49,7 @@ def write_clip(
             container.mux(stream.encode(video_frame(picture, count, fps)))
             count += 1
         if not count:
-            raise DataError(f"{path.name}: no frames to encode")
+            raise DataError(path.name, "no frames to encode")
         container.mux(stream.encode(None))
     temporary.replace(path)
     return ClipFile(path, count, fps, *size)
@@ -130,4 +130,4 @@ def _open(clip: ClipFile) -> Any:
 
 
 def _damaged(clip: ClipFile, why: object) -> DataError:
-    return DataError(f"{clip.path}: differs from the prepared clip ({why}); delete its folder and prepare it again")
+    return DataError(clip.path, f"differs from the prepared clip ({why}); delete its folder and prepare it again")

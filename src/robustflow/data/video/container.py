@@ -42,21 +42,21 @@ _CUT = "copy or download it again"
 def open_video(path: Path) -> Any:
     """Open a container with its video stream set to strict decoding in one thread."""
     if not path.is_file():
-        raise DataError(f"{path}: no such file; check the path")
+        raise DataError(path, "no such file; check the path")
     try:
         options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
         container = av.open(str(path.absolute()), options=options)
     except av.error.ArgumentError as error:  # the container is not in the list
-        raise DataError(f"{path}: not a readable video (an unsupported container); convert it to .mp4") from error
+        raise DataError(path, "not a readable video (an unsupported container); convert it to .mp4") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise DataError(f"{path}: not a readable video ({reason(error)}); check or convert the file") from error
+        raise DataError(path, f"not a readable video ({reason(error)}); check or convert the file") from error
     try:
         if not container.streams.video:
-            raise DataError(f"{path}: has no video stream; check the file")
+            raise DataError(path, "has no video stream; check the file")
         check_stated_length(path, container.format.name)
         context = container.streams.video[0].codec_context
         if context is None:
-            raise DataError(f"{path}: not a readable video (its codec is unknown); check or convert the file")
+            raise DataError(path, "not a readable video (its codec is unknown); check or convert the file")
         context.thread_count, context.thread_type = 1, "NONE"
         context.options = STRICT | _SAME_DCT
     except BaseException:
@@ -71,7 +71,7 @@ def upright(picture: Any, path: Path) -> Frame:
     """
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
-        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
+        raise DataError(path, f"rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
     frame = picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB)
     if _is_mirrored(picture):
         frame, quarter = frame[:, ::-1], quarter + 2  # FFmpeg's angle is that of the mirrored horizontal axis
@@ -115,7 +115,7 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
         position = start + length
     if position != size:
         state = "cut short" if position > size else "damaged"
-        raise DataError(f"{path}: {state}: the file has {size} bytes, but its segments declare {position}; {_CUT}")
+        raise DataError(path, f"{state}: the file has {size} bytes, but its segments declare {position}; {_CUT}")
 
 
 _TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
@@ -151,11 +151,11 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
         file.seek(position)
         head = file.read(8)
         if head[:4] not in (b"RIFF", b"JUNK") or len(head) < 8:
-            raise DataError(f"{path}: damaged: {size - position} unexpected bytes at the end; {_CUT}")
+            raise DataError(path, f"damaged: {size - position} unexpected bytes at the end; {_CUT}")
         length = int.from_bytes(head[4:], "little")
         position += 8 + length + length % 2
     if position - size not in (0, 1):
-        raise DataError(f"{path}: cut short: the file has {size} bytes, but its header declares {position}; {_CUT}")
+        raise DataError(path, f"cut short: the file has {size} bytes, but its header declares {position}; {_CUT}")
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
@@ -164,10 +164,10 @@ def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
     for length, first in ((188, 0), (192, 4), (204, 0)):
         if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):
             if size % length:
-                raise DataError(f"{path}: cut short or damaged: the last packet is incomplete; {_CUT}")
+                raise DataError(path, f"cut short or damaged: the last packet is incomplete; {_CUT}")
             file.seek(max(0, size - 256 * length))
             tail = file.read()
             if all(tail[place] == ord("G") for place in range(first, len(tail), length)):
                 return
             break
-    raise DataError(f"{path}: damaged: the packets are not contiguous; {_CUT}")
+    raise DataError(path, f"damaged: the packets are not contiguous; {_CUT}")

@@ -67,7 +67,7 @@ def estimate_disk(
 def check_room(estimate: DiskEstimate, output: Path) -> None:
     """Check that there is enough disk space."""
     if estimate.kept + estimate.temporary > estimate.free:
-        raise DataError(f"{output}: not enough disk space: {estimate}; choose a different --output or fewer clips")
+        raise DataError(output, f"not enough disk space: {estimate}; choose a different --output or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:

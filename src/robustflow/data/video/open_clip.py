@@ -139,7 +139,7 @@ def check_master(clip: PreparedClip) -> None:
         about = path.stat()
         intact = _sha256(path, about.st_mtime_ns, about.st_size) == clip.manifest.master_sha256
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); prepare the clip again") from error
+        raise DataError(path, f"cannot be read ({error.strerror}); prepare the clip again") from error
     if not intact:
         raise DataError(f"{path} is damaged (its SHA-256 differs); delete its folder and prepare the clip again")
 

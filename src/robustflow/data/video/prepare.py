@@ -75,7 +75,7 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     check_size(*source.size)
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
-        raise UsageError(f"{source.name}: images have no frame rate; specify --fps")
+        raise UsageError(source.name, "images have no frame rate; specify --fps")
     if not 1 <= preparation.factor <= MOST_FACTOR:
         raise UsageError(f"--factor {preparation.factor}: must be from 1 (no interpolation) to {MOST_FACTOR}")
     fps = rate * preparation.factor
@@ -91,8 +91,9 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
             needed = -(-(needed - 1) // preparation.factor) + WINDOW - 1
         smaller = ", or prepare it with a smaller --step" if len(choose_key_frames(count, 1)) > 1 else ""
         raise DataError(
-            f"{source.name}: too few frames for one pair of key frames {step} apart with {REACH} more on each side: "
-            f"{source.count} instead of at least {needed}; use a longer clip{smaller}"
+            source.name,
+            f"too few frames for one pair of key frames {step} apart with {REACH} more on each side: "
+            f"{source.count} instead of at least {needed}; use a longer clip{smaller}",
         )
     return ClipTiming(fps, count, step, tuple(keys))
 
@@ -143,7 +144,7 @@ def _write_clip(
     master = write_clip(folder / MASTER, written, size, Fraction(wanted.fps), lossless(wanted.preset))
     if master.count != wanted.count:
         raise DataError(
-            f"{source.name}: {master.count} frames were produced, but {wanted.count} were expected; check the file"
+            source.name, f"{master.count} frames were produced, but {wanted.count} were expected; check the file"
         )
     manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, sealed(manifest.model_dump()))
@@ -188,7 +189,7 @@ def _segments(
         parts.append(ClipFile(path, length * factor + (start == 0), fps, *size))
         progress(wanted.name, "interpolate", start + length, gaps)
     for _ in around:
-        raise DataError(f"{source.name}: the source has more frames than before; do not change it during preparation")
+        raise DataError(source.name, "the source has more frames than before; do not change it during preparation")
     for part in parts:
         for _, picture in read_pictures(part):
             yield picture

@@ -33,19 +33,19 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
     if data.is_file():
         return [VideoFile(data, evenly=evenly)]
     if not data.is_dir():
-        raise DataError(f"{data}: no such file or folder; check the path")
+        raise DataError(data, "no such file or folder; check the path")
     sequences = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
     if sequences:
         missing = [name for name in SEQUENCES if name not in sequences]
         if missing:
-            raise DataError(f"{data}: missing GoPro sequences: {', '.join(missing)}; add them or specify one folder")
+            raise DataError(data, f"missing GoPro sequences: {', '.join(missing)}; add them or specify one folder")
         return [_camera(sequences[name], name) for name in SEQUENCES]
     if images_in(data):
         return [PictureFolder(data)]
     inner = [folder for folder in folders(data) if images_in(folder)]
     if not inner:
         raise DataError(
-            f"{data}: contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
+            data, f"contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
         )
     return [PictureFolder(folder) for folder in inner]
 
@@ -124,8 +124,9 @@ def _sequence(data: Path, name: str) -> Path | None:
 def _camera(folder: Path, name: str) -> PictureFolder:
     if not images_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
         raise DataError(
-            f"{folder}: this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
-            "frames per second: use GoPro_Large_all"
+            folder,
+            "this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
+            "frames per second: use GoPro_Large_all",
         )
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS

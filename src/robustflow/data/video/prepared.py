@@ -202,7 +202,7 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     clips = []
     for name in manifest.clips:
         if not (root / name / CLIP_MANIFEST).is_file():
-            raise DataError(f"{root}: {name} is not finished; run the same robustflow prepare command again")
+            raise DataError(root, f"{name} is not finished; run the same robustflow prepare command again")
         clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
 
@@ -219,11 +219,11 @@ def _read(path: Path, kind: type[R]) -> R:
     try:
         manifest = parse_manifest(path, kind)
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); was it created by robustflow prepare?") from error
+        raise DataError(path, f"cannot be read ({error.strerror}); was it created by robustflow prepare?") from error
     if manifest is None:
-        raise DataError(f"{path}: not written by robustflow prepare, or damaged; prepare the clips again")
+        raise DataError(path, "not written by robustflow prepare, or damaged; prepare the clips again")
     if manifest.version != VERSION:
-        raise DataError(f"{path}: written by a different version of RobustFlow; prepare the clips again")
+        raise DataError(path, "written by a different version of RobustFlow; prepare the clips again")
     return manifest
 
 

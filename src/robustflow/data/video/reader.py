@@ -62,7 +62,7 @@ class VideoReader:
     def index_at(self, seconds: float) -> int:
         """Return the index of the first frame displayed at or after a time."""
         if not self._stamps:
-            raise DataError(f"{self._path}: its frames have no usable time stamps; use frame numbers, not seconds")
+            raise DataError(self._path, "its frames have no usable time stamps; use frame numbers, not seconds")
         return bisect_left(self._stamps, self._stamps[0] + round(seconds / self._tick))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class VideoReader:
         except (FFmpegError, OSError, ValueError) as error:
             self._close()
             why = reason(error)
-            raise DataError(f"{self._path}: not a readable video ({why}); check or convert the file") from error
+            raise DataError(self._path, f"not a readable video ({why}); check or convert the file") from error
 
     def _open(self) -> None:
         self._close()

@@ -46,7 +46,7 @@ class PictureFolder:
         self.name = name or clip_name(folder.resolve().name)
         self.paths = images_in(folder)
         if not self.paths:
-            raise DataError(f"{folder}: contains no images; specify the folder with the frames of a clip")
+            raise DataError(folder, "contains no images; specify the folder with the frames of a clip")
         self.count = len(self.paths)
         self.size = image_size(self.paths[0])
 
@@ -56,8 +56,9 @@ class PictureFolder:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
                 raise DataError(
-                    f"{path}: {frame.shape[0]}x{frame.shape[1]}, but the first image is "
-                    f"{self.size[0]}x{self.size[1]}; all images of a clip must have the same size"
+                    path,
+                    f"{frame.shape[0]}x{frame.shape[1]}, but the first image is "
+                    f"{self.size[0]}x{self.size[1]}; all images of a clip must have the same size",
                 )
             yield frame
 
@@ -81,19 +82,20 @@ class VideoFile:
             self._codec = stream.codec_context.name
             times, self.count = self._times(container, stream)
         if self.count < declared:
-            raise DataError(f"{path}: cut short, only {self.count} of {declared} frames are present; copy it again")
+            raise DataError(path, f"cut short, only {self.count} of {declared} frames are present; copy it again")
         self.fps = None if rate is None else Fraction(rate)
         self.variable = _variable(times, tick)
         if self.variable and not evenly:
             low, high = self.variable
             raise DataError(
-                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give "
+                path,
+                f"variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give "
                 f"robustflow prepare gopro-fc the option --fps {float(self.fps or 30):.4g} to treat its frames as "
-                f"evenly spaced, or convert it to a constant rate: {resample_command(path, self.fps)}"
+                f"evenly spaced, or convert it to a constant rate: {resample_command(path, self.fps)}",
             )
         first = next(self.frames(), None)
         if first is None:
-            raise DataError(f"{path}: no frame can be decoded; is it a video?")
+            raise DataError(path, "no frame can be decoded; is it a video?")
         self.size = (first.shape[0], first.shape[1])
 
     def frames(self) -> Iterator[Frame]:
@@ -105,18 +107,16 @@ class VideoFile:
             try:
                 for read, picture in enumerate(container.decode(stream), start=1):
                     if picture.is_corrupt:
-                        raise DataError(f"{self.path}: frame {read - 1} is damaged; copy or convert it again")
+                        raise DataError(self.path, f"frame {read - 1} is damaged; copy or convert it again")
                     frame = upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
-                        raise DataError(
-                            f"{self.path}: the frame size changes at frame {read - 1}; split the file there"
-                        )
+                        raise DataError(self.path, f"the frame size changes at frame {read - 1}; split the file there")
                     yield frame
             except (av.error.FFmpegError, OSError) as error:
-                raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
+                raise DataError(self.path, f"damaged at frame {read} ({reason(error)}); convert it again") from error
         if read < self.count:
-            raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
+            raise DataError(self.path, f"{read} of {self.count} frames can be decoded; copy or convert it again")
 
     def describe(self) -> dict[str, Any]:
         """Return the kind, codec, pixel format and declared rate, and the frame intervals if the rate is variable."""
@@ -140,7 +140,7 @@ class VideoFile:
                     if packet.pts is not None:
                         times.append(packet.pts)
         except (av.error.FFmpegError, OSError) as error:
-            raise DataError(f"{self.path}: damaged ({reason(error)}); copy or convert it again") from error
+            raise DataError(self.path, f"damaged ({reason(error)}); copy or convert it again") from error
         return sorted(times), count
 
 

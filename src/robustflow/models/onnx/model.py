@@ -101,8 +101,9 @@ class OnnxModel(PairNetwork):
         try:
             if not child.pipe.poll(self._time):
                 raise ModelError(
-                    f"{self._path}: {doing} took longer than {self._time:g} s; use a different network, or allow more "
-                    "time with -O time_limit=SECONDS"
+                    self._path,
+                    f"{doing} took longer than {self._time:g} s; use a different network, or allow more "
+                    "time with -O time_limit=SECONDS",
                 )
             value = child.receive(f"{doing} of {self._path}", "allow more with -O memory_limit=GIB")[1]
         except BaseException as error:

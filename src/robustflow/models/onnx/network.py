@@ -159,8 +159,9 @@ def _session(path: Path, device: str, threads: int) -> Any:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:  # onnxruntime has a separate class for each kind of failure
         raise ModelError(
-            f"{path}: onnxruntime {onnxruntime.__version__} cannot load it ({first_line(error)[:300]}); if its size is "
-            "that of the original, update onnxruntime, or export the network again with a lower opset"
+            path,
+            f"onnxruntime {onnxruntime.__version__} cannot load it ({first_line(error)[:300]}); if its size is "
+            "that of the original, update onnxruntime, or export the network again with a lower opset",
         ) from None
     if device != "cpu" and _CUDA not in session.get_providers():
         raise ModelError(f"onnxruntime cannot use device '{device}': its CUDA libraries cannot be loaded; use cpu")
@@ -200,7 +201,7 @@ def _parse(path: Path, content: bytes) -> Any:
     except Exception as error:  # protobuf's own exceptions, and any others that a malicious file causes
         raise damaged(path, error) from None
     if not model.graph.node:
-        raise ModelError(f"{path}: not an ONNX network (it has no operators); export it with torch.onnx.export")
+        raise ModelError(path, "not an ONNX network (it has no operators); export it with torch.onnx.export")
     return model
 
 
@@ -247,14 +248,15 @@ def _weights_sha256(path: Path, name: str) -> str:
         file = (folder / name).resolve()
         if not name or not file.is_relative_to(folder):
             raise ModelError(
-                f"{path}: it reads weights from '{name[:200]}', outside its own folder; get the original "
-                "file, or save it again with its weights in the same folder"
+                path,
+                f"it reads weights from '{name[:200]}', outside its own folder; get the original "
+                "file, or save it again with its weights in the same folder",
             )
         if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
-            raise ModelError(f"{path}: its weights '{name[:200]}' are not a regular file; get the original file")
+            raise ModelError(path, f"its weights '{name[:200]}' are not a regular file; get the original file")
         return sha256_of_file(file)
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
         reason = getattr(error, "strerror", None) or error
         raise ModelError(
-            f"{path}: its weights '{name[:200]}' cannot be read ({reason}); put that file in the same folder"
+            path, f"its weights '{name[:200]}' cannot be read ({reason}); put that file in the same folder"
         ) from None

@@ -217,7 +217,7 @@ def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
             continue
         value = list(value) if isinstance(value, tuple) else value
         if not isinstance(value, kind):
-            raise ModelError(f"{read.path}: its {key} is {value!r}; use the file published by ptlflow")
+            raise ModelError(read.path, f"its {key} is {value!r}; use the file published by ptlflow")
         with _silence():
             setattr(model, key, value)
         recorded[key] = value

@@ -57,7 +57,7 @@ def shipped_weights(name: str) -> ShippedWeights:
             arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (it is not a mapping)
             about = dict(file.metadata() or {})
     except (OSError, SafetensorError) as error:
-        raise AssetError(f"{path}: missing or damaged ({error}); reinstall robustflow") from error
+        raise AssetError(path, f"missing or damaged ({error}); reinstall robustflow") from error
     return ShippedWeights(arrays, digest, about)
 
 

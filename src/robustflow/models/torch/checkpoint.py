@@ -91,9 +91,10 @@ def _check(path: Path, file: BinaryIO) -> None:
         scan_torch_file(file)
     except RefusedError as error:
         raise ModelError(
-            f"{path}: not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run "
+            path,
+            f"not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run "
             "code or exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict "
-            "with torch.save"
+            "with torch.save",
         ) from None
     except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
         raise damaged(path, error) from None
@@ -113,15 +114,14 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
         entries = content if isinstance(content, dict) else {}
         content = next((entries[name] for name in HELD_AS if isinstance(entries.get(name), dict)), content)
     if not isinstance(content, dict) or not content:
-        raise ModelError(
-            f"{path}: contains {type(content).__name__}, not named weights; save the network's state_dict()"
-        )
+        raise ModelError(path, f"contains {type(content).__name__}, not named weights; save the network's state_dict()")
     for key, value in content.items():
         if not (isinstance(key, str) and isinstance(value, Tensor)):
             what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "under a non-string key"
             raise ModelError(
-                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one under "
+                path,
+                f"entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one under "
                 "one of the keys "
-                f"{', '.join(HELD_AS)}"
+                f"{', '.join(HELD_AS)}",
             )
     return dict(content)

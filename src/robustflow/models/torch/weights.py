@@ -46,8 +46,9 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         if not torch.isfinite(weights[key]).all():
             bad = int((~torch.isfinite(weights[key])).sum())
             raise ModelError(
-                f"{checkpoint.path}: {bad} of {value.numel()} values of '{name}' are NaN or infinite; the training "
-                "diverged, or the file is damaged: use a different checkpoint"
+                checkpoint.path,
+                f"{bad} of {value.numel()} values of '{name}' are NaN or infinite; the training "
+                "diverged, or the file is damaged: use a different checkpoint",
             )
     net.load_state_dict(weights, strict=True)
     return ", ".join(sorted(casts)) or None
@@ -66,7 +67,7 @@ def _weights_by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor])
         name = bare_name(key)
         if name in by_name:
             raise ModelError(
-                f"{checkpoint.path}: '{name}' appears under two prefixes; store only one network in the file"
+                checkpoint.path, f"'{name}' appears under two prefixes; store only one network in the file"
             )
         by_name[name] = value
     return by_name
@@ -99,8 +100,9 @@ def _refuse_other_names(
 def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:
     if not is_plain(value) or value.is_floating_point() != target.is_floating_point():
         raise ModelError(
-            f"{checkpoint.path}: '{name}' contains {kind_of(value)}, expected {kind_of(target)}; "
-            "save the weights as plain floating-point tensors"
+            checkpoint.path,
+            f"'{name}' contains {kind_of(value)}, expected {kind_of(target)}; "
+            "save the weights as plain floating-point tensors",
         )
 
 

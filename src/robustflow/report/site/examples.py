@@ -166,7 +166,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         shown = _ExampleList.model_validate_json(data)
     except ValidationError as error:
         raise DataError(
-            f"{folder / EXAMPLES_FILE}: {first_misfit(error)}; delete the folder, or run the command again"
+            folder / EXAMPLES_FILE, f"{first_misfit(error)}; delete the folder, or run the command again"
         ) from error
     clean = _read_of_examples(folder / shown.slider.clean)
     pictures = (

@@ -86,7 +86,7 @@ def collected(folder: Path) -> list[Path]:
         paths.append(folder / entry["file"])
         if hashlib.sha256(read_file(paths[-1])).hexdigest() != entry["sha256"]:
             raise DataError(
-                f"{paths[-1]}: not the file listed in {LIST}; restore it, or remove its entry and add it again"
+                paths[-1], f"not the file listed in {LIST}; restore it, or remove its entry and add it again"
             )
     return paths
 
@@ -98,13 +98,13 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         if (version := document["version"]) != VERSION:
-            raise DataError(f"{path}: has version {str(version)[:20]}, but version {VERSION} is required")
+            raise DataError(path, f"has version {str(version)[:20]}, but version {VERSION} is required")
         entries = [{key: str(entry[key]) for key in _ENTRY} for entry in document["records"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error
+        raise DataError(path, "not a list of records; restore it, or add the records to a new folder") from error
     for entry in entries:
         if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
-            raise DataError(f"{path}: {entry['file'][:60]!r} is not named after its hash; add the record again")
+            raise DataError(path, f"{entry['file'][:60]!r} is not named after its hash; add the record again")
         if not (folder / entry["file"]).is_file():
-            raise DataError(f"{folder / entry['file']}: listed in {LIST} but missing; restore it, or remove its entry")
+            raise DataError(folder / entry["file"], f"listed in {LIST} but missing; restore it, or remove its entry")
     return entries

@@ -53,9 +53,9 @@ def check_text(text: str, where: str) -> None:
     robustflow.core.errors.DataError: author: 'RAFT�[31m' contains a character that cannot be displayed; remove it
     """
     if len(text) > LONGEST:
-        raise DataError(f"{where}: {len(text)} characters, but a record allows at most {LONGEST}; shorten it")
+        raise DataError(where, f"{len(text)} characters, but a record allows at most {LONGEST}; shorten it")
     if not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
-        raise DataError(f"{where}: '{plain(text, 60)}' contains a character that cannot be displayed; remove it")
+        raise DataError(where, f"'{plain(text, 60)}' contains a character that cannot be displayed; remove it")
 
 
 def texts(value: Any) -> Iterator[tuple[str, str]]:
@@ -146,7 +146,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         raise DataError(f"{name} is not a record or is damaged ({reason}); download it or pack it again") from error
     # Header fields that readers ignore could contain anything, so one run could have many SHA-256 hashes.
     if container_bytes(entries) != data:
-        raise DataError(f"{name}: its zip headers differ from those of 'robustflow record pack'; pack the run again")
+        raise DataError(name, "its zip headers differ from those of 'robustflow record pack'; pack the run again")
     return entries
 
 
@@ -160,15 +160,15 @@ def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name:
     for info in infos:
         if info.file_size > LIMITS[info.filename]:
             raise DataError(
-                f"{name}: {info.filename} claims {info.file_size} bytes; the limit is {LIMITS[info.filename]}"
+                name, f"{info.filename} claims {info.file_size} bytes; the limit is {LIMITS[info.filename]}"
             )
         if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
-            raise DataError(f"{name}: {info.filename} is compressed, but the entries of a record must not be")
+            raise DataError(name, f"{info.filename} is compressed, but the entries of a record must not be")
         if info.flag_bits or info.external_attr != 0o100644 << 16 or info.extra or info.comment:
-            raise DataError(f"{name}: {info.filename} is not a plain entry (encrypted, a link, or with extra fields)")
+            raise DataError(name, f"{info.filename} is not a plain entry (encrypted, a link, or with extra fields)")
         if info.header_offset != end:
-            raise DataError(f"{name}: there are bytes between its entries, or two entries overlap")
+            raise DataError(name, "there are bytes between its entries, or two entries overlap")
         end += _LOCAL + len(info.filename) + info.file_size
     directory = sum(_CENTRAL + len(info.filename) for info in infos)
     if file.start_dir != end or size != end + directory + _END or file.comment:
-        raise DataError(f"{name}: there are bytes before or after the record")
+        raise DataError(name, "there are bytes before or after the record")

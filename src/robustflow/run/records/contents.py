@@ -71,7 +71,7 @@ def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Mode
     try:
         return parse(given)
     except ValidationError as error:
-        raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} in total)") from error
+        raise DataError(name, f"{plain(first_misfit(error), 200)} ({error.error_count()} in total)") from error
 
 
 def check_version(record: dict[str, Any]) -> None:

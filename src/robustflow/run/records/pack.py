@@ -45,7 +45,7 @@ def pack(
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
     target = user_path(path) if path is not None else Path(run.path.absolute().name + SUFFIX)
     if target.suffix != SUFFIX:
-        raise UsageError(f"{target}: the name of a record must end in {SUFFIX}")
+        raise UsageError(target, f"the name of a record must end in {SUFFIX}")
     verification = verify_read(Reader(data, str(target)))
     if not verification.ok:
         raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")

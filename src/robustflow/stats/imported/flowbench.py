@@ -76,11 +76,11 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
     (2.0, -0.5)
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise DataError(f"{where}: {plain(repr(value), 40)} is not a number")
+        raise DataError(where, f"{plain(repr(value), 40)} is not a number")
     if not abs(value) <= _LARGEST_NUMBER:  # comparisons with NaN are false
-        raise DataError(f"{where}: {plain(repr(value), 40)} is not a finite number of pixels")
+        raise DataError(where, f"{plain(repr(value), 40)} is not a finite number of pixels")
     if value < 0 and not signed:
-        raise DataError(f"{where}: {float(value):g}: a length in pixels cannot be negative")
+        raise DataError(where, f"{float(value):g}: a length in pixels cannot be negative")
     return float(value)
 
 
@@ -144,7 +144,7 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
     for index, entry in enumerate(content["experiments"], 1):
         where = f"{path}, experiment {index}"
         if not isinstance(entry, dict):
-            raise DataError(f"{where}: not an object")
+            raise DataError(where, "not an object")
         if entry.get("attack") in (_ATTACK, _NONE):
             experiments.append(_experiment(entry, where))
     return experiments
@@ -187,7 +187,7 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
     dataset = entry.get("dataset")
     if dataset not in tuple(FLOWBENCH_DATASETS):
         raise DataError(
-            f"{where}: unknown dataset '{plain(str(dataset), 40)}'; known datasets: {', '.join(FLOWBENCH_DATASETS)}"
+            where, f"unknown dataset '{plain(str(dataset), 40)}'; known datasets: {', '.join(FLOWBENCH_DATASETS)}"
         )
     corruption: Any = CLEAN
     severity: Any = 0
@@ -195,14 +195,14 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
         corruption, severity = entry.get("name"), entry.get("severity")
         if corruption not in FLOWBENCH_CORRUPTIONS:
             known = ", ".join(FLOWBENCH_CORRUPTIONS)
-            raise DataError(f"{where}: unknown corruption '{plain(str(corruption), 40)}'; FlowBench has {known}")
+            raise DataError(where, f"unknown corruption '{plain(str(corruption), 40)}'; FlowBench has {known}")
         if isinstance(severity, bool) or severity not in SEVERITIES:
-            raise DataError(f"{where}: severity {plain(repr(severity), 40)}; expected 1 to 5")
+            raise DataError(where, f"severity {plain(repr(severity), 40)}; expected 1 to 5")
     metrics, *names = (entry.get(part) for part in ("metrics", "model", "checkpoint"))
     if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: 'epe' is missing from its metrics")
+        raise DataError(where, "'epe' is missing from its metrics")
     if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
-        raise DataError(f"{where}: the model or the checkpoint is missing")
+        raise DataError(where, "the model or the checkpoint is missing")
     model, checkpoint = (plain(str(name), 40) for name in names)
     epe = finite_number(metrics["epe"], f"{where}, epe")
     return Experiment(model, checkpoint, dataset, corruption, int(severity), epe)

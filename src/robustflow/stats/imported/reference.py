@@ -61,7 +61,7 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
         if written == CLEAN:
             continue
         if written not in _KNOWN:
-            raise DataError(f"{path}: {unknown_name('corruption', plain(written, 40), _KNOWN)}")
+            raise DataError(path, f"{unknown_name('corruption', plain(written, 40), _KNOWN)}")
         name = _PAPER_NAMES.get(written, written)
         for written_metric, metric in _METRICS.items():
             if written_metric in entry:
@@ -84,7 +84,7 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
 
 def _mean(written: Any, where: str, signed: bool) -> float:
     if not isinstance(written, list) or len(written) != len(SEVERITIES):
-        raise DataError(f"{where}: expected {len(SEVERITIES)} values, one for each severity")
+        raise DataError(where, f"expected {len(SEVERITIES)} values, one for each severity")
     return fsum(finite_number(value, where, signed=signed) for value in written) / len(SEVERITIES)
 
 

@@ -110,8 +110,9 @@ def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPar
         keys = kitti_split(keys).training
         if not keys:
             raise DataError(
-                f"{part.data}: with fewer than 200 pairs, all of them are used for evaluation and none for training; "
-                "use the complete dataset, or use the recipe 'kitti', which trains on every pair"
+                part.data,
+                "with fewer than 200 pairs, all of them are used for evaluation and none for training; "
+                "use the complete dataset, or use the recipe 'kitti', which trains on every pair",
             )
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
