@@ -146,7 +146,7 @@ def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path):
     """Use all corruptions of clips and one corruption of each other kind; a two-frame model gets the same frames."""
     chosen = {"corruptions": [*CLIP, "contrast", "impulse_noise"], "severities": [5]}
     pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
-    one = evaluate("tests.runner.models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
+    one = evaluate("tests.run.models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
     same = ["sample", "corruption", "severity", "frames_digest"]
     assert one.rows.select(same).equals(pairs.rows.select(same))
     dataset = GoProFCPrepared(prepared)

@@ -43,7 +43,7 @@ from robustflow.training.session import run_training  # noqa: E402
 from robustflow.training.validate import ValidationScores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
-from ..runner.processes import descendants  # noqa: E402
+from ..run.processes import descendants  # noqa: E402
 from .progress import (  # noqa: E402
     ONE_THREAD,
     StopAfter,

@@ -23,7 +23,7 @@ from tests.made_rows import made_run
 
 from .models_for_tests import Sure
 
-TEXTURES = "tests.runner.test_confidence:Textures"
+TEXTURES = "tests.run.test_confidence:Textures"
 FAST = ("contrast", "impulse_noise")
 
 
@@ -36,7 +36,7 @@ class Textures(TexturePairs):
 
 def run(folder, model=None, confidence="forward-backward", **options):
     given = {"corruptions": FAST, "severities": [1, 4], **options}
-    spec = model or ModelSpec("tests.runner.models_for_tests:Sure")
+    spec = model or ModelSpec("tests.run.models_for_tests:Sure")
     return rf.evaluate(spec, data=TEXTURES, output=folder, confidence=confidence, **given)
 
 

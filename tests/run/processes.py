@@ -18,7 +18,7 @@ from robustflow.run.store import RunFolder
 
 def start_run(folder: Path, model: str, *options: str, **environment: str) -> subprocess.Popen[str]:
     """Start `robustflow run` with a model of `models_for_tests`, in its own process group."""
-    model = f"tests.runner.models_for_tests:{model}"
+    model = f"tests.run.models_for_tests:{model}"
     command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", model]
     return subprocess.Popen(
         [*command, "--output", str(folder), *options],

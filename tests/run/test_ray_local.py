@@ -124,7 +124,7 @@ def test_address_of_a_different_service_is_refused(tmp_path, scheme, monkeypatch
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
 def test_gpu_number_is_refused_with_ray(tmp_path, devices):
-    spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("device", devices),))
+    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("device", devices),))
     with pytest.raises(UsageError, match=f"--device {devices} is not available with the ray engine: use --device cuda"):
         rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
 
@@ -156,7 +156,7 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     run.communicate()
     finished = rows_so_far(tmp_path / "killed").height
     assert 0 < finished < 1 + 5 * len(FAST)
-    spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("pause", 0.0),))
+    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("pause", 0.0),))
     resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)
     whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)
     assert resumed.rows.equals(whole.rows)

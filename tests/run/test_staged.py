@@ -21,7 +21,7 @@ KEYS = ("0", "1", "2")
 
 
 def _model(**options):
-    return ModelSpec("tests.runner.models_for_tests:Accelerated", tuple(options.items()))
+    return ModelSpec("tests.run.models_for_tests:Accelerated", tuple(options.items()))
 
 
 def _run(output, model, **options):

@@ -134,7 +134,7 @@ def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
     with pytest.raises(UsageError, match=r"only for the two frames of a pair, but this model needs 5"):
         run(
             tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps},
-            model=ModelSpec("tests.runner.models_for_tests:FiveFrames"),
+            model=ModelSpec("tests.run.models_for_tests:FiveFrames"),
         )  # fmt: skip
 
 
@@ -181,7 +181,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
 
 def test_run_accepts_depth_later_and_refuses_changed_maps(tmp_path):
     """Check still scenes of a dataset whose depth is stored in separate files."""
-    module = "tests.runner.test_depth:FilesOfDepth"
+    module = "tests.run.test_depth:FilesOfDepth"
     options = {"folder": str(tmp_path)}
     (tmp_path / "0.depth").write_bytes(b"1")
     begun = run(tmp_path / "run", data=module, benchmark="demo", corruptions=["contrast"], options=options)

@@ -76,7 +76,7 @@ def faults(tmp_path_factory, two_nodes):
 
 
 def _run(folder, frames, **options):
-    model = ModelSpec("tests.runner.models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
+    model = ModelSpec("tests.run.models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
     return rf.evaluate(model, "folder", frames, folder, corruptions=FAST, **options)
 
 
@@ -114,7 +114,7 @@ def test_killed_actor_loses_no_row_and_its_node_is_named(two_nodes, frames, refe
 
 
 def _evaluate_trouble(kind, frames, folder, **options):
-    model = ModelSpec("tests.runner.models_for_tests:Trouble", (("trouble", kind),))
+    model = ModelSpec("tests.run.models_for_tests:Trouble", (("trouble", kind),))
     rf.evaluate(model, "folder", frames, folder, limit=1, **options)
 
 

@@ -28,7 +28,7 @@ from .processes import descendants, finished, rows_so_far, start_run, wait_until
 )
 def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, says):
     options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
-    model = ModelSpec("tests.runner.models_for_tests:Trouble", options)
+    model = ModelSpec("tests.run.models_for_tests:Trouble", options)
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
     with pytest.raises(error, match=says):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, timeout=1.5 if trouble == "hangs" else None)
@@ -36,7 +36,7 @@ def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, troubl
 
 def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
     benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
-    model = ModelSpec("tests.runner.models_for_tests:Accelerated")
+    model = ModelSpec("tests.run.models_for_tests:Accelerated")
     with pytest.raises(RunError, match=r"exit code 18\) while computing sample '1', clean"):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1)
 

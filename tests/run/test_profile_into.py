@@ -58,7 +58,7 @@ def test_profile_of_tiny_is_stored_in_a_run_of_either_runtime(profile, tmp_path,
 
 @pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])
 def test_profiling_a_model_that_is_not_a_network_is_refused(profile, model, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "runner")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
     code, _, err = profile(model)
     assert code == 2
     assert "only PyTorch networks can be profiled" in err

@@ -25,7 +25,7 @@ from .models_for_tests import Trouble
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
-MODELS = "tests.runner.models_for_tests"
+MODELS = "tests.run.models_for_tests"
 HEIGHT, WIDTH = 167, 247
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 

@@ -17,7 +17,7 @@ from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.progress import Silent
 from robustflow.testing import TexturePairs, ZeroFlow
 
-MODELS = "tests.runner.models_for_tests"
+MODELS = "tests.run.models_for_tests"
 KINDS = {
     "pairs": {},
     "clips": {"model": "FiveFrames"},

@@ -28,7 +28,7 @@ from .models_for_tests import FiveFrames
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
-MODEL = "tests.runner.models_for_tests:FiveFrames"
+MODEL = "tests.run.models_for_tests:FiveFrames"
 
 
 class Recorder(ZeroClipFlow):
