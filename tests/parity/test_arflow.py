@@ -7,7 +7,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 
 from robustflow.models.conventions import InputConvention
-from robustflow.models.loading import Execution
+from robustflow.models.devices import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.torch.model import NetworkModel
 

@@ -10,7 +10,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 import torch.nn.functional as F
 
-from robustflow.models.loading import Execution
+from robustflow.models.devices import Execution
 from robustflow.models.networks.flowdiffuser import FlowDiffuser
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.torch.model import NetworkModel

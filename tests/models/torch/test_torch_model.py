@@ -10,7 +10,7 @@ import torch
 from robustflow import evaluate
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models.conventions import InputConvention
-from robustflow.models.loading import Execution
+from robustflow.models.devices import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow
