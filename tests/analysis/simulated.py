@@ -13,7 +13,7 @@ from robustflow.data.datasets.kitti import drive_groups
 from robustflow.data.datasets.split import kitti_split
 from robustflow.metrics.rows import CLEAN
 from tests.made_rows import rows_frame
-from tests.runs.mean_rows import row
+from tests.run.mean_rows import row
 
 _KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
 KITTI_DRIVES = np.unique([drive_groups("kitti2015")[key] for key in _KEYS], return_counts=True)[1]

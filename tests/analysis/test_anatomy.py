@@ -10,7 +10,7 @@ import pytest
 from robustflow.run.aggregate import summarize
 from robustflow.stats.anatomy import error_parts, severity_slopes
 from tests.made_rows import rows_frame
-from tests.runs.mean_rows import row
+from tests.run.mean_rows import row
 
 _row = partial(row, "a", n=100)
 

@@ -17,7 +17,7 @@ from robustflow.stats.run_results import run_results
 from robustflow.stats.uncertainty import compare_all, compare_rows
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run, rows_frame
-from tests.runs.mean_rows import row
+from tests.run.mean_rows import row
 
 from .simulated import PIXELS, rows_of
 

@@ -21,7 +21,7 @@ from robustflow.run.records.collection import LIST, add_records, collected
 from robustflow.run.records.pack import load_any_run, pack, record_bytes
 from robustflow.stats.results_file import read_results, results_csv
 
-from ..records.forge import entries_of, sealed
+from ..run.records.forge import entries_of, sealed
 
 
 @pytest.fixture(scope="module")

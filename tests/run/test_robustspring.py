@@ -25,8 +25,8 @@ from robustflow.stats.results_file import read_results, results_csv
 from robustflow.stats.robustspring import robustspring_results
 from robustflow.stats.run_results import comparison_note, run_results
 from robustflow.testing import ZeroClipFlow
-from tests.records.forge import entries_of as entries_of_record
-from tests.records.forge import failure, sealed, verified
+from tests.run.records.forge import entries_of as entries_of_record
+from tests.run.records.forge import failure, sealed, verified
 
 HEIGHT, WIDTH = 96, 128
 SEQUENCES = {"0003": 3, "0028": 2}

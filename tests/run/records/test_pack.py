@@ -23,7 +23,7 @@ from robustflow.run.shards import write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import changed_identity
 
-from ..runs.edited import edit_rows
+from ..edited import edit_rows
 from .forge import entries_of, with_json
 
 _FLOATS = st.floats(0, 1e18, allow_nan=False) | st.sampled_from([5e-324, 0.1, 1e16, 1e-7, 123456789.12345679])
