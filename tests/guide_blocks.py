@@ -21,7 +21,7 @@ import pytest
 
 from robustflow.cli.main import main
 from robustflow.media.images import write_image
-from tests.video import clips
+from tests.data.video import clips
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 RUNNABLE = ("python", "bash")

@@ -21,8 +21,8 @@ from starlette.responses import PlainTextResponse
 from robustflow.app.serve import Guard
 from robustflow.app.uploads import UploadFolder
 from robustflow.cli.main import main
+from tests.data.video import clips
 
-from ..video import clips
 from .launch import SCRIPTED, after, running_app
 
 

@@ -14,8 +14,8 @@ from PIL import Image
 import robustflow as rf
 from robustflow.app.pairs import KEPT
 from robustflow.media.flow import flo_bytes
+from tests.data.video import clips
 
-from ..video import clips
 from .library import direct_numbers
 
 MAX_BYTES = 64 * 2**20

@@ -17,8 +17,8 @@ import robustflow as rf
 from robustflow import load_run
 from robustflow.core.errors import DataError
 from robustflow.testing import ZeroFlow
+from tests.data.video import clips
 
-from ..video import clips
 from .conftest import WHOLE_DEMO, write_frames
 
 

@@ -6,8 +6,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.media.images import read_image, write_image
-
-from ..video import clips
+from tests.data.video import clips
 
 
 @pytest.fixture

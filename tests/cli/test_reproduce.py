@@ -9,8 +9,8 @@ from robustflow.api import evaluate, load_run
 from robustflow.paper.plan import ARTEFACTS, choose, paper_variants
 from robustflow.paper.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
 from robustflow.stats.published.tables import published_results
-from tests.datasets.layouts import flow, picture
-from tests.video import clips
+from tests.data.datasets.layouts import flow, picture
+from tests.data.video import clips
 
 SAME = ("the published average is over the same corruptions", "the published values are over all five severities")
 NARROW = ("--models", "dis,farneback", "--corruptions", "contrast,jpeg_compression", "--severities", "1")

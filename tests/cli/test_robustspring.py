@@ -12,8 +12,7 @@ from robustflow.media.flow import read_flow, write_flow
 from robustflow.media.images import read_image
 from robustflow.models import load_model
 from robustflow.stats.results_file import read_results
-
-from ..datasets import layouts
+from tests.data.datasets import layouts
 
 h5py = pytest.importorskip("h5py", reason="needs the extra h5")
 

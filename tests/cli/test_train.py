@@ -14,8 +14,7 @@ from robustflow.data.datasets import dataset_facts
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe
 from robustflow.training.request import DataPlan
-
-from ..datasets import layouts
+from tests.data.datasets import layouts
 
 pytestmark = pytest.mark.training
 

@@ -21,7 +21,7 @@ from robustflow.run.setup import restore_setup
 from robustflow.run.source import RunSource
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
-from tests.video import clips
+from tests.data.video import clips
 
 from .conftest import FAST, FRAMES, SMALLEST
 from .models_for_tests import FiveFrames

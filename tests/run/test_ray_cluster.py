@@ -27,8 +27,8 @@ from robustflow.run.engines.base import Job
 from robustflow.run.engines.ray_actor import UnitActor, installed
 from robustflow.run.engines.ray_prepare import prepare_on_ray
 from robustflow.run.plan import RunOptions
+from tests.data.video import clips
 
-from ..video import clips
 from .conftest import FAST
 from .processes import rows_so_far
 from .ray_nodes import cluster

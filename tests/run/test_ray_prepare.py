@@ -8,8 +8,7 @@ from robustflow.core.errors import RunError
 from robustflow.data.video.prepare import Preparation
 from robustflow.data.video.prepare_folder import find_sources
 from robustflow.run.engines import ray_prepare
-
-from ..video import clips
+from tests.data.video import clips
 
 pytestmark = pytest.mark.ray
 

@@ -17,8 +17,7 @@ from skimage import data
 from robustflow.core.errors import DataError
 from robustflow.media.flow import read_flow
 from robustflow.media.images import read_image
-
-from ..refusals import refused
+from tests.refusals import refused
 
 PICTURE = data.astronaut()[:96, :128]
 

@@ -16,8 +16,7 @@ from PIL import Image
 
 from robustflow.core.errors import AssetError, DataError
 from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
-
-from ..refusals import refused
+from tests.refusals import refused
 
 SHAPES = st.tuples(st.integers(1, 7), st.integers(1, 7))
 quick = settings(

@@ -38,7 +38,7 @@ from robustflow.run.records.pack import pack
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
-from tests.datasets.layouts import picture
+from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
 from tests.refusals import refused
 
@@ -271,7 +271,7 @@ def test_unusable_paths_are_refused_in_one_line(tmp_path):
 @pytest.fixture(scope="module")
 def quick_subset():
     """The script that chose the quick subset."""
-    spec = spec_from_file_location("quick_subset", Path(__file__).parents[2] / "bench/quick_subset.py")
+    spec = spec_from_file_location("quick_subset", Path(__file__).parents[3] / "bench/quick_subset.py")
     module = sys.modules[spec.name] = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -67,11 +67,11 @@ def test_uninitialised_memory_does_not_change_the_encoded_bytes(encoding):
 import hashlib, sys
 from fractions import Fraction
 from robustflow.data.video.codec import Encoder, Encoding
-from tests.video.clips import pictures
+from tests.data.video.clips import pictures
 encoder = Encoder(96, 128, Fraction(960), {encoding!r})
 print(hashlib.sha256(b"".join(p.data for p in encoder.encode(enumerate(pictures(30, 96, 128))))).hexdigest())
 """
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     results = set()
     for perturb in ("1", "200"):
         environment = os.environ | {"MALLOC_PERTURB_": perturb, "PYTHONPATH": str(root)}

@@ -22,8 +22,8 @@ from robustflow.data.datasets.robustspring import RobustSpring
 from robustflow.media.images import read_image
 from robustflow.models.provenance import Training
 from robustflow.testing import check_dataset
+from tests.refusals import refused
 
-from ..refusals import refused
 from .layouts import robustspring
 
 FOG, RAIN = "robustspring_fog", "robustspring_rain"

@@ -15,8 +15,7 @@ import pytest
 
 from robustflow.core.errors import DataError
 from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
-
-from .. import refusals
+from tests import refusals
 
 FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)
 

@@ -9,7 +9,7 @@ from robustflow.core.errors import DataError
 from robustflow.data.datasets import load_dataset
 from robustflow.data.datasets.base import Clips, CorruptedClips, has_clips
 from robustflow.media.images import read_image
-from tests.video import clips
+from tests.data.video import clips
 
 from .layouts import HEIGHT, flow, kitti, picture, sintel, spring
 

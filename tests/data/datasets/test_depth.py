@@ -22,9 +22,9 @@ from robustflow.data.datasets.shapes.render import layer_depths
 from robustflow.data.datasets.still import Still
 from robustflow.media.depth import read_depth_pfm
 from robustflow.media.images import write_image
+from tests.corruptions.pictures import picture
+from tests.refusals import refused
 
-from ..corruptions.pictures import picture
-from ..refusals import refused
 from .layouts import placed
 
 CAMERA = Camera((10.0, 10.0), (2.0, 2.0))

@@ -17,8 +17,8 @@ from robustflow.data.datasets import Dataset, load_dataset
 from robustflow.data.video.container import upright
 from robustflow.data.video.reader import VideoReader
 from robustflow.media.images import read_image
+from tests.data.video.videos import video, write_video
 
-from ..video.videos import video, write_video
 from . import layouts
 from .layouts import picture
 

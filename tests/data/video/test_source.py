@@ -15,8 +15,8 @@ from robustflow.data.video.codec import rgb_to_i420
 from robustflow.data.video.reader import VideoReader
 from robustflow.data.video.source import PictureFolder, VideoFile
 from robustflow.media.images import write_image
+from tests.refusals import refused
 
-from ..refusals import refused
 from . import clips
 from .videos import video
 

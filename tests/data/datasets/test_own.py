@@ -9,9 +9,8 @@ import robustflow as rf
 from robustflow.core.errors import DataError, RunError, UsageError
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.testing import ZeroFlow, check_dataset
-
-from ..refusals import refused
-from ..video.videos import write_video
+from tests.data.video.videos import write_video
+from tests.refusals import refused
 
 MODULE = """
 from pathlib import Path

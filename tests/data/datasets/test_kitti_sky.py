@@ -5,8 +5,7 @@ import pytest
 
 from robustflow.data.datasets import load_dataset
 from robustflow.data.datasets.kitti import sky
-
-from ..shared_data import shared_folder
+from tests.shared_data import shared_folder
 
 OPEN = [(slice(0, 60), slice(340, 370)), (slice(10, 60), slice(490, 540)), (slice(0, 90), slice(700, 750))]
 """Boxes of pair 000010 that show only sky."""

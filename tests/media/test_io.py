@@ -14,8 +14,7 @@ from PIL import Image
 
 from robustflow.core.errors import DataError
 from robustflow.media.images import image_size, read_image, read_mask, stored_size, write_image
-
-from .. import refusals
+from tests import refusals
 
 RGB = (np.arange(12 * 17 * 3).reshape(12, 17, 3) * 37 % 251).astype(np.uint8)
 

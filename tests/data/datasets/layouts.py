@@ -12,8 +12,7 @@ from robustflow.core.errors import DataError
 from robustflow.data.datasets import Dataset, load_dataset
 from robustflow.media.flow import read_flow, write_flow
 from robustflow.media.images import read_image
-
-from .. import refusals
+from tests import refusals
 
 HEIGHT, WIDTH = 6, 8
 

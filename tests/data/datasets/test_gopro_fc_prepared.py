@@ -25,7 +25,7 @@ from robustflow.data.video.open_clip import check_master
 from robustflow.data.video.prepare import Preparation
 from robustflow.data.video.prepare_folder import find_sources, prepare_folder
 from robustflow.media.images import read_image
-from tests.video import clips
+from tests.data.video import clips
 
 from .layouts import picture
 

@@ -13,8 +13,7 @@ from scipy.ndimage import map_coordinates
 from robustflow.core.types import Sample
 from robustflow.data.datasets import load_dataset
 from robustflow.media.flow import read_flow
-
-from ..shared_data import shared_root
+from tests.shared_data import shared_root
 
 MANIFEST = shared_root() / "data" / "MANIFEST.md"
 
