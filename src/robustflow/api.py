@@ -16,6 +16,7 @@ from .data.datasets.registry import with_absolute_paths
 from .models import ModelSpec
 from .models.base import AnyModel
 from .report.site.page import write_report
+from .run.config import RunConfig
 from .run.costs import RunCost, read_cost
 from .run.records.pack import load_any_run
 from .run.run import Run
@@ -201,6 +202,7 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    config = RunConfig.of(locals())
     from .core.processes import refuse_unguarded_script
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
@@ -219,18 +221,7 @@ def evaluate(
     opened = open_benchmark(benchmark, data, split, data_options, variant, still)
     within = opened if subset is None else opened.subset(subset)
     chosen = within.narrowed(corruptions, severities, limit, attacks)
-    setup = set_up(
-        model,
-        chosen,
-        seed=seed,
-        variant=variant,
-        severity_scale=severity_scale,
-        allow_invalid=allow_invalid,
-        confidence=confidence,
-        draws=draws,
-        common_draws=common_draws,
-        name=name,
-    )
+    setup = set_up(model, chosen, config)
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(
         engine, workers, timeout, address, setup.model, (setup.dataset, setup.options), bool(chosen.attacks)

@@ -33,6 +33,7 @@ from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.media.images import write_image
+from robustflow.run.config import FrameOptions
 from robustflow.run.frame_stage import frames_digest
 from robustflow.run.plan import Plan, RunOptions
 from robustflow.testing import ZeroFlow
@@ -212,7 +213,9 @@ def test_run_without_any_remaining_condition_is_refused(tmp_path):
 
 def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkeypatch, tmp_path):
     benchmark = load_benchmark("demo")
-    paper, calibrated = (Plan(benchmark, RunOptions(severity_scale=s), {}) for s in ("paper", "calibrated"))
+    paper, calibrated = (
+        Plan(benchmark, RunOptions(FrameOptions(severity_scale=s)), {}) for s in ("paper", "calibrated")
+    )
     assert "severity_scale" not in paper.identity()
     assert paper.digest() == Plan(benchmark, RunOptions(), {}).digest() != calibrated.digest()
     before = calibrated.digest(), calibration_digest()

@@ -10,6 +10,7 @@ from robustflow.api import evaluate, load_run
 from robustflow.corruptions.scale import calibration_digest
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.cells import Cells
+from robustflow.run.config import FrameOptions, MeasuringOptions
 from robustflow.run.manifest import Manifest
 from robustflow.run.plan import Plan, RunOptions, Unit, unfinished_samples
 from robustflow.testing import ZeroFlow
@@ -56,7 +57,7 @@ def test_missing_units_and_done_cells_are_the_whole_plan(benchmark, done):
 
 def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted(benchmark):
     whole = replace(benchmark, corruptions=("fog", "h264_crf"), attacks=())
-    plan = Plan(whole, RunOptions(severity_scale="calibrated"), {})
+    plan = Plan(whole, RunOptions(FrameOptions(severity_scale="calibrated")), {})
     assert plan.left_out() == {"h264_crf": (1, 3)}
     assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
     assert plan.count() == len(plan.units()) == 4
@@ -74,9 +75,10 @@ def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_
 
 def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):
     plain = Plan(benchmark, RunOptions(), {}).identity()
-    assert plain.frames.severity_scale is None
+    assert plain.frames.severity_scale == "paper"
     assert (plain.frames.common_draws, plain.measuring.allow_invalid) == (False, False)
-    chosen = RunOptions(severity_scale="calibrated", common_draws=True, allow_invalid=True)
+    frames = FrameOptions(severity_scale="calibrated", common_draws=True)
+    chosen = RunOptions(frames, MeasuringOptions(allow_invalid=True))
     other = Plan(benchmark, chosen, {}).identity()
     assert other.frames.severity_scale == f"calibrated {calibration_digest()}"
     assert (other.frames.common_draws, other.measuring.allow_invalid) == (True, True)

@@ -70,7 +70,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     against its digest, or else trained in batches of `batch_size` pairs and stored there.
     """
     options = plan.options
-    attacks = attacks_in_run(options.attacks, options.variant)
+    attacks = attacks_in_run(options.attacks, options.frames.variant)
     trained = {name: one.training(model) for name, one in attacks.items()}
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
@@ -101,10 +101,10 @@ def _trained(attack: Attack, plan: Plan, model: AnyModel, severity: int, batch_s
     assert isinstance(attack, Trained)
     options, benchmark = plan.options, plan.benchmark
     pairs = []
-    for key in training_keys(attack, benchmark, options.seed):
-        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.seed)
+    for key in training_keys(attack, benchmark, options.frames.seed):
+        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.frames.seed)
         pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
-    rng = Rng.of(options.seed, "attack training", attack.name, severity)
+    rng = Rng.of(options.frames.seed, "attack training", attack.name, severity)
     return attack.learn(model, pairs, rng, batch_size)
 
 
@@ -123,7 +123,7 @@ class AttackStage:
             register_attack(made)
         self._attacks = {
             name: one.with_learned(options.learned)
-            for name, one in attacks_in_run(options.attacks, options.variant).items()
+            for name, one in attacks_in_run(options.attacks, options.frames.variant).items()
         }
         self._model = model
         self._options = options
@@ -142,7 +142,7 @@ class AttackStage:
                 self._warnings = self._warnings_of_model(targets[0][0])
             attack = self._attacks[name]
             pairs = [
-                (pair_of_sample(attack, sample, severity, self._options.seed), clean)
+                (pair_of_sample(attack, sample, severity, self._options.frames.seed), clean)
                 for sample, clean, (_, _, severity) in targets
             ]
             self._on_predict(describe_cells(cells))

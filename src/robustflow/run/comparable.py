@@ -24,6 +24,7 @@ from ..data.benchmarks.facts import truth_remark
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..metrics.summary import has_gaps
 from .cells import UNEVEN
+from .config import FrameOptions, option_of
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
@@ -238,10 +239,11 @@ def _digits(value: Any) -> str:
 
 _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "dataset": lambda value: f"dataset {value}",
-    "seed": lambda value: f"seed {value}",
-    "variant": lambda value: f"{value} corruptions",
-    "severity_scale": lambda value: f"{value or 'paper'} severities",
-    "common_draws": lambda value: "one draw for all severities" if value else "one draw for each severity",
+    **{
+        name: option.words
+        for name, field in FrameOptions.model_fields.items()
+        if (option := option_of(field)) is not None and option.words is not None
+    },
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
     "attacks": lambda value: f"attacks {value}",

@@ -65,7 +65,8 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     before = stored[last_changed(plan, stored)]
     only_data = job.options.window is None and is_named_by_content(plan.model_identity)
     model = NoMotion() if only_data else job.load_model()
-    options = replace(job.options, confidence=None) if only_data else job.options
+    alone = job.options.measuring.model_copy(update={"confidence": None})
+    options = replace(job.options, measuring=alone) if only_data else job.options
     with temporary_worker(job.dataset, model, options) as worker:
         (now,) = worker.run(Unit(before["sample"], CLEAN, (0,)))
     check_same_data(before, now)

@@ -108,20 +108,22 @@ class FrameStage:
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         """Return the frames of a sample under the first draw of a corruption, in the sample's order."""
-        frames = self._corrupted(sample, name, severity, self._options.seed)
+        frames = self._corrupted(sample, name, severity, self._options.frames.seed)
         if self._options.pictures is not None:
             keep_picture(self._options.pictures, frames, sample.frames, name, severity)
         return frames
 
     def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
         with memory_errors_named(describe_cell(sample.key, name, severity)), timed(self._seconds, "corrupt"):
-            paper = self._options.severity_scale == "paper"  # precomputed corrupted frames have the paper's severities
+            paper = (
+                self._options.frames.severity_scale == "paper"
+            )  # precomputed corrupted frames have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(
-                    name, self._options.variant, self._options.severity_scale, self._options.classes
+                    name, self._options.frames.variant, self._options.frames.severity_scale, self._options.classes
                 )
             corruption = self._corruptions[name]
             frames = self._applied(sample, corruption, severity, seed)
@@ -136,7 +138,7 @@ class FrameStage:
             return frames
 
     def _applied(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
-        common = self._options.common_draws
+        common = self._options.frames.common_draws
         if self._context is not None:
             return self._context.corrupt(sample, corruption, severity, seed, common)
         depth = self._depth(sample) if corruption.needs_depth else None
@@ -158,7 +160,7 @@ class FrameStage:
         the model expects. Clean frames and attacks have one draw, which is repeated."""
         key, name, severity = cell
         draws = [frames]
-        for seed in range(self._options.seed + 1, self._options.seed + self._options.draws):
+        for seed in range(self._options.frames.seed + 1, self._options.frames.seed + self._options.measuring.draws):
             draws.append(frames if name == CLEAN else self._corrupted(sample, name, severity, seed))
         if self._context is None:
             return PredictionRequest(cell, tuple(chain.from_iterable(draws)), draws=len(draws))

@@ -20,9 +20,11 @@ from pydantic import Field, JsonValue
 from ..core.errors import UsageError
 from ..core.files import digest_of_value
 from ..core.validated import Untrusted
+from ..corruptions.scale import calibration_digest
 from ..data.benchmarks.facts import EXPORTED
 from ..data.benchmarks.setting import BACKBONE_NOTE, PAIRS_NOTE, judge
 from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training
+from .config import FrameOptions, MeasuringOptions
 
 IDENTITY_VERSION = 2
 
@@ -44,20 +46,18 @@ class _IdentityPart(Untrusted):
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
-class FrameIdentity(_IdentityPart):
+class FrameIdentity(FrameOptions, _IdentityPart):
     """Everything that determines the frames and the ground truth, except the choice of samples, corruptions and
-    severities.
+    severities: the options, and what they are applied to.
     """
 
     benchmark: Text
     dataset: Text
     protocol: dict[str, JsonValue]
-    seed: int
+    seed: int  # required, as in every earlier manifest: without a default it is always stored
     variant: Text
     streams: int
     attacks: int
-    severity_scale: Text | None = None
-    common_draws: bool = False
     psf: Text | None = None
     depth: Text | None = None
     corruptions: dict[Text, Text] = {}
@@ -70,7 +70,7 @@ class FrameIdentity(_IdentityPart):
         made: dict[str, JsonValue] = {
             "seed": self.seed,
             "variant": self.variant,
-            "severity_scale": self.severity_scale or "paper",
+            "severity_scale": self.severity_scale,
         }
         exported = self.protocol if EXPORTED.items() <= self.protocol.items() else {}
         return made | {name: value for name, value in exported.items() if type(value) is type(made.get(name))}
@@ -78,7 +78,13 @@ class FrameIdentity(_IdentityPart):
     @property
     def scale(self) -> str:
         """Return the name of the severity scale: "paper" or "calibrated"."""
-        return (self.severity_scale or "paper").partition(" ")[0]
+        return self.severity_scale.partition(" ")[0]
+
+    @property
+    def options(self) -> FrameOptions:
+        """Return the options of the run."""
+        given = {name: getattr(self, name) for name in FrameOptions.model_fields}
+        return FrameOptions(**given | {"severity_scale": self.scale})
 
 
 class ModelIdentity(_IdentityPart):
@@ -89,15 +95,17 @@ class ModelIdentity(_IdentityPart):
     window: dict[str, JsonValue] | None = None
 
 
-class Measuring(_IdentityPart):
-    """Versions of identity and rows, whether predictions may be NaN or infinite, the confidence that is measured
-    (`robustflow.models.confidence`), and the number of draws of each corruption."""
+class Measuring(MeasuringOptions, _IdentityPart):
+    """Versions of identity and rows, and the options of measuring."""
 
     version: int
     rows: int
-    allow_invalid: bool
-    confidence: Text | None = None
-    draws: int = Field(default=1, ge=1)
+    allow_invalid: bool  # required, as the seed
+
+    @property
+    def options(self) -> MeasuringOptions:
+        """Return the options of the run."""
+        return MeasuringOptions(**{name: getattr(self, name) for name in MeasuringOptions.model_fields})
 
 
 class Identity(_IdentityPart):
@@ -132,6 +140,11 @@ class Identity(_IdentityPart):
         if differing_fields(self, before) != "corruptions":
             return []
         return [name for name in current if name in recorded and current[name] != recorded[name]]
+
+
+def recorded_scale(scale: str) -> str:
+    """Return a severity scale as an identity names it: with the digest of the calibration."""
+    return f"calibrated {calibration_digest()}" if scale == "calibrated" else scale
 
 
 def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:

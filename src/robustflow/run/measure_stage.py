@@ -117,8 +117,8 @@ class MeasureStage:
         seconds: Seconds,
     ) -> None:
         self._truths = dict.fromkeys((CLEAN, *options.attacks), "unchanged")
-        self._allow_invalid = options.allow_invalid
-        self._draws = options.draws
+        self._allow_invalid = options.measuring.allow_invalid
+        self._draws = options.measuring.draws
         self._clean_path = clean_path
         self._kept = kept
         self._seconds = seconds

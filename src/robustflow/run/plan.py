@@ -13,14 +13,23 @@ from typing import Any
 from ..attacks.registry import ATTACK_VERSION
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.base import Corruption
-from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
 from .cells import Cell, Cells
-from .identity import IDENTITY_VERSION, UNDECLARED, FrameIdentity, Identity, Measuring, ModelIdentity, Provenance
+from .config import FrameOptions, MeasuringOptions
+from .identity import (
+    IDENTITY_VERSION,
+    UNDECLARED,
+    FrameIdentity,
+    Identity,
+    Measuring,
+    ModelIdentity,
+    Provenance,
+    recorded_scale,
+)
 from .manifest import Manifest
 
 
@@ -42,16 +51,12 @@ class Unit:
 class RunOptions:
     """Options that change the results, apart from the benchmark and the model."""
 
-    seed: int = 0
-    variant: str = "default"
-    allow_invalid: bool = False
-    severity_scale: str = "paper"
+    frames: FrameOptions = field(default_factory=FrameOptions)
+    measuring: MeasuringOptions = field(default_factory=MeasuringOptions)
     sources: Mapping[str, Any] = field(default_factory=dict)
     """Keys of the user's files that affect corrupted frames (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
-    common_draws: bool = False
-    """Whether the five severities of a pair share one draw."""
     own: tuple[Any, ...] = ()
     """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
@@ -64,12 +69,8 @@ class RunOptions:
     """Trained perturbations by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
     """Digests, by attack, of everything except its name that affects it."""
-    confidence: str | None = None
-    """The confidence that the model predicts in addition to its flow (see `models.confidence`)."""
     depth: Depths | None = None
     """The source of depth for corruptions that need it; None if there is no depth."""
-    draws: int = 1
-    """The number of draws of each corruption, with `seed` and the following seeds, for the spread of the flow."""
     run: str = ""
     """Digest of the run's identity, by which clean flows of a different run in the same folder are recognized."""
     pictures: Path | None = None
@@ -104,7 +105,7 @@ class Plan:
 
     def cells(self) -> Cells:
         """Return the cells of a complete run."""
-        chosen, scale = self.benchmark, self.options.severity_scale
+        chosen, scale = self.benchmark, self.options.frames.severity_scale
         levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
         corruptions = {name: of_name for name, of_name in levels.items() if of_name}
         attacks = dict.fromkeys(chosen.attacks, chosen.severities)
@@ -113,7 +114,9 @@ class Plan:
     def left_out(self) -> dict[str, tuple[int, ...]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
         levels = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
-        lacking = {name: lacking_levels(name, of_name, self.options.severity_scale) for name, of_name in levels.items()}
+        lacking = {
+            name: lacking_levels(name, of_name, self.options.frames.severity_scale) for name, of_name in levels.items()
+        }
         return {name: of_name for name, of_name in lacking.items() if of_name}
 
     def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
@@ -133,12 +136,9 @@ class Plan:
                 benchmark=self.benchmark.name,
                 dataset=self.benchmark.dataset.name,
                 protocol=_json_types(self.benchmark.protocol),
-                seed=options.seed,
-                variant=options.variant,
+                **dict(options.frames) | {"severity_scale": recorded_scale(options.frames.severity_scale)},
                 streams=STREAM_VERSION,
                 attacks=ATTACK_VERSION,
-                severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
-                common_draws=options.common_draws,
                 depth=self.benchmark.own_depth.digest if self.benchmark.own_depth is not None else None,
                 attack_sources=dict(options.attack_sources),
                 **options.sources,
@@ -147,13 +147,7 @@ class Plan:
                 settings=_json_types(self.model_identity),
                 window=options.window.record() if options.window else None,
             ),
-            measuring=Measuring(
-                version=IDENTITY_VERSION,
-                rows=ROW_SCHEMA_VERSION,
-                allow_invalid=options.allow_invalid,
-                confidence=options.confidence,
-                draws=options.draws,
-            ),
+            measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, **dict(options.measuring)),
         )
 
     def digest(self) -> str:

@@ -24,6 +24,7 @@ from ..media.flow import read_flow, write_flow
 from ..media.images import image_size, write_image
 from ..models import ModelSpec
 from ..models.base import AnyModel
+from .config import MeasuringOptions
 from .named_model import load_predictor
 from .plan import RunOptions
 from .worker import temporary_worker
@@ -84,7 +85,7 @@ def predict_flows(
 
 def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
     """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a dataset."""
-    options = RunOptions(allow_invalid=True, window=window_on(model, dataset))
+    options = RunOptions(measuring=MeasuringOptions(allow_invalid=True), window=window_on(model, dataset))
     with temporary_worker(dataset, model, options) as worker:
         for key in keys:
             yield key, worker.clean_flow(key)

@@ -53,7 +53,8 @@ def recheck(
     predictor: AnyModel = NoMotion()
     if model is not None:
         predictor = name_model(model).model
-        run_options = replace(run_options, window=window_on(predictor, dataset), draws=identity.measuring.draws)
+        measuring = run_options.measuring.model_copy(update={"draws": identity.measuring.draws})
+        run_options = replace(run_options, window=window_on(predictor, dataset), measuring=measuring)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
     known = set(dataset.keys())

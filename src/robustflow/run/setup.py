@@ -9,7 +9,6 @@ from typing import Any
 
 from ..attacks.own import own_attacks_among
 from ..core.errors import RobustFlowError, RunError, UsageError
-from ..core.rng import check_seed
 from ..core.text import plain
 from ..corruptions import load_corruption
 from ..corruptions.api import user_sources
@@ -25,8 +24,8 @@ from ..data.datasets.clips import window_on
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
-from ..models.conventions import check_count
 from .attack_stage import check_attacks
+from .config import DEFAULTS, MeasuringOptions, RunConfig
 from .identity import FrameIdentity, Identity, Provenance, checked_name, differing_fields
 from .named_model import NamedModel, name_model
 from .plan import Plan, RunOptions, left_out_sentence
@@ -55,18 +54,11 @@ class Setup:
 def set_up(
     model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
     benchmark: Benchmark,
-    *,
-    seed: int = 0,
-    variant: str = "default",
-    severity_scale: str = "paper",
-    allow_invalid: bool = False,
-    common_draws: bool = False,
-    confidence: str | None = None,
-    draws: int = 1,
-    name: str | None = None,
+    config: RunConfig = DEFAULTS,
 ) -> Setup:
-    """Set up a run from a request: check the request and load the model, without computing anything."""
-    seed = check_seed(seed)
+    """Check a request and load its model, without computing anything."""
+    frames, measuring, name = config.frames, config.measuring, config.output.name
+    variant, severity_scale = frames.variant, frames.severity_scale
     for corruption in benchmark.corruptions:
         if not benchmark.closed or on_disk(corruption) is None:
             load_corruption(corruption, variant, severity_scale)
@@ -78,9 +70,9 @@ def set_up(
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("flow files cannot be used with --still; omit --still, or choose a model that predicts")
-    check_confidence(confidence, named.model)
-    _check_draws(draws, benchmark, confidence)
-    attack_sources = check_attacks(benchmark, seed, variant, named.model)
+    check_confidence(measuring.confidence, named.model)
+    _check_draws(measuring, benchmark)
+    attack_sources = check_attacks(benchmark, frames.seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
         raise UsageError(
@@ -88,18 +80,13 @@ def set_up(
             f"{window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
         )
     options = RunOptions(
-        seed=seed,
-        variant=variant,
-        allow_invalid=allow_invalid,
-        severity_scale=severity_scale,
+        frames,
+        measuring,
         window=window,
-        common_draws=common_draws,
         **_benchmark_options(benchmark, benchmark.corruptions, variant),
         attacks=benchmark.attacks,
         own_attacks=own_attacks_among(benchmark.attacks),
         attack_sources=attack_sources,
-        confidence=confidence,
-        draws=draws,
     )
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     provenance = Provenance.of(named.training, benchmark.name, benchmark.keys, benchmark.protocol)
@@ -112,11 +99,10 @@ def set_up(
     return Setup(plan, named)
 
 
-def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
-    check_count("draws", draws)
-    if draws > 1 and benchmark.closed:
+def _check_draws(measuring: MeasuringOptions, benchmark: Benchmark) -> None:
+    if measuring.draws > 1 and benchmark.closed:
         raise UsageError("these frames were corrupted beforehand, with one draw; omit --seeds")
-    if draws > 1 and confidence is not None:
+    if measuring.draws > 1 and measuring.confidence is not None:
         raise UsageError("a run measures either a confidence or the spread over seeds; omit one of the two")
 
 
@@ -130,13 +116,9 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
         named = name_model(source.model)
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
-    options = replace(
-        _options_of(identity, benchmark),
-        window=window_on(named.model, benchmark.dataset),
-        confidence=identity.measuring.confidence,
-        draws=identity.measuring.draws,
-    )
-    check_confidence(options.confidence, named.model)
+    measuring, window = identity.measuring.options, window_on(named.model, benchmark.dataset)
+    options = replace(_options_of(identity, benchmark), measuring=measuring, window=window)
+    check_confidence(measuring.confidence, named.model)
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
         raise RunError(
@@ -151,8 +133,7 @@ def set_up_frames(
 ) -> tuple[Dataset, RunOptions]:
     """Return the dataset and options needed to recompute the frames of a run without its model."""
     benchmark = _benchmark_of(identity.frames, data, data_options)
-    # invalid pixels depend on a model, which is not used here
-    options = replace(_options_of(identity, benchmark), allow_invalid=True)
+    options = _options_of(identity, benchmark)
     made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
     if made != recorded:
         differing = differing_fields(made, recorded)
@@ -220,11 +201,8 @@ def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
                 "--own-corruption MODULE:ATTRIBUTE, or install its package"
             )
     return RunOptions(
-        seed=frames.seed,
-        variant=frames.variant,
-        allow_invalid=identity.measuring.allow_invalid,
-        severity_scale=frames.scale,
-        common_draws=frames.common_draws,
+        frames.options,
+        MeasuringOptions(allow_invalid=True),  # invalid pixels depend on the model, which may be absent
         attack_sources=frames.attack_sources,
         **_benchmark_options(benchmark, frames.corruptions, frames.variant),
     )

@@ -52,7 +52,7 @@ class Worker:
     ) -> None:
         self.seconds = no_seconds()
         self._frames = FrameStage(dataset, options, self.seconds)
-        self._model = PredictStage(model, options.confidence, self.seconds, on_predict)
+        self._model = PredictStage(model, options.measuring.confidence, self.seconds, on_predict)
         self._attacks = AttackStage(model, options, self.seconds, on_predict)
         self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
         self._batch_size = batch_size

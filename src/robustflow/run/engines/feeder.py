@@ -231,7 +231,8 @@ class _Feeder:
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
         self._batch_size = job.batch_size
-        self._channels = 3 if job.options.draws > 1 else CHANNELS[job.options.confidence]
+        measuring = job.options.measuring
+        self._channels = 3 if measuring.draws > 1 else CHANNELS[measuring.confidence]
         self._seconds = no_seconds()
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
         self._measure = MeasureStage(job.options, job.clean_path, job.kept, self._seconds)

@@ -167,7 +167,7 @@ class _PredictorHandle:
 
     def __init__(self, job: Job, device: str | None, links: list[Link], timeout: float | None) -> None:
         model = job.model.on(device) if isinstance(job.model, ModelSpec) and device is not None else job.model
-        self.child = Child(predict_forever, model, job.options.confidence, links)
+        self.child = Child(predict_forever, model, job.options.measuring.confidence, links)
         self.timeout = PredictionTimeout(timeout)
 
     def handle_message(self, schedule: CellSchedule) -> None:
