@@ -43,6 +43,7 @@ from robustflow.training.session import run_training  # noqa: E402
 from robustflow.training.validate import ValidationScores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
+from ..refusals import refusal  # noqa: E402
 from ..run.processes import descendants  # noqa: E402
 from .progress import (  # noqa: E402
     ONE_THREAD,
@@ -166,8 +167,9 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
             os.kill(child.pid, signal.SIGKILL)
         return False
 
-    with pytest.raises(RunError, match="a process that reads training pairs was killed"):
-        run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill)
+    refusal(
+        lambda: run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill), RunError, "--loaders"
+    )
 
 
 def test_an_unexpected_error_leaves_no_loader_for_which_the_process_would_wait_at_its_end(request_for):
@@ -188,14 +190,18 @@ def test_a_killed_reader_is_recognised_behind_a_later_error(later):
             if later is not None:
                 raise later
 
-    with pytest.raises(RunError, match="a process that reads training pairs was killed"), workers_watched():
-        write_a_checkpoint()
+    def watched():
+        with workers_watched():
+            write_a_checkpoint()
+
+    refusal(watched, RunError, "--loaders")
 
 
 def test_other_errors_of_a_training_stay_what_they_are():
     for error in (RuntimeError("mat1 and mat2 shapes cannot be multiplied"), DataError("no such file")):
-        with pytest.raises(type(error), match=str(error)), workers_watched():
+        with pytest.raises(type(error)) as caught, workers_watched():
             raise error
+        assert caught.value is error
 
 
 @pytest.mark.parametrize(
@@ -222,17 +228,17 @@ def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, ear
 
 def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_checkpoint(request_for):
     request = request_for(learning_rate=1e30, checkpoints=Checkpoints(1))
-    with pytest.raises(ModelError, match=r"the (loss|gradient) is (nan|inf) at update \d, on flyingchairs 0000\d, fly"):
+    with pytest.raises(ModelError) as caught:
         run_training(request)
+    assert caught.value.culprit in ("loss", "gradient")
+    assert "flyingchairs 0000" in str(caught.value)
     assert (request.output / "last.pth").exists()
 
 
 def test_a_crop_that_the_network_cannot_see_and_a_seed_that_pytorch_does_not_have_are_refused(request_for):
-    with pytest.raises(UsageError, match="crop 64x64: below 121 pixels per side, raft_small returns NaN or fails"):
-        run_training(request_for(crop=(64, 64)))
-    for seed in (-1, 2**63):
-        with pytest.raises(UsageError, match=f"--seed {seed}: give a number from 0 to"):
-            request_for(seed=seed)
+    refusal(lambda: run_training(request_for(crop=(64, 64))), UsageError, "--crop")
+    refusal(lambda: request_for(seed=-1), UsageError, "--seed")
+    refusal(lambda: request_for(seed=2**63), UsageError, "--seed")
 
 
 def test_a_network_that_fails_in_training_is_named_with_its_crop(request_for, monkeypatch):
@@ -240,48 +246,50 @@ def test_a_network_that_fails_in_training_is_named_with_its_crop(request_for, mo
         raise torch.OutOfMemoryError("CUDA out of memory")
 
     monkeypatch.setattr(TorchvisionRaft, "predictions", fail)
-    says = r"raft_small fails at update 0 on crops of 128x144 \(OutOfMemoryError: .*use a smaller --batch-size"
-    with pytest.raises(ModelError, match=says):
-        run_training(request_for())
+    refusal(lambda: run_training(request_for()), ModelError, "raft_small")
 
 
 def test_another_training_in_the_folder_is_not_overwritten_and_not_resumed(request_for):
     request = request_for()
     run_training(request, StopAfter(1))
-    with pytest.raises(UsageError, match="contains a training run; continue it with --resume"):
-        run_training(request)
-    with pytest.raises(RunError, match="differs in: recipe;"):
-        run_training(replace(request, resume=True, recipe=request.recipe.changed(learning_rate=1e-5)))
-    with pytest.raises(RunError, match="differs in: seed;"):
-        run_training(replace(request, resume=True, seed=1))
-    with pytest.raises(RunError, match="no training run to resume"):
-        run_training(replace(request, resume=True, output=request.output.parent / "elsewhere"))
+    refusal(lambda: run_training(request), UsageError, request.output)
+    refusal(
+        lambda: run_training(replace(request, resume=True, recipe=request.recipe.changed(learning_rate=1e-5))),
+        RunError,
+        "recipe",
+    )
+    refusal(lambda: run_training(replace(request, resume=True, seed=1)), RunError, "seed")
+    refusal(
+        lambda: run_training(replace(request, resume=True, output=request.output.parent / "elsewhere")),
+        RunError,
+        request.output.parent / "elsewhere",
+    )
 
 
 def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp_path):
     copy = Path(shutil.copytree(chairs, tmp_path / "copy"))
     (copy / "FlyingChairs_release" / "data" / "00003_img1.ppm").write_bytes(b"P6 not a picture")
     request = request_for(steps=4, sources=[copy])
-    with pytest.raises(DataError, match=r"training pair '00003' of flyingchairs: .*00003_img1\.ppm.*--skip-bad"):
-        run_training(request)
-    with pytest.warns(UserWarning, match="skipping training pair '00003' of flyingchairs"):
+    refusal(lambda: run_training(request), DataError, "flyingchairs 00003")
+    with pytest.warns(UserWarning, match="00003"):
         run_training(request_for("skipped", steps=4, sources=[copy], skip_bad=True))
 
 
 def test_missing_data_or_start_weights_are_refused_in_one_line(request_for, tmp_path):
-    with pytest.raises(DataError, match=r"flyingchairs split=train was not found .*flyingchairs=FOLDER"):
-        run_training(request_for(sources=[tmp_path]))
-    with pytest.raises(ModelError, match=r"no file .*nothing\.pth"):
+    refusal(lambda: run_training(request_for(sources=[tmp_path])), DataError, "flyingchairs split=train")
+    with pytest.raises(ModelError, match=r"nothing\.pth"):
         run_training(request_for(start=str(tmp_path / "nothing.pth")))
     things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
-    with pytest.raises(UsageError, match="starts from the weights of its stage 'chairs'"):
-        run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
+    refusal(
+        lambda: run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None)),
+        UsageError,
+        "--init",
+    )
 
 
 def test_data_without_ground_truth_are_refused_before_training(request_for, chairs):
     frames = f"folder={chairs / 'FlyingChairs_release' / 'data'}"
-    with pytest.raises(UsageError, match="folder has no ground truth to train on; choose a different mix"):
-        run_training(request_for(mix="frames", sources=[frames], skip_bad=True))
+    refusal(lambda: run_training(request_for(mix="frames", sources=[frames], skip_bad=True)), UsageError, "folder")
 
 
 def test_validation_predicts_in_tiles_like_a_run():
@@ -360,17 +368,15 @@ def test_failed_validation_loses_no_update_and_is_repeated(request_for, scored):
 
 def test_two_trainings_in_one_folder_are_refused(request_for):
     request = request_for(checkpoints=Checkpoints(1), steps=3)
-    messages = []
+    refused = []
 
     def start_another() -> bool:
         if (request.output / "last.pth").exists():
-            with pytest.raises(RunError, match="is locked by another training run") as caught:
-                run_training(replace(request, resume=True))
-            messages.append(caught)
+            refused.append(refusal(lambda: run_training(replace(request, resume=True)), RunError, request.output))
         return False
 
     run_training(request, start_another)
-    assert len(messages) == 2
+    assert len(refused) == 2
     run_training(replace(request, resume=True))  # the lock is released
 
 
@@ -380,8 +386,7 @@ def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
     run_training(plain)
     run_training(corrupted)
     assert lines(plain.output)[0]["loss"] != lines(corrupted.output)[0]["loss"]
-    with pytest.raises(RunError, match="differs in: corruptions"):
-        run_training(replace(corrupted, resume=True, data=plain.data))
+    refusal(lambda: run_training(replace(corrupted, resume=True, data=plain.data)), RunError, "corruptions")
 
 
 def test_a_folder_of_a_different_data_set_names_what_was_expected(request_for, chairs, tmp_path):
@@ -390,13 +395,12 @@ def test_a_folder_of_a_different_data_set_names_what_was_expected(request_for, c
         if path.name != "00002_img2.ppm":
             (tmp_path / "mixed" / "data" / path.name).symlink_to(path)
     (tmp_path / "mixed" / "training" / "image_2").mkdir(parents=True)
-    with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, but required by .*00002_"):
+    with pytest.raises(DataError) as caught:
         run_training(request_for(sources=[f"flyingchairs={tmp_path / 'mixed'}"]))
+    assert caught.value.culprit.endswith("00002_img2.ppm")
     kitti = request_for(mix="kitti")
-    with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder named kitti2015 or kitti"):
-        run_training(replace(kitti, data=DataPlan([chairs])))
-    with pytest.raises(DataError, match=r"not laid out like KITTI 2015; expected .*image_2"):
-        run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"])))
+    refusal(lambda: run_training(replace(kitti, data=DataPlan([chairs]))), DataError, "kitti2015")
+    refusal(lambda: run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"]))), DataError, chairs)
 
 
 def test_own_mix_file_is_used_and_an_unreadable_one_refused(request_for, tmp_path):
@@ -405,9 +409,7 @@ def test_own_mix_file_is_used_and_an_unreadable_one_refused(request_for, tmp_pat
     request = request_for(steps=2, mix=str(mix))
     run_training(request)
     mix.write_text(mix.read_text().replace("0.2", "0.3"))
-    with pytest.raises(RunError, match="differs in: data"):
-        run_training(replace(request, resume=True))
+    refusal(lambda: run_training(replace(request, resume=True)), RunError, "data")
     for text in ("parts = []", "parts = 3", "nonsense", 'parts = [{data = "sintel"}]'):
         mix.write_text(text)
-        with pytest.raises(UsageError, match=r"mine\.toml: (not a valid mix of data|the mix of data has no parts)"):
-            run_training(request_for("other", mix=str(mix)))
+        refusal(lambda: run_training(request_for("other", mix=str(mix))), UsageError, mix)

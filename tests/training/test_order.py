@@ -7,14 +7,15 @@ from hypothesis import strategies as st
 from robustflow.core.errors import UsageError
 from robustflow.training.data.find import Order
 
+from ..refusals import refusal
+
 pytestmark = pytest.mark.training
 
 
 @given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
 def test_epoch_uses_every_pair_at_most_once_and_omits_less_than_one_update(count, block, seed, epoch):
     if count < block:
-        with pytest.raises(UsageError, match="too few for one update"):
-            Order(count, block, seed)
+        refusal(lambda: Order(count, block, seed), UsageError, "--batch-size")
         return
     order = Order(count, block, seed)
     each = count - count % block

@@ -16,6 +16,7 @@ from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 from robustflow.training.request import Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
+from ..refusals import refusal  # noqa: E402
 from .progress import lines, weights  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -190,27 +191,26 @@ class Epoch(Net):
 
 
 @pytest.mark.parametrize(
-    ("kind", "error", "says"),
+    ("kind", "error", "culprit"),
     [
-        ("Net", ModelError, r"after 1 update, the network returns NaN or infinity in the validation;"),
-        ("Cut", ModelError, "the loss does not depend on any trained weight"),
-        ("Full", ModelError, "out of memory .*; use fewer pairs at once"),
-        ("NoEntry", ModelError, r"fails at update 0 .*KeyError: 'disparity' \(at .*failing_nets\.py:\d+\)"),
-        ("Text", UsageError, "values for the log that are not numbers"),
-        ("Complex", UsageError, "values for the log that are not numbers"),
-        ("Epoch", UsageError, "'_extra_state' in its state_dict is not a tensor"),
+        ("Net", ModelError, ""),
+        ("Cut", ModelError, "loss"),
+        ("Full", ModelError, ""),
+        ("NoEntry", ModelError, "failing_nets:NoEntry"),
+        ("Text", UsageError, "loss(batch)"),
+        ("Complex", UsageError, "loss(batch)"),
+        ("Epoch", UsageError, "Epoch"),
     ],
 )
 def test_a_network_that_cannot_be_trained_is_named_in_a_sentence(
-    request_for, chairs, tmp_path, monkeypatch, kind, error, says
+    request_for, chairs, tmp_path, monkeypatch, kind, error, culprit
 ):
     (tmp_path / "failing_nets.py").write_text(FAILING)
     monkeypatch.syspath_prepend(tmp_path)
     validation = Validation("flyingchairs", chairs / "FlyingChairs_release", every=1, limit=1)
     request = request_for(options=OPTIONS, steps=1, validation=validation)
-    with pytest.raises(error, match=says) as caught:
-        run_training(replace(request, recipe=request.recipe.changed(method=f"failing_nets:{kind}")))
-    assert "\n" not in str(caught.value)
+    failing = replace(request, recipe=request.recipe.changed(method=f"failing_nets:{kind}"))
+    refusal(lambda: run_training(failing), error, culprit)
 
 
 @pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net", "arflow", "upflow", "brightflow"])
@@ -279,8 +279,6 @@ def test_network_with_a_custom_loss_is_trained_with_it(request_for, tmp_path, mo
     _, first = load_network(own.recipe, "random", "cpu", dict(OPTIONS))
     assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
     bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")
-    with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return a scalar tensor"):
-        run_training(bad)
+    refusal(lambda: run_training(bad), UsageError, "loss(batch)")
     odd = replace(own, recipe=own.recipe.changed(crop=(124, 140)), output=tmp_path / "odd")
-    with pytest.raises(UsageError, match=r"would be padded to 128x144; use --crop 128x144"):
-        run_training(odd)
+    refusal(lambda: run_training(odd), UsageError, "--crop")

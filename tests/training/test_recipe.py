@@ -12,6 +12,8 @@ from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
 from robustflow.training.request import DataPlan
 
+from ..refusals import refusal
+
 pytestmark = pytest.mark.training
 
 _METHODS = {
@@ -153,20 +155,12 @@ def test_the_digest_names_what_decides_the_weights():
     assert recipe.changed(learning_rate=None).digest() == recipe.digest()
 
 
-@pytest.mark.parametrize(
-    ("method", "stage", "says"),
-    [
-        ("raft", "odd", "unknown recipe of raft 'odd': did you mean 'ood'"),
-        ("rafd", "ood", "unknown trainable method 'rafd': did you mean 'raft'"),
-    ],
-)
-def test_unknown_recipe_is_refused(method, stage, says):
-    with pytest.raises(UsageError, match=says):
-        load_recipe(method, stage)
+@pytest.mark.parametrize(("method", "stage", "culprit"), [("raft", "odd", "odd"), ("rafd", "ood", "rafd")])
+def test_unknown_recipe_is_refused(method, stage, culprit):
+    refusal(lambda: load_recipe(method, stage), UsageError, culprit)
 
 
 @pytest.mark.parametrize("change", [{"steps": 0}, {"batch": -1}, {"learning_rate": 0.0}, {"precision": "fp8"}])
 def test_invalid_value_of_a_recipe_is_refused(change):
     (name,) = change
-    with pytest.raises(UsageError, match=f"recipe raft ood: {name} cannot be"):
-        load_recipe("raft", "ood").changed(**change)
+    refusal(lambda: load_recipe("raft", "ood").changed(**change), UsageError, name)

@@ -18,6 +18,7 @@ from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.request import DataPlan, Request  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
+from ..refusals import refusal  # noqa: E402
 from .progress import assert_same_training, lines, one_pair, weights  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -83,25 +84,18 @@ def test_resumed_training_equals_an_uninterrupted_one(request_for, tmp_path):
     assert_same_training(whole.output, parted.output)
 
 
-@pytest.mark.parametrize(
-    ("method", "crop", "says"),
-    [
-        ("arflow", (96, 128), "crop 96x128: arflow needs multiples of 64; choose a different --crop"),
-        ("brightflow", (128, 192), "so each side must be longer than 128; use a larger --crop"),
-    ],
-)
-def test_invalid_crop_is_refused(method, crop, says, request_for, tmp_path):
+@pytest.mark.parametrize(("method", "crop"), [("arflow", (96, 128)), ("brightflow", (128, 192))])
+def test_invalid_crop_is_refused(method, crop, request_for, tmp_path):
     recipe = load_recipe(method, "unsupervised").changed(
         crop=crop, batch=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs")
     )
-    with pytest.raises(UsageError, match=says):
-        run_training(replace(request_for("crop"), recipe=recipe))
+    refusal(lambda: run_training(replace(request_for("crop"), recipe=recipe)), UsageError, "--crop")
 
 
 def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
     text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
     assert "no labels: census from 0, smooth 75, second order true, self supervision 0.02" in text
-    assert "put it into a folder named kittimultiview or datasceneflowmultiview in a data folder" in text
+    assert "kittimultiview or datasceneflowmultiview" in text
     for frame in range(21):
         for camera in ("image_2", "image_3"):
             path = tmp_path / "data_scene_flow_multiview" / "training" / camera / f"000000_{frame:02d}.png"
@@ -111,7 +105,7 @@ def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
     assert "30 pairs x 1, 100.0 % of an epoch; stretched to the crop, flips, half of the pairs swapped" in text
     labelled = load_recipe("raft", "chairs")
     text = plan_text(labelled.changed(mix="kitti_multiview"), DataPlan([tmp_path]))
-    assert "kitti_multiview has no ground truth to train on; choose a different mix" in text
+    assert "kitti_multiview:" in text
     (tmp_path / "mix.toml").write_text('parts = [{data = "motorcycle", augmentation = "stretched", flip = true}]')
     assert "stretched to the crop, flips\n" in plan_text(labelled.changed(mix=str(tmp_path / "mix.toml")), DataPlan())
 

@@ -68,7 +68,7 @@ class Models:
             raise unknown_name("model of this app", name, self.names)
         method = methods().get(name)
         if checkpoint and method is not None and method.type == "knowledge":
-            raise UsageError(f"{name} has no weights: leave the checkpoint empty")
+            raise UsageError(name, "has no weights: leave the checkpoint empty")
 
     def load(self, name: str, checkpoint: str = "") -> FlowModel:
         """Return a model, loading it unless it is already loaded. `checkpoint` takes precedence over the model's

@@ -146,7 +146,7 @@ def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[
         method, model = _named(name, every)
         if chosen.get(method, model) != model:
             raise UsageError(
-                f"{method} can be run as only one model at a time; choose either {chosen[method]} or {model}"
+                method, f"can be run as only one model at a time; choose either {chosen[method]} or {model}"
             )
         chosen[method] = model
     return [Variant(v.method, v.setting, chosen[v.method]) for v in every if v.method in chosen]
@@ -204,7 +204,7 @@ def _sha256(path: Path) -> str:
     try:
         return sha256_of_file(path)
     except OSError as error:
-        raise DataError(f"{path} cannot be read ({error.strerror}); move it out of the checkpoint folder") from error
+        raise DataError(path, f"cannot be read ({error.strerror}); move it out of the checkpoint folder") from error
 
 
 _OF_PAPER = {"flyingchairs", "flyingthings3d", "sintel", "hd1k"}

@@ -66,7 +66,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         raise RunError(path.parent, f"no training run to resume ({path.name} not found); start one without --resume")
     content, _ = read_content(path)
     if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
-        raise RunError(f"{path} contains weights but no training state; start from the weights with --init {path}")
+        raise RunError(path, f"contains weights but no training state; start from the weights with --init {path}")
     try:
         _refuse_views(content, path.stat().st_size)
         if content.pop(_DIGEST, None) != _digest(content):
@@ -78,9 +78,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         updates, validated = int(about["updates"]), int(about["validated"])
         return content, TrainingProgress(updates, dict(about["identity"]), best, str(about["best_on"]), validated)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
-        raise ModelError(
-            f"{path} is damaged ({first_line(error)}); restore it, or restart from a weights file"
-        ) from error
+        raise ModelError(path, f"damaged ({first_line(error)}); restore it, or restart from a weights file") from error
 
 
 def _save(content: dict[str, Any], file: BinaryIO) -> None:

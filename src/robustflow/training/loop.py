@@ -58,7 +58,7 @@ class MetricsLog:
         try:
             self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115  # closed by __exit__
         except OSError as error:
-            raise DataError(f"cannot write {self._path}: {error.strerror}; choose a different --output") from error
+            raise DataError(self._path, f"cannot be written ({error.strerror}); choose a different --output") from error
         self._board: Any = None
         if find_spec("tensorboard") is not None:
             from torch.utils.tensorboard import SummaryWriter
@@ -85,7 +85,9 @@ class MetricsLog:
             self._file.write(json.dumps(line, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
-            raise DataError(f"cannot write {self._path}: {error.strerror}; free up disk space and resume") from error
+            raise DataError(
+                self._path, f"cannot be written ({error.strerror}); free up disk space and resume"
+            ) from error
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, update)
@@ -185,7 +187,9 @@ def _update_of_loop(
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             if not loss.requires_grad:
-                raise ModelError("the loss does not depend on any trained weight; compute it from the network's output")
+                raise ModelError(
+                    "loss", "it does not depend on any trained weight; compute it from the network's output"
+                )
             state.scaler.scale(loss / recipe.accumulate).backward()
         for name, value in numbers.items():
             total[name] = total.get(name, 0.0) + value / recipe.accumulate
@@ -212,16 +216,18 @@ def _computing(recipe: Recipe, update: int) -> Iterator[None]:
             advice = "use a smaller --batch-size (with --accumulate), a smaller --crop or --precision bf16"
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}{traceback_hint(error)}"
         raise ModelError(
-            f"{recipe.method} fails at update {update} on crops of {recipe.crop[0]}x{recipe.crop[1]} ({reason}); the "
-            f"last checkpoint is kept: {advice}"
+            recipe.method,
+            f"fails at update {update} on crops of {recipe.crop[0]}x{recipe.crop[1]} ({reason}); the "
+            f"last checkpoint is kept: {advice}",
         ) from error
 
 
 def _check_finite(what: str, value: float, update: int, batch: Batch) -> None:
     if not math.isfinite(value):
         raise ModelError(
-            f"the {what} is {value} at update {update}, on {', '.join(batch.names)}; the last checkpoint is kept: "
-            "try a lower --learning-rate or --precision fp32, or check these pairs"
+            what,
+            f"{value} at update {update}, on {', '.join(batch.names)}; the last checkpoint is kept: "
+            "try a lower --learning-rate or --precision fp32, or check these pairs",
         )
 
 

@@ -45,9 +45,10 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
     if isinstance(settings, BrightflowObjective):
         if min(recipe.crop) <= 2 * settings.border:
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: brightflow's student does not use the outer "
+                "--crop",
+                f"{recipe.crop[0]}x{recipe.crop[1]}: brightflow's student does not use the outer "
                 f"{settings.border} pixels of the crop, so each side must be longer than {2 * settings.border}; use a "
-                "larger --crop"
+                "larger --crop",
             )
         return Brightflow(network, recipe, settings)
     assert isinstance(settings, UpflowObjective)

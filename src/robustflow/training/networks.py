@@ -125,18 +125,20 @@ class TrainedNetwork(nn.Module):
         method, returns = _NEEDED[recipe.loss]
         if recipe.objective is None and not hasattr(model.net, method):
             raise UsageError(
-                f"model '{model.name}' cannot be trained with the loss '{recipe.loss}': its network has no method "
-                f"{method} that returns {returns}"
+                model.name,
+                f"cannot be trained with the loss '{recipe.loss}': its network has no method {method} that returns "
+                f"{returns}",
             )
         if recipe.objective is not None and not hasattr(model.net, "both"):
             raise UsageError(
-                f"model '{model.name}' cannot be trained without labels: its network has no method both(image1, "
-                "image2) that returns the flows of both directions"
+                model.name,
+                "cannot be trained without labels: its network has no method both(image1, image2) that returns the "
+                "flows of both directions",
             )
         if min(recipe.crop) < model.convention.smallest:
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: below {model.convention.smallest} pixels per side, "
-                f"{model.name} returns NaN or fails; use a larger --crop"
+                "--crop",
+                f"below {model.convention.smallest} pixels per side, {model.name} returns NaN or fails; enlarge it",
             )
         self.net = model.net
         for name, value in self.net.named_parameters():
@@ -153,9 +155,7 @@ class TrainedNetwork(nn.Module):
             (name for name, value in self._network.state_dict().items() if not isinstance(value, Tensor)), None
         )
         if other is not None:
-            raise UsageError(
-                f"model '{model.name}' cannot be trained: '{other}' in its state_dict is not a tensor; remove it"
-            )
+            raise UsageError(model.name, f"cannot be trained: '{other}' in its state_dict is not a tensor; remove it")
 
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Set training or evaluation mode; normalisation layers frozen by the recipe remain in evaluation mode."""
@@ -207,8 +207,9 @@ class TrainedNetwork(nn.Module):
         if first.shape != image1.shape:
             height, width = first.shape[2:]
             raise UsageError(
-                f"this loss does not support padded input, but a crop of {image1.shape[2]}x"
-                f"{image1.shape[3]} would be padded to {height}x{width}; use --crop {height}x{width}"
+                "--crop",
+                f"this loss does not support padded input, but {image1.shape[2]}x{image1.shape[3]} would be padded; "
+                f"use {height}x{width}",
             )
         return first, second
 
@@ -247,15 +248,17 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
     loss, numbers = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, {})
     if not isinstance(loss, Tensor) or loss.numel() != 1 or not isinstance(numbers, dict):
         raise UsageError(
-            f"the network's method loss(batch) returned {type(returned).__name__}; return a scalar tensor, or a scalar "
-            "tensor and a dictionary of numbers for the log"
+            "loss(batch)",
+            f"the network's method returned {type(returned).__name__}; return a scalar tensor, or one and a "
+            "dictionary of numbers for the log",
         )
     try:
         return loss.reshape(()), {str(name): float(torch.as_tensor(value).item()) for name, value in numbers.items()}
     except (TypeError, ValueError, RuntimeError) as error:
         raise UsageError(
-            f"the network's method loss(batch) returned values for the log that are not numbers ({first_line(error)}); "
-            "return one number for each name"
+            "loss(batch)",
+            f"the network's method returned values for the log that are not numbers ({first_line(error)}); return one "
+            "number for each name",
         ) from error
 
 
@@ -287,7 +290,7 @@ def load_network(
         model = load_model(recipe.method, **given)
     trained = model.model if isinstance(model, TiledModel) else model
     if not isinstance(trained, NetworkModel):
-        raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
+        raise UsageError(recipe.method, "not a PyTorch network of this package, so it cannot be trained")
     if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
         kaiming(trained.net, seed)
     return model, TrainedNetwork(trained, recipe, seed)

@@ -285,6 +285,6 @@ def _validated(values: dict[str, Any]) -> Recipe:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise UsageError(
-            f"recipe {values.get('method')} {values.get('stage')}: {where} cannot be {first.get('input')!r} "
-            f"({first['msg']}); correct it"
+            where,
+            f"recipe {values.get('method')} {values.get('stage')}: not {first.get('input')!r} ({first['msg']})",
         ) from error

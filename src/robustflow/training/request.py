@@ -35,7 +35,7 @@ class DataPlan:
             return None
         transform = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
         if moving := [name for name in transform.names if truth_under(name) == "none"]:
-            raise UsageError(f"--corrupt {moving[0]}: it moves content, so the ground truth would be wrong; omit it")
+            raise UsageError("--corrupt", f"{moving[0]}: it moves content, so the ground truth would be wrong; omit it")
         return transform
 
 
@@ -82,7 +82,7 @@ class Request:
 
     def __post_init__(self) -> None:
         if not 0 <= check_seed(self.seed) < 2**63:
-            raise UsageError(f"--seed {self.seed}: give a number from 0 to {2**63 - 1}, the seeds of PyTorch")
+            raise UsageError("--seed", f"{self.seed}: give a number from 0 to {2**63 - 1}, the seeds of PyTorch")
 
     @property
     def validate_every(self) -> int | None:
@@ -93,4 +93,4 @@ class Request:
 def _check_minimum(least: int, **numbers: int | None) -> None:
     for name, number in numbers.items():
         if number is not None and number < least:
-            raise UsageError(f"--{name.replace('_', '-')} must be at least {least}; got {number}")
+            raise UsageError(f"--{name.replace('_', '-')}", f"must be at least {least}; got {number}")

@@ -81,7 +81,7 @@ def _locked(folder: Path) -> Iterator[None]:
         lock = FileLock(folder / ".lock", fallback_to_soft=False).acquire(blocking=False)
     except Timeout:
         raise RunError(
-            f"{folder} is locked by another training run; wait for it to end, or choose a different --output"
+            folder, "locked by another training run; wait for it to end, or choose a different --output"
         ) from None
     with lock:
         yield
@@ -93,7 +93,7 @@ def _last_checkpoint(folder: Path, request: Request) -> tuple[dict[str, Any] | N
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
-        raise UsageError(f"{folder} contains a training run; continue it with --resume, or choose a different --output")
+        raise UsageError(folder, "contains a training run; continue it with --resume, or choose a different --output")
     return None, None
 
 
@@ -111,8 +111,9 @@ def _load_state(
         scaler.load_state_dict(content["scaler"])
     except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ModelError(
-            f"{path} does not match this network and its optimiser ({first_line(error)}); restore it, or restart from "
-            "a weights file"
+            path,
+            f"does not match this network and its optimiser ({first_line(error)}); restore it, or restart from "
+            "a weights file",
         ) from error
 
 
@@ -120,8 +121,9 @@ def _start(request: Request) -> str:
     recipe = request.recipe
     if request.start is None and recipe.start != RANDOM:
         raise UsageError(
-            f"recipe '{recipe.stage}' of {recipe.method} starts from the weights of its stage '{recipe.start}': pass "
-            "them with --init FILE, or train from scratch with --init random"
+            "--init",
+            f"recipe '{recipe.stage}' of {recipe.method} starts from the weights of its stage '{recipe.start}': give "
+            "their file, or 'random' to train from scratch",
         )
     return request.start or RANDOM
 
@@ -163,19 +165,18 @@ def _check_same(folder: Path, asked: dict[str, Any], held: dict[str, Any]) -> No
     differing = ", ".join(key for key, value in asked.items() if held.get(key) != value)
     if differing:
         raise RunError(
-            f"{folder} contains a training run that differs in: {differing}; use the options that it was started with, "
-            "or a different --output"
+            differing,
+            f"the training run in {folder} differs; use the options that it was started with, or a different --output",
         )
 
 
 def _check_process(recipe: Recipe, process: Process) -> None:
     if recipe.batch % process.world:
         raise UsageError(
-            f"a batch of {recipe.batch} cannot be split evenly across {process.world} processes; choose a different "
-            "--batch-size"
+            "--batch-size", f"{recipe.batch} cannot be split evenly across {process.world} processes; choose another"
         )
     if recipe.precision == "fp16" and process.device.type == "cpu":
         raise UsageError(
-            f"recipe '{recipe.stage}' of {recipe.method} computes in fp16, which requires a GPU; use --precision fp32 "
-            "or bf16"
+            "--precision",
+            f"recipe '{recipe.stage}' of {recipe.method} computes in fp16, which requires a GPU; use fp32 or bf16",
         )

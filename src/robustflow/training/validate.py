@@ -40,8 +40,9 @@ class _AtUpdate:
         flow = self.model.predict(frame1, frame2)
         if not np.isfinite(flow).all():
             raise ModelError(
+                "--validate",
                 f"after {counted(self.updates, 'update')}, the network returns NaN or infinity in the validation; "
-                "the last checkpoint is kept: try a lower --learning-rate, or check the network in evaluation mode"
+                "the last checkpoint is kept: try a lower --learning-rate, or check the network in evaluation mode",
             )
         return flow
 
@@ -62,8 +63,9 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
         chosen = replace(chosen, corruptions=(), severities=())
     if not chosen.dataset.has_flow:
         raise UsageError(
-            f"--validate {validation.benchmark}: this benchmark has no ground truth, so no error can be measured; "
-            "choose a different one"
+            "--validate",
+            f"{validation.benchmark}: this benchmark has no ground truth, so no error can be measured; "
+            "choose a different one",
         )
 
     def validate(updates: int) -> ValidationScores:

@@ -219,7 +219,7 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
         part = rows.filter(pl.col("corruption").is_in(names))
         if set(part["corruption"]) != set(names):
             raise UsageError(
-                f"{run.path} must contain all of {', '.join(names)}; measure all corruptions of the experiment"
+                run.path, f"must contain all of {', '.join(names)}; measure all corruptions of the experiment"
             )
         epe = _values_by_pair(part, "epe", pairs)
         scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _values_by_pair(part, "rcre", pairs)}

@@ -75,12 +75,15 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
     for entry in data:
         name, equals, folder = entry.partition("=")
         if not equals:
-            raise UsageError(f"--data {entry}: specify the dataset as NAME=FOLDER, for example kitti2015={entry}")
+            raise UsageError("--data", f"{entry}: specify the dataset as NAME=FOLDER, for example kitti2015={entry}")
         if [other.partition("=")[0] for other in data].count(name) > 1:
-            raise UsageError(f"--data {entry}: {name} is given twice; an experiment evaluates one folder per dataset")
+            raise UsageError(
+                "--data", f"{entry}: {name} is given twice; an experiment evaluates one folder per dataset"
+            )
         if not load_dataset(name, folder).has_flow:
             raise UsageError(
-                f"--data {entry}: {dataset_facts(name).title} has no ground truth; choose a dataset with ground truth"
+                "--data",
+                f"{entry}: {dataset_facts(name).title} has no ground truth; choose a dataset with ground truth",
             )
         sets.append(EvaluationSet(name, user_path(folder).resolve()))
     return tuple(sets)
@@ -179,8 +182,8 @@ def _check_same(experiment: TrainingExperiment, recipe: Recipe, checkpoint: Path
     _, about = read_progress(checkpoint)
     if about.identity.get("recipe") != recipe.digest():
         raise RunError(
-            f"{experiment.output} contains an experiment with different --steps; use the same --steps, or a different "
-            "--output"
+            experiment.output,
+            "contains an experiment with different --steps; use the same --steps, or a different --output",
         )
 
 

@@ -35,7 +35,7 @@ class Order:
     def __init__(self, count: int, block: int, seed: int) -> None:
         if count < block:
             raise UsageError(
-                f"{count} pairs are too few for one update ({block}); use more data, or a smaller --batch-size"
+                "--batch-size", f"{count} pairs are too few for one update ({block}); use more data, or smaller batches"
             )
         self.count = count
         self.seed = seed
@@ -103,7 +103,7 @@ def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPar
         dataset = load_dataset(part.data, folder, **part.options)
     if labelled and not dataset.has_flow:
         raise UsageError(
-            f"{part.data} has no ground truth to train on; choose a different mix, or a recipe without labels"
+            part.data, "has no ground truth to train on; choose a different mix, or a recipe without labels"
         )
     keys = dataset.keys()
     if part.keys == "training":
@@ -130,7 +130,7 @@ def _named_paths_and_roots(data: Sequence[str | Path]) -> tuple[dict[str, Path],
         name, equals, folder = str(entry).partition("=")
         if equals and re.fullmatch(r"[a-z0-9_]+", name):
             if name not in DATASETS:
-                raise UsageError(f"--data {entry}: unknown dataset '{name}'; see 'robustflow list datasets'")
+                raise UsageError("--data", f"{entry}: unknown dataset '{name}'; see 'robustflow list datasets'")
             named[name] = user_path(folder)
         else:
             roots.append(user_path(entry))
@@ -155,9 +155,9 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
     options = " ".join(f"{key}={value}" for key, value in part.options.items())
     where = ", ".join(map(str, roots)) or "--data was not given"
     raise DataError(
-        f"{part.data} {options}".strip()
-        + f" was not found ({'; '.join(reasons) or where}); put it into a folder named {' or '.join(names[:2])} "
-        f"in a data folder, or pass --data {part.data}=FOLDER"
+        f"{part.data} {options}".strip(),
+        f"not found ({'; '.join(reasons) or where}); put it into a folder named {' or '.join(names[:2])} in a data "
+        f"folder, or pass --data {part.data}=FOLDER",
     )
 
 

@@ -129,8 +129,9 @@ def workers_watched() -> Iterator[None]:
         if not (_is_dead_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
             raise
         raise RunError(
+            "--loaders",
             "a process that reads training pairs was killed, which happens when memory or /dev/shm is full; the last "
-            "checkpoint is kept: use fewer --loaders, and continue with --resume"
+            "checkpoint is kept: use fewer, and continue with --resume",
         ) from error
 
 

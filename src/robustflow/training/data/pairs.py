@@ -81,11 +81,11 @@ class TrainingPairs:
             except DataError as error:
                 if not self.skip_bad:
                     raise DataError(
-                        f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or use --skip-bad to "
-                        "replace unreadable pairs"
+                        f"{part.dataset.name} {key}",
+                        f"{error}; restore it, or use --skip-bad to replace unreadable pairs",
                     ) from error
                 warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {error}", stacklevel=2)
-        raise DataError(f"{_ATTEMPTS} consecutive pairs cannot be read, the last one being '{key}'; check the data")
+        raise DataError(key, f"this pair and the {_ATTEMPTS - 1} before it cannot be read; check the data")
 
     def _part_of(self, place: int) -> tuple[OpenPart, str]:
         for part in self.parts:

@@ -33,8 +33,9 @@ def sequence_loss(
     for index, flow in enumerate(flows):
         if flow.shape != truth.shape:
             raise UsageError(
-                f"prediction {index + 1} has the shape {tuple(flow.shape)}, but the ground truth has "
-                f"{tuple(truth.shape)}; during training, a network must return flows at the frames' size"
+                f"prediction {index + 1}",
+                f"has the shape {tuple(flow.shape)}, but the ground truth has {tuple(truth.shape)}; during training, a "
+                "network must return flows at the frames' size",
             )
         total = total + gamma ** (len(flows) - 1 - index) * (counts * (flow.float() - truth).abs()).mean()
     return total
@@ -71,8 +72,9 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
     places = rows * columns
     if confidence.shape != (len(truth), places, places):
         raise UsageError(
+            "--crop",
             f"the network's match confidence has the shape {tuple(confidence.shape)}, expected "
-            f"{(len(truth), places, places)}; crop to multiples of {STRIDE}"
+            f"{(len(truth), places, places)}; use multiples of {STRIDE}",
         )
     matches = true_matches(image1, image2, truth)
     confidence = confidence.clamp(_LEAST, 1 - _LEAST)

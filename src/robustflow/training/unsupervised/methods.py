@@ -41,8 +41,7 @@ class LabelFree(nn.Module):
         multiple = network.convention.multiple
         if any(side % multiple for side in recipe.crop):
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: {recipe.method} needs multiples of {multiple}; choose a "
-                "different --crop"
+                "--crop", f"{recipe.crop[0]}x{recipe.crop[1]}: {recipe.method} needs multiples of {multiple}"
             )
         self.network = network
         self._convention = replace(network.convention, fit="none", multiple=1, size=None)
