@@ -100,7 +100,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
     to the frames.
     """
     from robustflow import load_model
-    from robustflow.models.loading import parameters_of
+    from robustflow.core.plugins import parameters_of
     from robustflow.models.registry import MODELS
     from tests.parity.weight_rule import fill_by_rule
 
@@ -121,7 +121,7 @@ def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
     """The model's flow for a pair, without its own safeguards against TF32."""
     import torch
 
-    from robustflow.models.torch.fit import fitted_images, unfitted_flow
+    from robustflow.models.torch.model import fitted_images, unfitted_flow
 
     height, width = pair[0].shape[:2]
     with torch.inference_mode():

@@ -16,8 +16,7 @@ from torch.func import functional_call
 from robustflow import load_model
 from robustflow.core.plugins import parameters_of
 from robustflow.models.networks.table import NETWORKS
-from robustflow.models.ptlflow.clips import CLIPS
-from robustflow.models.ptlflow.pairs import BATCHED
+from robustflow.models.ptlflow.models import BATCHED, CLIPS
 from robustflow.models.registry import MODELS
 
 from ..parity.weight_rule import fill_by_rule

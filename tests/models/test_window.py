@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robustflow.core.errors import ModelError
 from robustflow.models import Window
-from robustflow.models.window import place_of_pair, window_of
+from robustflow.models.base import place_of_pair, window_of
 
 there = st.builds(lambda before, after: range(-before, 2 + after), st.integers(0, 9), st.integers(0, 9))
 windows = st.builds(Window, st.integers(0, 5), st.integers(0, 5), st.sampled_from(["repeat", "short", "inside"]))

@@ -6,12 +6,11 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.networks.blocks.correlation import all_pairs  # noqa: E402
+from robustflow.models.networks.blocks.correlation import WindowVolume, all_pairs  # noqa: E402
 from robustflow.models.networks.flowdiffuser import (  # noqa: E402
     FlowDiffuser,
     cosine_betas,
 )
-from robustflow.models.networks.window_volume import WindowVolume  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.draws import prepared  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402

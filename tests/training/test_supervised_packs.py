@@ -17,7 +17,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 import torch.nn.functional as F  # noqa: E402
 
 from robustflow.models.networks import flowdiffuser  # noqa: E402
-from robustflow.models.networks.window_volume import WindowVolume  # noqa: E402
+from robustflow.models.networks.blocks.correlation import WindowVolume  # noqa: E402
 from robustflow.models.ptlflow.net import _with_own_context  # noqa: E402
 from robustflow.training.losses.supervised import (  # noqa: E402
     matching_loss,

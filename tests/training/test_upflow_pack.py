@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 from robustflow.models.networks import upflow  # noqa: E402
 from robustflow.models.networks.blocks.pwc import leaves  # noqa: E402
 from robustflow.models.networks.upflow import BothFlows, Sampling  # noqa: E402
-from robustflow.models.torch.fit import resize_flow  # noqa: E402
+from robustflow.models.torch.model import resize_flow  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.losses.terms import census_sum, robust  # noqa: E402
 from robustflow.training.losses.unsupervised import OneWay, upflow_terms  # noqa: E402

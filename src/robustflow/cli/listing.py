@@ -65,7 +65,7 @@ def _models() -> list[str]:
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_in_ptlflow, is_installed, methods
     from ..models.provenance import DECLARED, Training, parse_training_sets, training_of_entry
-    from ..models.ptlflow.pairs import BESIDES
+    from ..models.ptlflow.models import BESIDES
     from ..models.tiny.model import SHIPPED, shipped_weights
 
     seen: dict[str, list[str]] = {}

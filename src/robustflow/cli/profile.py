@@ -85,7 +85,7 @@ def _print_model(
     from ..models import ModelSpec
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel
-    from ..models.torch.find_checkpoint import RANDOM
+    from ..models.torch.network import RANDOM
     from ..run.costs import RunCost, check_profiled_model, write_cost
     from ..run.profile import count_prediction, measure_prediction, network_of
     from ..run.run import Run

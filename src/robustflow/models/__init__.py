@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from .base import ClipModel, Differentiable, FlowLookup, FlowModel
+from .base import ClipModel, Differentiable, FlowLookup, FlowModel, Window
 from .loading import FunctionModel, ModelSpec, list_models, load_model
 from .registry import MODELS
-from .window import Window
 
 __all__ = [
     "MODELS",

@@ -23,7 +23,7 @@ def check_count(name: str, value: int, least: int = 1, most: int | None = None) 
         or (most is not None and value > most)
     ):
         allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise UsageError(f"{name} must be an integer {allowed}, not {value!r}")
+        raise UsageError(name, f"must be an integer {allowed}, not {value!r}")
 
 
 def check_positive(name: str, value: float) -> None:
@@ -32,13 +32,13 @@ def check_positive(name: str, value: float) -> None:
     >>> check_positive("timeout", 0.5)
     """
     if isinstance(value, bool) or not isinstance(value, Real) or not value > 0:
-        raise UsageError(f"{name} must be a positive number, not {value!r}")
+        raise UsageError(name, f"must be a positive number, not {value!r}")
 
 
 def check_switch(name: str, value: bool) -> None:
     """Raise a UsageError unless a value is a bool; a non-empty string such as "no" would be treated as true."""
     if not isinstance(value, bool):
-        raise UsageError(f"{name} must be true or false, not {value!r}")
+        raise UsageError(name, f"must be true or false, not {value!r}")
 
 
 RAFT_SMALLEST = 121

@@ -31,10 +31,10 @@ from .catalog import PTLFLOW, is_in_ptlflow, methods, published_names
 from .model_file import require_file
 from .networks.table import NETWORKS
 from .provenance import DECLARED
-from .ptlflow.pairs import BESIDES
+from .ptlflow.models import BESIDES
 from .registry import EXPORTED, MODELS, TORCHSCRIPT
 from .tiling import tiled
-from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
+from .torch.network import SOURCES, needs_checkpoint, refuse_missing_file
 
 _NOT_FOR_ALL = {
     "device": "runs on the CPU only",
@@ -200,7 +200,7 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
     if not registered and ("/" in name or Path(name).suffix):
         raise _no_such_path(name)
     if not registered and name.isidentifier():
-        from .ptlflow.pairs import is_of_ptlflow
+        from .ptlflow.models import is_of_ptlflow
 
         if is_of_ptlflow(name):
             return _load_from_ptlflow(name, name, options)
@@ -257,7 +257,7 @@ class ModelSpec:
 
 
 def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) -> AnyModel:
-    from .ptlflow.clips import ptlflow_factory
+    from .ptlflow.models import ptlflow_factory
 
     return construct(ptlflow_factory(name, architecture), name, options)
 

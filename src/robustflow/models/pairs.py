@@ -1,13 +1,15 @@
-"""Check the pairs of frames passed to a network, and group pairs of equal size."""
+"""The inputs and outputs of networks: check pairs of frames, group those of equal size, find the axis of the flow."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
-from ..core.errors import UsageError
+from ..core.errors import ModelError, UsageError
+from ..core.text import first_of
 from ..core.types import Flow, Frame, described_array
 
 
@@ -47,7 +49,7 @@ def predict_by_size(
     (2, 3, 2)
     """
     if len(frames1) != len(frames2):
-        raise UsageError(f"{len(frames1)} first frames but {len(frames2)} second frames; pass pairs")
+        raise UsageError("frames2", f"{len(frames2)} second frames for {len(frames1)} first frames; pass pairs")
     sizes: dict[tuple[int, ...], list[int]] = {}
     for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
         check_pair(frame1, frame2)
@@ -63,6 +65,37 @@ def check_pair(frame1: Frame, frame2: Frame) -> None:
     """Check the input frames of a model."""
     for frame in (frame1, frame2):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-            raise UsageError(f"a frame is {described_array(frame)}; expected RGB uint8 (H, W, 3)")
+            raise UsageError(described_array(frame), "not a frame; expected RGB uint8 (H, W, 3)")
     if frame1.shape != frame2.shape:
-        raise UsageError(f"the frames of a pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")
+        raise UsageError(str(frame2.shape[:2]), f"the size of frame 2; frame 1 has {frame1.shape[:2]}")
+
+
+def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
+    """Return the axis of an output that contains (u, v), from its shape; channels first if both are possible.
+
+    >>> flow_layout((1, 40, 64, 2), 1, 40, 64)
+    'nhwc'
+    """
+    if tuple(shape) == (pairs, 2, height, width):
+        return "nchw"
+    if tuple(shape) == (pairs, height, width, 2):
+        return "nhwc"
+    expected = f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}"
+    raise ModelError(
+        str(tuple(shape)),
+        f"the shape of the network's flow for {pairs} inputs of {height}x{width}; expected {expected}: change the "
+        "network, or choose a different output with -O output=",
+    )
+
+
+def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
+    """Format names and shapes for messages.
+
+    >>> describe_arrays([("image1", (1, 3, None, None)), ("x", None)])
+    'image1 (1, 3, ?, ?), x (unknown shape)'
+    """
+    described = []
+    for name, shape in arrays:
+        sides = None if shape is None else ", ".join("?" if side is None else str(side) for side in shape)
+        described.append(f"{name[:60]!s} ({'unknown shape' if sides is None else sides})")
+    return first_of(described, 8) or "none"

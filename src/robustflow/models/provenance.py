@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ..core.errors import UsageError, unknown_name
 from .catalog import CheckpointEntry, entries_of, methods
-from .torch.find_checkpoint import RANDOM
+from .torch.network import RANDOM
 
 Setting = Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "UNKNOWN"]
 

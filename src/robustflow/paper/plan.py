@@ -21,7 +21,7 @@ from ..models import ModelSpec
 from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
 from ..models.networks.table import NETWORKS
 from ..models.provenance import training_of_entry
-from ..models.torch.find_checkpoint import RANDOM
+from ..models.torch.network import RANDOM
 from ..report.table import Column, Line, Section, Table
 from ..stats.published.tables import published_results
 from ..stats.results import SETTING_LABELS

@@ -25,8 +25,7 @@ from ..data.datasets.clips import ContextFrames
 from ..data.datasets.own import load_checked
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
-from ..models.base import describe_cell
-from ..models.window import place_of_pair
+from ..models.base import describe_cell, place_of_pair
 from .cells import Cell
 from .plan import RunOptions
 from .predict_stage import PredictionRequest

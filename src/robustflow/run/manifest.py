@@ -24,7 +24,7 @@ from ..corruptions.stack import levels_of
 from ..data.datasets.base import Clips, Dataset, Depths
 from ..data.datasets.clips import ContextFrames
 from ..metrics.rows import ROW_SCHEMA_VERSION
-from ..models.window import Window
+from ..models.base import Window
 from .cells import Cells, Levels, union
 from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Provenance, Text
 

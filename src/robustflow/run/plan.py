@@ -17,7 +17,7 @@ from ..corruptions.stack import levels_of
 from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
-from ..models.window import Window
+from ..models.base import Window
 from .cells import Cell, Cells
 from .config import FrameOptions, MeasuringOptions
 from .identity import (

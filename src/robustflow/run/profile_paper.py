@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from ..core.errors import AssetError, ModelError
 from ..models import load_model
 from ..models.catalog import methods
-from ..models.torch.find_checkpoint import RANDOM
+from ..models.torch.network import RANDOM
 from .profile import Counts, count, network_of
 
 _UNPADDED = ("flowformer_pp",)

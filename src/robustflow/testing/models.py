@@ -14,9 +14,8 @@ from ..attacks.problem import check_same_flow
 from ..core.errors import ModelError
 from ..core.types import Flow, Frame, described_array
 from ..metrics.photometric import misread
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
-from ..models.window import window_of
 from ..run.identity import checked_name
 from ..run.named_model import name_model
 

@@ -5,7 +5,6 @@ network of a method, from the registry that `run` uses, for training.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,11 @@ from torch.nn import functional as F
 from ..core.errors import UsageError, first_line
 from ..models import load_model
 from ..models.networks.blocks.raft import convex_upsample, mask_layers
-from ..models.networks.residual_encoder import ResidualEncoder
+from ..models.networks.brightflow import ResidualEncoder
 from ..models.tiling import TiledModel
-from ..models.torch.find_checkpoint import RANDOM
-from ..models.torch.fit import fitted_values, unfitted_flow
-from ..models.torch.model import NetworkModel
-from ..models.torch.module_net import ModuleNet
-from ..models.torch.network import weights_seeded
-from ..models.torch.user_model import ConventionWarning
+from ..models.torch.model import NetworkModel, fitted_values, unfitted_flow
+from ..models.torch.network import RANDOM, weights_seeded
+from ..models.torch.user_model import ModuleNet
 from .data.loader import Batch
 from .recipe import BrightflowObjective, Recipe, is_own, takes_iterations
 
@@ -283,10 +279,8 @@ def load_network(
         given["iterations"] = recipe.iterations
     if not (is_own(recipe.method) and str(start) == RANDOM):  # a user's module keeps its initial weights
         given["checkpoint"] = str(start)
-    with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
+    with torch.random.fork_rng(devices=[]), weights_seeded(seed):
         torch.default_generator.manual_seed(seed)  # seeds the weights of a user's module
-        if str(start) == RANDOM:  # random weights are not evaluated, so the warning does not apply
-            warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)
     trained = model.model if isinstance(model, TiledModel) else model
     if not isinstance(trained, NetworkModel):

@@ -10,9 +10,8 @@ import torch
 
 from robustflow.core.errors import ModelError
 from robustflow.models.networks.blocks.attention import attend
-from robustflow.models.networks.pair_transformer import PairTransformer, WindowBlock
-from robustflow.models.networks.sam_vit import Attention, SamSize, SamVit
-from robustflow.models.networks.tiny_vit import WindowAttention, distance_index
+from robustflow.models.networks.flowdiffuser_layers import PairTransformer, WindowBlock
+from robustflow.models.networks.sam_encoders import Attention, SamSize, SamVit, WindowAttention, distance_index
 
 pytestmark = pytest.mark.torch
 

@@ -7,8 +7,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import numpy as np
 import torch
 
-from robustflow.models.networks.blocks.correlation import pixel_grid
-from robustflow.models.networks.window_volume import WindowVolume
+from robustflow.models.networks.blocks.correlation import WindowVolume, pixel_grid
 
 pytestmark = pytest.mark.torch
 

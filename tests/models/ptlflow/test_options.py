@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from robustflow.core.errors import UsageError
-from robustflow.models.ptlflow.pairs import constructor_options
+from robustflow.models.ptlflow.models import constructor_options
 
 WIDTHS = (64, 96)
 

@@ -13,7 +13,7 @@ from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.confidence import ConfidentModel
-from robustflow.models.ptlflow.pairs import BESIDES, CONFIDENT
+from robustflow.models.ptlflow.models import BESIDES, CONFIDENT
 from robustflow.models.registry import MODELS
 
 from ...refusals import refused

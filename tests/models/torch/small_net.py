@@ -6,8 +6,7 @@ import os
 
 import torch
 
-from robustflow.models.torch.checkpoint import read_checkpoint
-from robustflow.models.torch.weights import load_weights
+from robustflow.models.torch.checkpoint import load_weights, read_checkpoint
 
 
 class Payload:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models.torch.find_checkpoint import find_checkpoint
+from robustflow.models.torch.network import find_checkpoint
 
 PUBLISHED = {"things": "https://example.org/net-things-0123abcd.pth", "kitti": "https://example.org/kitti.pth"}
 

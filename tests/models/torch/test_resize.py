@@ -7,7 +7,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.models.torch.fit import resize, resize_flow
+from robustflow.models.torch.model import resize, resize_flow
 
 pytestmark = pytest.mark.torch
 

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ...models.torch.checkpoint import read_checkpoint
+from ...models.torch.checkpoint import load_weights, read_checkpoint
 from ...models.torch.model import find_device
-from ...models.torch.weights import load_weights
 
 
 class Gate(nn.Module):

@@ -14,12 +14,10 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ...core.rng import Rng
-from .blocks.correlation import CorrelationPyramid, pixel_grid
+from .blocks.correlation import CorrelationPyramid, WindowVolume, pixel_grid
 from .blocks.raft import convex_upsample
 from .blocks.twins import Twins
-from .pair_transformer import PairTransformer
-from .sk_update import MaskHead, SkUpdate
-from .window_volume import WindowVolume
+from .flowdiffuser_layers import MaskHead, PairTransformer, SkUpdate
 
 STEPS = 1000
 

@@ -6,7 +6,7 @@ the folder of the ONNX file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +18,14 @@ from ...core.files import sha256_of_file
 from ...core.types import Flow, Frame
 from ..conventions import InputConvention, named_convention
 from ..model_file import damaged, opened
-from ..pairs import PairNetwork
-from ..signature import (
-    Dim,
-    batch_and_size,
-    chosen_inputs,
-    describe_arrays,
-    flow_layout,
-    infer_layout,
-    refuse_lost_frame,
-)
+from ..pairs import PairNetwork, describe_arrays, flow_layout
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
 _CUDA = "CUDAExecutionProvider"
+_LAYOUTS = {"pair": (2, (3,)), "stacked": (1, (2, 3)), "concatenated": (1, (6,))}
+"""Number of inputs, and their sides between N and (H, W), for each input layout."""
+_Inputs = Sequence[tuple[str, tuple[int | None, ...] | None]]
+"""Names and shapes of inputs; a dynamic side, or a shape of unknown rank, is None."""
 
 
 class OnnxNetwork(PairNetwork):
@@ -56,14 +51,14 @@ class OnnxNetwork(PairNetwork):
         weight_files = _external_files(path, model)
         self._session = _session(path, self.device, threads)
         nodes = self._session.get_inputs()
-        self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
-        self._output = _chosen_output(self._session.get_outputs(), output)
+        self._inputs = [nodes[i] for i in _chosen_inputs(path, [node.name for node in nodes], inputs)]
+        self._output = _chosen_output(path, self._session.get_outputs(), output)
         shapes = [(node.name, _shape(node.shape)) for node in self._inputs]
-        self._layout = infer_layout(shapes, layout)
-        self._batched, size = batch_and_size(shapes)
+        self._layout = _layout_of(path, shapes, layout)
+        self._batched, size = _batch_and_size(path, shapes)
         self.convention = named_convention(order=order, scaling=scaling, multiple=multiple, size=size)
-        refuse_lost_frame([node.name for node in self._inputs], _read_names(model))
-        self._dtypes = [_dtype(node) for node in self._inputs]
+        _refuse_lost_frame(path, model, [node.name for node in self._inputs])
+        self._dtypes = [_dtype(path, node) for node in self._inputs]
         self._settings = {
             "name": f"onnx:{path.stem}",
             "checkpoint": digest,
@@ -169,26 +164,91 @@ def _session(path: Path, device: str, threads: int) -> Any:
     return session
 
 
-def _chosen_output(nodes: list[Any], name: str | None) -> str:
+def _shape(shape: Any) -> tuple[int | None, ...] | None:
+    """Convert a shape from onnxruntime: a dynamic side is a string or None, an unknown rank is an empty shape."""
+    return tuple(side if isinstance(side, int) and side > 0 else None for side in shape) or None
+
+
+def _layout_of(path: Path, inputs: _Inputs, layout: str | None) -> str:
+    """Return the layout in which a pair is passed: the only one that the shapes allow, or else the declared one."""
+    if layout is not None and layout not in _LAYOUTS:
+        raise unknown_name("layout", str(layout), _LAYOUTS)
+    fitting = [name for name in _LAYOUTS if _fits(name, [shape for _, shape in inputs])]
+    chosen = [name for name in fitting if layout in (None, name)]
+    if len(chosen) == 1:
+        return chosen[0]
+    reason = "expected two inputs (N, 3, H, W), or one (N, 2, 3, H, W) or (N, 6, H, W); export it with such inputs"
+    if chosen:
+        reason = f"several layouts are possible; set the option layout to one of {', '.join(chosen)}"
+    elif fitting:
+        reason = f"layout={layout} does not match; {fitting[0]} does"
+    raise ModelError(path, f"its inputs are {describe_arrays(inputs)}: {reason}")
+
+
+def _fits(layout: str, shapes: Sequence[tuple[int | None, ...] | None]) -> bool:
+    """Return whether inputs of these shapes match a layout; an unknown side or shape matches any layout."""
+    count, sides = _LAYOUTS[layout]
+    return len(shapes) == count and all(
+        shape is None
+        or (
+            len(shape) == len(sides) + 3
+            and all(one in (None, side) for one, side in zip(shape[1:], sides, strict=False))
+        )
+        for shape in shapes
+    )
+
+
+def _batch_and_size(path: Path, inputs: _Inputs) -> tuple[bool, tuple[int | None, int | None]]:
+    """Return whether several pairs can be passed per call, and the (height, width) of the input, None if dynamic."""
+    shapes = [shape for _, shape in inputs if shape is not None]
+    batches = {shape[0] for shape in shapes} - {None}
+    heights, widths = ({shape[axis] for shape in shapes} - {None} for axis in (-2, -1))
+    if batches - {1} or len(heights) > 1 or len(widths) > 1:
+        expected = (
+            "expected a dynamic batch size or a batch size of 1, and frames of one size; export it with such inputs"
+        )
+        raise ModelError(path, f"its inputs are {describe_arrays(inputs)}: {expected}")
+    return not batches and bool(shapes), (next(iter(heights), None), next(iter(widths), None))
+
+
+def _chosen_inputs(path: Path, known: list[str], names: str | None) -> list[int]:
+    """Return the positions of the inputs in the order of the frames."""
+    wanted = known if names is None else [name.strip() for name in str(names).split(",")]
+    for name in wanted:
+        if name not in known:
+            raise unknown_name("input of the network", name, known)
+    if sorted(wanted) != sorted(known):
+        raise ModelError(path, f"its inputs are {', '.join(known)[:300]}, but only {', '.join(wanted)} would be used")
+    return [known.index(name) for name in wanted]
+
+
+def _refuse_lost_frame(path: Path, model: Any, inputs: list[str]) -> None:
+    """Raise if a network reads only one of its two frames, also in the branches of its graph."""
+    import onnx
+
+    read = {name for node in _messages(model, onnx.NodeProto) for name in node.input}
+    unused = [name for name in inputs if name not in read | {entry.name for entry in model.graph.output}]
+    if 0 < len(unused) < len(inputs):
+        raise ModelError(
+            path,
+            f"it does not read its input {unused[0][:60]}: the exporter got one example tensor for both frames and "
+            "merged them; export it with two different tensors",
+        )
+
+
+def _chosen_output(path: Path, nodes: list[Any], name: str | None) -> str:
     names = [str(node.name) for node in nodes]
     if not names:
-        raise ModelError("the network has no outputs; export it with its flow as an output")
+        raise ModelError(path, "the network has no outputs; export it with its flow as an output")
     chosen = names[-1] if name is None else str(name)  # the command line parses a name like 1234 as a number
     if chosen not in names:
         raise unknown_name("output of the network", chosen, names)
     return chosen
 
 
-def _shape(shape: Any) -> tuple[Dim, ...] | None:
-    """Convert a shape from onnxruntime, which represents a dynamic side by a string or None, and an unknown rank by an
-    empty shape.
-    """
-    return tuple(side if isinstance(side, int) and side > 0 else None for side in shape) or None
-
-
-def _dtype(node: Any) -> Any:
+def _dtype(path: Path, node: Any) -> Any:
     if node.type not in _DTYPES:
-        raise ModelError(f"the network's input {node.name} is {node.type}; expected one of {', '.join(_DTYPES)}")
+        raise ModelError(path, f"its input {node.name} is {node.type}; expected one of {', '.join(_DTYPES)}")
     return _DTYPES[node.type]
 
 
@@ -203,17 +263,6 @@ def _parse(path: Path, content: bytes) -> Any:
     if not model.graph.node:
         raise ModelError(path, "not an ONNX network (it has no operators); export it with torch.onnx.export")
     return model
-
-
-def _read_names(model: Any) -> set[str]:
-    """Return the names of all values that a network's operators read, including those in branches, and the output
-    names.
-    """
-    import onnx
-
-    return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
-        entry.name for entry in model.graph.output
-    }
 
 
 def _external_files(path: Path, model: Any) -> dict[str, str]:

@@ -1,6 +1,4 @@
-"""Run a network reproducibly. Use a PyTorch network as a flow model: the adapter handles the input images, the
-output flow, the device and the precision. A multi-frame PyTorch network as a flow model.
-"""
+"""PyTorch networks as flow models: input images, output flow, device, precision, and reproducible settings."""
 
 from __future__ import annotations
 
@@ -11,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ...core.errors import ModelError, RobustFlowError, UsageError, first_line
 from ...core.types import Flow, Frame
+from ..base import Window
 from ..conventions import InputConvention
 from ..devices import Execution, traceback_hint
 from ..pairs import PairNetwork, check_pair
-from ..window import Window
-from .fit import fitted_images, fitted_values, unfitted_flow
 
 # Since PyTorch 2.9, precision is set per backend; the older functions, needed before 2.9, cannot report these settings.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
@@ -212,3 +210,72 @@ class TorchStreamModel(TorchClipModel):
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Predict a flow as in `FlowModel.predict`, treating the pair as the first of a sequence."""
         return self.predict_clip((frame1, frame2), 0)
+
+
+def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
+    """Resize maps (N, C, H, W) bilinearly, with aligned corner pixels, to float32 (N, C, *size)."""
+    return F.interpolate(maps.float(), size=size, mode="bilinear", align_corners=True)
+
+
+def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
+    """Resize a flow (N, 2, H, W) to (N, 2, *size), and multiply u by the ratio of the widths and v by the ratio of the
+    heights.
+    """
+    ratios = flow.new_tensor([size[1] / flow.shape[3], size[0] / flow.shape[2]], dtype=torch.float32)
+    return resize(flow, size) * ratios.view(1, 2, 1, 1)
+
+
+def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: torch.device) -> Tensor:
+    """Convert RGB uint8 frames (H, W, 3) of equal size to the input of a network, float32 (N, 3, H', W').
+
+    >>> frame = np.full((3, 5, 3), 255, np.uint8)
+    >>> fitted_images([frame], InputConvention(fit="pad", multiple=4), torch.device("cpu")).shape
+    torch.Size([1, 3, 4, 8])
+    """
+    values = torch.from_numpy(np.stack(list(frames))).to(device).permute(0, 3, 1, 2).float()
+    return fitted_values(values, convention)
+
+
+def fitted_values(values: Tensor, convention: InputConvention) -> Tensor:
+    """Convert RGB images in 0..255, float32 (N, 3, H, W), to the input of a network, float32 (N, 3, H', W')."""
+    if convention.order == "bgr":
+        values = values.flip(1)
+    mean = values.new_tensor(convention.mean).view(1, 3, 1, 1)
+    scale = convention.scale
+    images = (values - mean) * (scale if isinstance(scale, float) else values.new_tensor(scale).view(1, 3, 1, 1))
+    if convention.fit == "pad":
+        mode = "replicate" if convention.padding == "replicate" else "constant"
+        return F.pad(images, convention.padding_sides(*images.shape[2:]), mode=mode)
+    if convention.fit == "stretch":
+        size = convention.fitted_size(*images.shape[2:])
+        return F.interpolate(images, size=size, mode="bilinear", align_corners=False)
+    return images
+
+
+def unfitted_flow(flow: Tensor, convention: InputConvention, height: int, width: int) -> Tensor:
+    """Convert a network's flow (N, 2, H', W') to the frames' size, (N, 2, height, width)."""
+    if convention.fit == "pad":
+        left, _, above, _ = convention.padding_sides(height, width)
+        return flow[:, :, above : above + height, left : left + width]
+    if convention.fit == "stretch":
+        return resize_flow(flow, (height, width))
+    return flow
+
+
+class TorchvisionRaft(nn.Module):
+    """torchvision's RAFT with its input transform; returns only the last flow."""
+
+    def __init__(self, model: Any, iterations: int) -> None:
+        super().__init__()
+        self.model = model
+        self.iterations = iterations
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """Predict the flow (N, 2, H, W) in pixels from RGB images (N, 3, H, W) in 0..255."""
+        return self.predictions(image1, image2)[-1]
+
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """Return the flow after every iteration, for the loss."""
+        first, second = ((image.contiguous() / 255 - 0.5) / 0.5 for image in (image1, image2))
+        flows: list[Tensor] = self.model(first, second, num_flow_updates=self.iterations)
+        return flows

@@ -10,8 +10,7 @@ from ...core.plugins import require
 from ..catalog import published_names
 from ..conventions import RAFT_SMALLEST, InputConvention, check_count
 from ..devices import Execution, with_execution
-from .find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
-from .network import network_model
+from .network import SOURCES, needs_checkpoint, network_model, refuse_missing_file
 
 if TYPE_CHECKING:
     from .model import NetworkModel
@@ -39,7 +38,7 @@ def _raft(
     from torchvision.models import optical_flow
 
     def build() -> Any:
-        from .module_net import TorchvisionRaft
+        from .model import TorchvisionRaft
 
         return TorchvisionRaft(getattr(optical_flow, name)(weights=None), iterations)
 

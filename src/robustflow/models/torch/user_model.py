@@ -1,11 +1,10 @@
-"""Use a PyTorch module as a flow model, in one line."""
+"""Use a PyTorch module as a flow model, in one line: pass images in its input layout, take the flow from its output."""
 
 from __future__ import annotations
 
 import copy
 import hashlib
-import warnings
-from dataclasses import replace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,47 +12,41 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
-from ...core.errors import ModelError, UsageError, unknown_name
-from ..conventions import ORDERS, SCALINGS, check_switch, named_convention
+from ...core.errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..conventions import check_switch, named_convention
 from ..devices import Execution, traceback_hint
-from .checkpoint import read_checkpoint
-from .guess import LAST_OUTPUT, Declared, infer_convention
+from ..pairs import describe_arrays, flow_layout
+from .checkpoint import is_plain, kind_of, load_weights, read_checkpoint
 from .model import NetworkModel, find_device
-from .module_net import MODULE_LAYOUTS, ModuleNet
-from .weights import kind_of, load_weights
 
-_KNOWN = {
-    "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST_OUTPUT), 8),
-    "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
+LAYOUTS = ("pair", "concatenated", "stacked", "images")
+_DEFAULT: dict[str, Any] = {"scaling": "0-1", "order": "rgb", "multiple": 8, "layout": "pair", "output": None}
+_OF_LIBRARIES: dict[str, dict[str, Any]] = {
+    "torchvision.models.optical_flow": {"scaling": "-1-1"},
+    "ptlflow.models": {"order": "bgr", "multiple": 1, "layout": "images", "output": "flows"},
 }
-"""Libraries whose models share one input convention, and the multiple that they require for height and width."""
-MULTIPLE = 8
-
-
-class ConventionWarning(UserWarning):
-    """Warns that the declared input or output fails on shifted textures, or states which convention was determined."""
+"""What differs from the defaults in libraries whose networks share one input format."""
 
 
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    Declare the input convention with which the network was trained; it is checked on shifted textures. Missing values
-    are looked up (torchvision, ptlflow), or determined by trying the common conventions on these textures. A convention
-    is only used if it is clearly the best, and is stated in a warning. For a network without trained weights, the
-    convention cannot be determined and must be declared. The convention is part of `identity` and therefore of a run's
-    manifest.
+    Declare the input format with which the network was trained: without a declaration, it is the default, or that of
+    the library for networks of torchvision and ptlflow. It is part of `identity` and therefore of a run's manifest.
+    `robustflow check` and the first pair of a run report a flow that is not (u right, v down) in pixels.
 
     Args:
         net: PyTorch module. The model uses a copy in evaluation mode, so training of the original can continue.
-        scaling: range of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, standardised with ImageNet's mean and
-            standard deviation).
-        order: colour order, "rgb" or "bgr".
+        scaling: range of the values: "0-1" (default), "-1-1", "0-255", or "imagenet" (0..1, standardised with
+            ImageNet's mean and standard deviation).
+        order: colour order, "rgb" (default) or "bgr".
         multiple: number of which height and width must be multiples, 8 by default; frames are padded by repeating the
             border, half on each side.
-        layout: input layout: "pair" (two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked" (one (N, 2,
-            3, H, W)) or "images" (the stacked tensor in a dictionary, as in ptlflow).
-        output: index or key of the flow among several outputs; if that output is a list, its last element is used. The
-            flow is (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
+        layout: input layout: "pair" (default; two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked"
+            (one (N, 2, 3, H, W)) or "images" (the stacked tensor in a dictionary, as in ptlflow).
+        output: index or key of the flow among several outputs, by default the last; if that output is a list, its last
+            element is used. The flow is (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images'
+            resolution.
         checkpoint: path of a file with weights to load first, strictly and without executing code in the file.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
         name: name in tables and figures; by default the class name.
@@ -64,8 +57,7 @@ class TorchModel(NetworkModel):
 
     Raises:
         UsageError: `net` is not a module, or an option is invalid.
-        ModelError: no convention is clearly the best, the declared convention is wrong, the module fails, or the
-            checkpoint does not match it.
+        ModelError: the module cannot be copied or has no weights, or the checkpoint does not match it.
 
     >>> class Net(nn.Module):
     ...     def forward(self, image1, image2):
@@ -96,50 +88,34 @@ class TorchModel(NetworkModel):
         threads: int = 1,
     ) -> None:
         if not isinstance(net, nn.Module):
-            raise UsageError(f"TorchModel expects a torch.nn.Module, not {type(net).__name__}")
-        choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, MODULE_LAYOUTS)}
-        for option, (value, choice) in choices.items():
-            if value is not None and value not in choice:
-                raise unknown_name(option, str(value), choice)
+            raise UsageError("net", f"TorchModel expects a torch.nn.Module, not {type(net).__name__}")
+        kind = f"{type(net).__module__}.{type(net).__qualname__}"
+        declared = {"scaling": scaling, "order": order, "multiple": multiple, "layout": layout, "output": output}
+        library = next((own for start, own in _OF_LIBRARIES.items() if kind.startswith(start)), {})
+        given = _DEFAULT | library | {key: value for key, value in declared.items() if value is not None}
+        layout, output = given["layout"], given["output"]
+        if layout not in LAYOUTS:
+            raise unknown_name("layout", str(layout), LAYOUTS)
+        convention = named_convention(order=given["order"], scaling=given["scaling"], multiple=given["multiple"])
         check_switch("batched", batched)
         execution = Execution(device, precision, compile, threads)
-        kind = f"{type(net).__module__}.{type(net).__qualname__}"
+        self._class = type(net).__name__
         module = _copied(net, kind)
-        weights, trained = _loaded(module, checkpoint, sha256, type(net).__name__)
-        frozen = [name for name, value in module.named_parameters() if not value.requires_grad]
-        module.to(find_device(device)).eval().requires_grad_(False)
-
-        library = next((known for start, known in _KNOWN.items() if kind.startswith(start)), None)
-        known, known_multiple = library or (Declared(), MULTIPLE)
-        declared = Declared(scaling or known.scaling, order or known.order, layout or known.layout, output)
-        if declared.output is None and declared.layout == known.layout:
-            declared = replace(declared, output=known.output)
-
-        multiple = known_multiple if multiple is None else multiple
-        if library is None or declared != known:  # the conventions of these libraries are known
-            declared, remark = infer_convention(module, declared, multiple, find_device(device), threads)
-            if remark:
-                warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
-        self.declared = declared
+        weights, trained = _loaded(module, checkpoint, sha256, self._class)
+        self.frozen = frozenset(f"module.{name}" for name, one in module.named_parameters() if not one.requires_grad)
+        """Names of the parameters that the module excludes from training."""
         self.trained_on = trained_on or trained
         """The training sets, as abbreviated in the literature; None if they are not declared."""
-        convention = named_convention(
-            order=declared.order or "rgb",
-            scaling=declared.scaling or "0-1",
-            multiple=multiple,
-        )
+        module.to(find_device(device)).eval().requires_grad_(False)
         settings = {
             "object": kind,
             "checkpoint": weights,
-            "layout": declared.layout,
-            "output": "last" if declared.output in (None, LAST_OUTPUT) else declared.output,
+            "layout": layout,
+            "output": "last" if output in (None, -1) else output,
             "batched": batched,
         }
-        wrapped = ModuleNet(module, declared.layout or "pair", declared.output, batched)
-        self._class = type(net).__name__
+        wrapped = ModuleNet(module, layout, output, batched)
         super().__init__(name or self._class, wrapped, convention, settings, execution)
-        self.frozen = frozenset(f"module.{name}" for name in frozen)
-        """Names of the parameters that the module excludes from training."""
 
     def identity(self) -> dict[str, Any]:
         """Return the identity as in `NetworkModel.identity`, but without the name, which does not affect the
@@ -152,23 +128,25 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
     try:
         return copy.deepcopy(net)
     except Exception as error:
-        raise ModelError(
-            f"the module {kind} cannot be copied ({type(error).__name__}: {' '.join(str(error).split())}"
-            f"{traceback_hint(error)}); pass a newly built module"
-        ) from error
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}{traceback_hint(error)}"
+        raise ModelError(kind, f"the module cannot be copied ({reason}); pass a newly built module") from error
 
 
 def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> tuple[str, str | None]:
-    """Load the checkpoint, if there is one. Return the hash of the checkpoint, or else of the module's weights, and the
-    training sets that the checkpoint declares.
+    """Load the checkpoint, if there is one. Return its hash, or else that of the module's weights, and the training
+    sets that it declares.
     """
-    _refuse_missing_weights(module, name)
+    for key, value in (*module.named_parameters(), *module.named_buffers()):
+        if is_lazy(value):
+            raise ModelError(key, f"in a lazy layer of {name}: call the module once on a pair before you pass it")
+        if value.is_meta or value.layout is not torch.strided:
+            raise ModelError(key, f"a tensor of {kind_of(value)} in {name}: replace it by a dense tensor with values")
     if checkpoint is not None:
         read = read_checkpoint(checkpoint, sha256)
         load_weights(module, read, name)
         return read.sha256, read.trained_on
     if sha256 is not None:
-        raise UsageError("sha256 refers to a checkpoint file: pass a checkpoint, or omit sha256")
+        raise UsageError("sha256", "refers to a checkpoint file: pass a checkpoint, or omit it")
     digest = hashlib.sha256()
     for key, value in sorted(module.state_dict().items()):
         if isinstance(value, Tensor):
@@ -177,10 +155,106 @@ def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None
     return f"state_dict {digest.hexdigest()}", None
 
 
-def _refuse_missing_weights(module: nn.Module, name: str) -> None:
-    for key, value in (*module.named_parameters(), *module.named_buffers()):
-        if is_lazy(value) or value.is_meta or value.layout is not torch.strided:
-            what = "is in a lazy layer: call the module once on a pair of images"
-            if not is_lazy(value):
-                what = f"is a tensor of {kind_of(value)}: replace it by a dense tensor with values"
-            raise ModelError(f"'{key}' of {name} {what} before you pass the module")
+class ModuleNet(nn.Module):
+    """Pass images to a module in its input layout, and extract the flow from its output."""
+
+    def __init__(self, module: nn.Module, layout: str, output: Any, batched: bool) -> None:
+        super().__init__()
+        self.module = module
+        self.layout = layout
+        self.output = output
+        self.batched = batched
+
+    def train(self, mode: bool = True) -> ModuleNet:
+        """Keep the module in its current training or evaluation mode."""
+        self.training = mode
+        return self
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W) in the module's order and range."""
+        if self.batched:
+            return self._flow(image1, image2)
+        return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
+
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """Return all flows in the chosen output, the final one last; without a choice, a list of outputs is a list of
+        flows.
+        """
+        returned = self._returned(image1, image2)
+        if isinstance(returned, dict) or self.output not in (None, -1):
+            chosen_output(returned, self.output)  # raises an error for an output that is not a flow
+            returned = _named_output(returned, self.output)[1]
+        several = returned if isinstance(returned, list | tuple) and returned else [returned]
+        return [_as_flow(chosen_output(one, None), image1) for one in several]
+
+    def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:
+        return _as_flow(chosen_output(self._returned(image1, image2), self.output), image1)
+
+    def _returned(self, image1: Tensor, image2: Tensor) -> Any:
+        if self.layout == "pair":
+            inputs = [image1.contiguous(), image2.contiguous()]
+        else:
+            join = torch.cat if self.layout == "concatenated" else torch.stack
+            inputs = [join([image1, image2], dim=1)]
+        try:
+            return self.module(*([{"images": inputs[0]}] if self.layout == "images" else inputs))
+        except RobustFlowError:
+            raise
+        except Exception as error:  # any operator can fail; the last line of its message is the reason
+            reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
+            what = describe_arrays([(f"input {i}", tuple(value.shape)) for i, value in enumerate(inputs)])
+            advice = "set its input layout, or the multiple that its height and width need (-O layout=, -O multiple=)"
+            if isinstance(error, torch.OutOfMemoryError):
+                advice = "use fewer pairs at once, smaller frames or crops, or the CPU"
+            reason = f"{type(error).__name__}: {reason.strip()[:200]}{traceback_hint(error)}"
+            raise ModelError(type(self.module).__name__, f"the network failed on {what}: {reason}; {advice}") from error
+
+
+def _as_flow(output: Tensor, image1: Tensor) -> Tensor:
+    """Convert an output for images (N, 3, H, W) to a flow (N, 2, H, W)."""
+    if not (is_plain(output) and output.is_floating_point()):
+        advice = "return a dense floating-point tensor, or choose a different output with -O output="
+        raise ModelError(kind_of(output), f"the type of the network's output; {advice}")
+    pairs, _, height, width = image1.shape
+    if output.ndim == 5 and output.shape[1] == 1:
+        output = output[:, 0]
+    channels_last = flow_layout(output.shape, pairs, height, width) == "nhwc"
+    return output.permute(0, 3, 1, 2) if channels_last else output
+
+
+def chosen_output(returned: Any, output: Any) -> Tensor:
+    """Extract the flow from a module's output; if the chosen output is a list, use its last element.
+
+    >>> chosen_output({"flows": [torch.zeros(1), torch.ones(1)], "other": 3}, "flows")
+    tensor([1.])
+    """
+    name, flow = _named_output(returned, output)
+    while isinstance(flow, list | tuple) and flow:
+        flow = flow[-1]
+    if not isinstance(flow, Tensor):
+        known = ", ".join(_outputs_of(returned))[:200] or "none"
+        raise ModelError(
+            f"output={name}", f"it is {type(flow).__name__}, not a tensor; the network's outputs are {known}"
+        )
+    return flow
+
+
+def _named_output(returned: Any, output: Any) -> tuple[str, Any]:
+    """Return the name and value of the chosen output; None if there are no outputs to choose from."""
+    outputs = _outputs_of(returned)
+    names = list(outputs)
+    if output is None or output == -1:
+        return (names[-1], outputs[names[-1]]) if names else ("", None)
+    name = names[output] if isinstance(output, int) and -len(names) <= output < 0 else str(output)
+    if name not in outputs:
+        known = ", ".join(names)[:200] or "none"
+        raise UsageError(f"output={name}", f"the network has no such output; choose from {known}")
+    return name, outputs[name]
+
+
+def _outputs_of(returned: Any) -> dict[str, Any]:
+    """Return a module's outputs, keyed by name or position."""
+    if isinstance(returned, dict):
+        return {str(key): value for key, value in returned.items()}
+    several: Iterable[Any] = returned if isinstance(returned, list | tuple) else [returned]
+    return {str(i): value for i, value in enumerate(several) if not isinstance(value, str | bytes)}

@@ -1,13 +1,11 @@
-"""All-pairs correlation: the pyramid and the lookup of windows in it (RAFT, Teed and Deng 2020, section 3.2).
-Correlation of each pixel with a square window around it in a second map (PWC-Net's cost volume, Sun et al.
-2018).
-"""
+"""Correlation: of all pairs, in a pyramid (RAFT, Teed and Deng 2020), and within windows (PWC-Net, Sun et al. 2018)."""
 
 from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 
 def pixel_grid(like: Tensor) -> Tensor:
@@ -76,3 +74,85 @@ def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS
     side = range(2 * radius + 1)
     shifted = (padded[:, :, y : y + height, x : x + width] for y in side for x in side)
     return torch.stack([(features1 * other).mean(dim=1) for other in shifted], dim=1)
+
+
+class WindowVolume:
+    """Dot products, divided by sqrt(C), with 17 x 17 pixels around an integer target, and with three pooled levels."""
+
+    HALF, RADIUS, LEVELS = 8, 4, 4
+
+    def __init__(self, features1: Tensor, features2: Tensor, coordinates: Tensor) -> None:
+        self.shape = features1.shape
+        moved = coordinates - coordinates.detach()  # zero, but carries the gradient of the target
+        self.centre = coordinates.detach().round() + moved
+        volume = self._correlate(features1.float(), features2.float(), moved)
+        self.levels = [volume]
+        for _ in range(self.LEVELS - 1):
+            self.levels.append(F.avg_pool2d(self.levels[-1], 2))
+
+    def lookup(self, coordinates: Tensor) -> Tensor:
+        """Look up the correlations around `coordinates` (N, 2, H, W); the result is (N, 324, H, W), in the order of
+        `CorrelationPyramid.lookup`.
+        """
+        n, _, height, width = self.shape
+        inside = (coordinates - self.centre + self.HALF).permute(0, 2, 3, 1).reshape(-1, 2)
+        levels = [sample_window(level, inside / 2**i, self.RADIUS) for i, level in enumerate(self.levels)]
+        return torch.cat(levels, dim=2).reshape(n, height, width, -1).permute(0, 3, 1, 2).contiguous()
+
+    def _correlate(self, features1: Tensor, features2: Tensor, moved: Tensor) -> Tensor:
+        n, channels, height, width = self.shape
+        rows1 = features1.permute(0, 2, 3, 1).reshape(-1, channels) / channels**0.5
+        rows2 = features2.permute(0, 2, 3, 1).reshape(-1, channels)
+        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row represents all pixels outside the map
+        x, y = self.centre.detach().long().permute(1, 0, 2, 3).flatten(1)
+        image = torch.arange(n, device=x.device).repeat_interleave(height * width)
+        side = 2 * self.HALF + 1
+
+        def column(down: int, right: int, rows1: Tensor, rows2: Tensor) -> Tensor:
+            to_y, to_x = y + down - self.HALF, x + right - self.HALF
+            outside = (to_y < 0) | (to_y >= height) | (to_x < 0) | (to_x >= width)
+            target = ((image * height + to_y) * width + to_x).masked_fill(outside, len(rows2) - 1)
+            return (rows1 * rows2[target]).sum(dim=1)
+
+        places = [(down, right) for down in range(side) for right in range(side)]
+        if torch.is_grad_enabled() and rows1.requires_grad:  # avoids storing the products of all columns
+            columns = [checkpoint(column, *place, rows1, rows2, use_reentrant=False) for place in places]
+            volume = torch.stack(columns, dim=1).view(-1, 1, side, side)
+        else:
+            volume = rows1.new_empty(len(rows1), side * side)
+            for index, place in enumerate(places):
+                volume[:, index] = column(*place, rows1, rows2)
+            volume = volume.view(-1, 1, side, side)
+        if not moved.requires_grad:
+            return volume
+        with torch.no_grad():
+            wider = F.pad(volume, (1, 1, 1, 1))
+            for i in range(side):
+                for down, right in ((i, -1), (i, side), (-1, i), (side, i)):
+                    wider[:, 0, down + 1, right + 1] = column(down, right, rows1, rows2)
+            slopes = _slopes(wider, x, y, height, width)
+        for slope, along in zip(slopes, moved.permute(1, 0, 2, 3).reshape(2, -1, 1, 1, 1), strict=True):
+            volume = volume + slope * along
+        return volume
+
+
+def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Return the derivatives of windows with respect to the x and y of their centres, per pixel, (M, 1, S, S) each."""
+    inner = wider[..., 1:-1, 1:-1]
+    to_left, to_right = inner - wider[..., 1:-1, :-2], wider[..., 1:-1, 2:] - inner
+    upwards, downwards = inner - wider[..., :-2, 1:-1], wider[..., 2:, 1:-1] - inner
+    reach = inner.shape[-1] // 2
+    offsets = torch.arange(-reach, reach + 1, device=x.device)
+    before_x, before_y = (
+        _gets_smaller((centre[:, None] + offsets).float(), side)[:, None] for centre, side in ((x, width), (y, height))
+    )
+    along_x = torch.where(before_x[..., None, :], to_left, to_right)
+    return along_x, torch.where(before_y[..., None], upwards, downwards)
+
+
+def _gets_smaller(pixels: Tensor, side: int) -> Tensor:
+    """Return whether an integer coordinate becomes smaller when it is normalised to -1..1 for `grid_sample` and
+    converted back.
+    """
+    normalised = 2 * pixels / (side - 1) - 1
+    return (normalised + 1) / 2 * (side - 1) < pixels

@@ -10,11 +10,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..tiny.layers import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
-from ..torch.fit import resize_flow
-from .blocks.correlation import local_correlation
-from .blocks.pwc import FeaturePyramid, conv, warp
-from .blocks.raft import convex_upsample
+from ..networks.blocks.correlation import local_correlation
+from ..networks.blocks.pwc import FeaturePyramid, conv, warp
+from ..networks.blocks.raft import convex_upsample
+from ..torch.model import resize_flow
+from .layers import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
 
 
 class Tiny(nn.Module):

@@ -12,6 +12,7 @@ import io
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,15 +20,17 @@ from typing import TYPE_CHECKING, Any, get_origin
 
 from ...core.errors import ModelError, UsageError, unknown_name
 from ...core.plugins import require
+from ..base import Window
 from ..catalog import published_names
 from ..conventions import RAFT_SMALLEST, InputConvention, check_count
 from ..devices import Execution, with_execution
-from ..torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
-from ..torch.network import network_model
+from ..torch.network import SOURCES, needs_checkpoint, network_model, refuse_missing_file
 
 if TYPE_CHECKING:
     from ..torch.checkpoint import Checkpoint
-    from ..torch.model import NetworkModel
+    from ..torch.model import NetworkModel, TorchClipModel
+    from .net import Reading
+
 
 _ITERATIONS = ("iters", "decoder_depth")
 """Argument names for the number of iterations in ptlflow's models."""
@@ -246,3 +249,80 @@ gmflownet = _paper_model("gmflownet")
 craft = _paper_model("craft")
 flowformer = _paper_model("flowformer")
 flowformer_pp = _paper_model("flowformer_pp")
+
+
+@dataclass(frozen=True)
+class _ClipConvention:
+    """How a network receives its clip; see `PtlflowClipNet`."""
+
+    window: Window
+    reading: Reading
+    least: int
+    twice: int = 0
+    streams: bool = False
+    """Whether the network also works with only two frames."""
+
+
+_MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
+"""Number of frames before the pair. On KITTI, the authors start ten frames before the pair; on other datasets, they
+start at the beginning of the sequence.
+"""
+
+CLIPS = {
+    "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
+    "videoflow_mof": _ClipConvention(Window(2, 1, "inside"), "middle", least=3, twice=5),
+    "memflow": _MEMORY,
+    "memflow_t": _MEMORY,
+    "streamflow": _ClipConvention(Window(2, 0, "inside"), "each", least=4),
+    "memfof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
+    "starflow": _ClipConvention(Window(2, 0, "short"), "each", least=2, streams=True),
+}
+"""Multi-frame networks, keyed by their names in ptlflow."""
+
+
+@with_execution
+def ptlflow_clip_model(
+    name: str,
+    architecture: str,
+    checkpoint: str | Path | None = None,
+    *,
+    before: int | None = None,
+    iterations: int | None = None,
+    sha256: str | None = None,
+    execution: Execution,
+) -> TorchClipModel:
+    """Build a multi-frame ptlflow model, which does not keep state between clips."""
+    clip = CLIPS[architecture]
+    window = clip.window
+    if before is not None:
+        if not clip.streams:
+            raise UsageError(f"model '{name}' requires {_frames(window)} frames; omit before")
+        check_count("before", before)
+        window = window._replace(before=before)
+
+    def wrap(model: Any) -> Any:
+        from .net import PtlflowClipNet
+
+        return PtlflowClipNet(model, clip.reading, clip.least, clip.twice)
+
+    network = ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
+    from ..torch.model import TorchClipModel, TorchStreamModel
+
+    return (TorchStreamModel if clip.streams else TorchClipModel)(network, window)
+
+
+def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
+    """A function that builds any ptlflow model, two-frame or multi-frame."""
+    return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
+
+
+def _frames(window: Window) -> int:
+    return window.before + 2 + window.after
+
+
+videoflow_bof = ptlflow_factory("videoflow_bof", "videoflow_bof")
+videoflow_mof = ptlflow_factory("videoflow_mof", "videoflow_mof")
+memflow = ptlflow_factory("memflow", "memflow")
+memflow_t = ptlflow_factory("memflow_t", "memflow_t")
+streamflow = ptlflow_factory("streamflow", "streamflow")
+memfof = ptlflow_factory("memfof", "memfof")
