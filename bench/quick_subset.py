@@ -33,7 +33,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.core.severity import SEVERITIES
+from robustflow.core.arguments import SEVERITIES
 from robustflow.core.types import Flow, Frame, Sample
 from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import IMAGE_PAIR

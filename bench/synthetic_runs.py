@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from robustflow.api import evaluate
-from robustflow.core.severity import SEVERITIES
+from robustflow.core.arguments import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.run.identity import ModelIdentity, Provenance

@@ -180,5 +180,5 @@ def test_results_from_an_endless_pipe_are_refused_at_their_maximum_size(tmp_path
                 file.write(bytes(2**20))
 
     threading.Thread(target=write_until_closed, daemon=True).start()
-    with pytest.raises(DataError, match=r"pipe is larger than \d+ MiB"):
+    with pytest.raises(DataError, match="pipe: larger than"):
         read(path)

@@ -24,7 +24,7 @@ def test_design_writes_a_prescription(robustflow, monkeypatch):
 
 
 def test_show_writes_png_and_pdf(robustflow, monkeypatch):
-    for slow in ("lens_figure", "contact_sheet"):  # tests/lenses draws them
+    for slow in ("lens_figure", "contact_sheet"):  # tests/corruptions/optics draws them
         monkeypatch.setattr(f"robustflow.corruptions.optics.draw.{slow}", lambda *_: Figure())
     robustflow.prints("optics", "show", "--severity", "2", "--output", "figures")
     names = sorted(file.name for file in Path("figures").iterdir())

@@ -134,7 +134,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m dis -s 1,6", 2, "severity 6"),
         (None, "run -m dis -s high", 2, "'high'"),
         pytest.param(None, "reproduce experiment --severities 9", 2, "severity 9", marks=NEEDS_TORCH),
-        pytest.param(None, "reproduce experiment --size 7x", 2, "is not a size", marks=NEEDS_TORCH),
+        pytest.param(None, "reproduce experiment --size 7x", 2, "a size", marks=NEEDS_TORCH),
         (None, "run -m dis --variant other", 2, "default, reference, paper"),
         (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
         (None, "run -m dis --device cpu", 2, "runs on the CPU only; omit --device"),

@@ -19,7 +19,7 @@ import pytest
 
 from robustflow.core import compiled
 from robustflow.core.errors import UsageError
-from robustflow.core.paths import SAFE_PATH
+from robustflow.core.processes import SAFE_PATH
 from robustflow.report.figures import clean_against_cre, figure_bytes
 from robustflow.stats.published.tables import published_results
 

@@ -64,58 +64,11 @@ def test_depth_maps_of_a_different_size_than_the_frames_are_refused(name):
         corrupt(frame, frame, name, 3, depth=depth)
 
 
-MAP, MASK = np.ones((4, 6), np.float32), np.ones((4, 6), bool)
-
-
-@pytest.mark.parametrize(
-    ("maps", "mask", "message"),
-    [
-        ((np.ones((4, 6)), MAP), MASK, "depth map 1: expected float32"),
-        ((MAP, np.ones((4, 5), np.float32)), MASK, "depth map 2: expected float32"),
-        ((MAP, MAP), np.ones((4, 6)), "mask of depth map 1: expected bool"),
-        ((MAP, 0 * MAP), MASK, "depth map 2: every pixel"),
-        ((np.nan * MAP, MAP), MASK, "1: every pixel"),
-        ((), MASK, "give two NumPy maps"),
-        ((MAP,), MASK, "give two NumPy maps"),
-        ((MAP,) * 3, MASK, "give two NumPy maps"),
-        (([[1.0]],) * 2, MASK, "give two NumPy maps"),
-    ],
-)
-def test_impossible_depth_is_refused(maps, mask, message):
-    with pytest.raises(DataError, match=message):
-        SceneDepth(maps, (mask,) * len(maps), Camera((5.0, 5.0), (2.0, 0.0)))
-
-
 @pytest.mark.parametrize("depth", [np.ones((8, 9), np.float32), np.ones((8, 9)), 5.0, "maps"])
 def test_depth_that_is_no_scene_depth_object_is_refused_in_one_sentence(depth):
     frame = picture(8, 9)
     with pytest.raises(UsageError, match=r"fog_3d: depth is \w+; pass a robustflow\.SceneDepth"):
         corrupt(frame, frame, "fog_3d", 3, depth=depth)
-
-
-@pytest.mark.parametrize(
-    ("camera", "message"),
-    [
-        (((0, 0), (4, 4)), "focal lengths"),
-        (((-5.0, 9.0), (4, 4)), "focal lengths"),
-        (((np.nan, 9.0), (4, 4)), "focal lengths"),
-        (((1e-300, 9.0), (4, 4)), "focal lengths"),
-        (((9.0,), (4, 4)), "focal lengths"),
-        (((9.0, 9.0), (4, np.inf)), "principal point"),
-        (((9.0, 9.0), (4, 4), None, None, (9.0, 0.0, 4.0, 4.0)), "focal lengths"),
-        (((9.0, 9.0), (4, 4), None, np.zeros(3)), "together"),
-        (((9.0, 9.0), (4, 4), np.eye(4), np.zeros(3)), "rotation"),
-        (((9.0, 9.0), (4, 4), 2 * np.eye(3), np.zeros(3)), "rotation"),
-        (((9.0, 9.0), (4, 4), -np.eye(3), np.zeros(3)), "rotation"),
-        (((9.0, 9.0), (4, 4), np.nan * np.eye(3), np.zeros(3)), "rotation"),
-        (((9.0, 9.0), (4, 4), np.eye(3), np.zeros(2)), "translation"),
-        (((9.0, 9.0), (4, 4), np.eye(3), np.array([0, np.nan, 0])), "translation"),
-        (((9.0, 9.0), (4, 4), np.eye(3), np.array([0, 0, 1e300])), "translation"),
-    ],
-)
-def test_impossible_camera_is_refused(camera, message):
-    with pytest.raises(DataError, match=f"camera: .*{message}"):
-        Camera(*camera)
 
 
 BLURS = ("near_focus", "far_focus", "motion_blur_3d")

@@ -276,7 +276,7 @@ def test_a_link_in_a_run_folder_is_refused_and_its_target_stays(tmp_path, name):
     link.unlink(missing_ok=True)
     link.symlink_to(victim if "." not in name else victim / "kept.npy")
     for use in (folder.lock, folder.manifest):
-        with pytest.raises(RunError, match=rf"{name} is a link; .*delete it$"):
+        with pytest.raises(RunError, match=rf"{name}: is a link; .*delete it$"):
             use()
     assert {path: path.read_bytes() for path in victim.iterdir()} == before
 

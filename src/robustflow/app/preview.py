@@ -12,9 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from ..core.errors import UsageError
-from ..core.threads import one_opencv_thread
-from ..core.types import Flow, Frame, Sample
-from ..core.validated import Frozen
+from ..core.processes import one_opencv_thread
+from ..core.types import Flow, Frame, Frozen, Sample
 from ..corruptions import Corruption, corrupt, load_corruption
 from ..corruptions.stack import levels_of
 from ..media.colours import flow_colours, flow_radius, thickened

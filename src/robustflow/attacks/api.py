@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arguments import check_severity
 from ..core.errors import DataError, ModelError, UsageError
 from ..core.plugins import own_name
-from ..core.severity import check_severity
 from ..core.types import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.loading import as_model, load_model

@@ -16,10 +16,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
+from ..core.arguments import check_severity
 from ..core.errors import UsageError, unknown_name
+from ..core.plugins import source_digest
 from ..core.rng import Rng
-from ..core.severity import check_severity
-from ..core.source_digest import source_digest
 from ..core.types import Flow
 from ..models.base import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images

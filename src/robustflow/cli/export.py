@@ -108,7 +108,7 @@ def export(
         _export_run(context, Path(benchmark), format, output, hub_dataset)
         return
     refuse_unused(context, {"hub_dataset", *_OF_MODEL}, "without --format")
-    from ..core.progress import ProgressBar
+    from ..core.display import ProgressBar
     from ..core.text import counted
     from ..corruptions.stack import levels_of
     from ..data.benchmarks import BENCHMARKS, load_benchmark
@@ -171,8 +171,8 @@ def _export_submission(
     corruptions: list[str] | None,
     limit: int | None,
 ) -> None:
+    from ..core.display import ProgressBar
     from ..core.files import write_bytes
-    from ..core.progress import ProgressBar
     from ..data.datasets.robustspring import CORRUPTIONS, submitted
     from ..models import ModelSpec
     from ..run.records.pack import load_any_run

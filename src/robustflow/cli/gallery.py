@@ -77,7 +77,7 @@ def gallery(
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
-    from ..core.severity import check_severity
+    from ..core.arguments import check_severity
 
     if frames is not None and clip is not None:
         raise UsageError("--frames and --clip are both given; choose one")
@@ -132,7 +132,7 @@ def _write_pair_gallery(
     focal: float | None,
     still: bool,
 ) -> None:
-    from ..core.severity import SEVERITIES
+    from ..core.arguments import SEVERITIES
     from ..data.benchmarks.demo import DEMO_CLASSES
     from ..data.datasets.still import still_scene
     from ..report.gallery.page import gallery_slider, page_of
@@ -233,8 +233,8 @@ def _write_clip_gallery(
 ) -> None:
     from tempfile import TemporaryDirectory
 
-    from ..core.progress import ProgressBar
-    from ..core.severity import SEVERITIES
+    from ..core.arguments import SEVERITIES
+    from ..core.display import ProgressBar
     from ..report.gallery.page import gallery_slider, page_of
     from ..report.gallery.pictures import SHOWN, ClipPart, chosen_corruptions, clip_cells
 

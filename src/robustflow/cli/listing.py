@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError, unknown_name
-from ..core.severity import SEVERITIES
 from . import complete
 from .complete import KINDS
 

@@ -15,9 +15,10 @@ import typer
 from typer.core import TyperCommand, TyperOption
 
 from .. import __version__
+from ..core.display import ignore_local_settings
 from ..core.errors import RobustFlowError, UsageError, plain_warning
-from ..core.figure_style import ignore_local_settings
-from ..core.paths import SAFE_PATH, user_path
+from ..core.paths import user_path
+from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
 from .app import app as local_app
 from .check import check

@@ -34,7 +34,7 @@ def design(
       robustflow optics design --severity 2
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
-    from ..core.severity import check_severity
+    from ..core.arguments import check_severity
     from ..corruptions.optics.design import SHIPPED_SEEDS, lens_digest, ship_lens, structure_line
     from ..corruptions.optics.design import design as search_lens
     from ..corruptions.optics.lens import write_lens

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from ..core.arguments import check_severity
 from ..core.errors import UsageError
-from ..core.severity import check_severity
 from . import complete
 
 WHAT, DATA, HOW, OUTPUT = "What to measure", "On what", "How", "Output"

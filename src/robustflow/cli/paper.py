@@ -92,8 +92,8 @@ def displacement(
       robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model dis
       robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
+    from ..core.display import ProgressBar
     from ..core.files import make_folder, write_bytes
-    from ..core.progress import ProgressBar
     from ..data.benchmarks import load_benchmark
     from ..models import ModelSpec
     from ..report.figures import displacement_figure, write_figures

@@ -58,8 +58,8 @@ def predict(
       robustflow predict --model raft --checkpoint things frames/ -o flows --format png
       robustflow predict --model farneback clip.mp4 --video flow.mp4 --no-pictures
     """
+    from ..core.display import ProgressBar
     from ..core.errors import UsageError
-    from ..core.progress import ProgressBar
     from ..models import ModelSpec
     from ..run.predict import frames_of, predict_flows, write_pictures, write_video
 

@@ -76,7 +76,7 @@ def gopro_fc(
       robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
-    from ..core.progress import ProgressBar
+    from ..core.display import ProgressBar
     from ..data.video.disk import check_room, estimate_disk
     from ..data.video.prepare import Preparation
     from ..data.video.prepare_folder import find_sources, prepare_folder
@@ -118,8 +118,8 @@ def digests(
     Example:
       robustflow prepare digests --data ~/kitti
     """
+    from ..core.display import ProgressBar
     from ..core.errors import DataError
-    from ..core.progress import ProgressBar
     from ..run.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     if not data.is_dir():

@@ -81,7 +81,7 @@ def _print_model(
     iterations: int | None,
     into: Path | None,
 ) -> "tuple[Counts, PredictionCost | None]":
-    from ..core.types import parse_size
+    from ..core.arguments import parse_size
     from ..models import ModelSpec
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel

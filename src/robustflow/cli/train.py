@@ -109,8 +109,8 @@ def train(
       robustflow train raft --recipe kitti --data kitti2015=~/kitti --init random --steps 100 --batch-size 2
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
+    from ..core.arguments import parse_size
     from ..core.plugins import require
-    from ..core.types import parse_size
 
     if corrupt is None:
         refuse_unused(context, {"corrupt_probability"}, "without --corrupt")

@@ -41,7 +41,7 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
             _write_and_rename(path, write, durable)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise DataError(f"cannot write {path}: {reason}; choose an existing folder with enough free space") from error
+        raise DataError(path, f"cannot write ({reason}); choose an existing folder with enough free space") from error
 
 
 def _is_pipe_or_device(path: Path) -> bool:
@@ -96,7 +96,7 @@ def make_folder(path: Path) -> None:
         sync_folder(path.parent)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise DataError(f"cannot create the folder {path}: {reason}; choose another location") from error
+        raise DataError(path, f"cannot create this folder ({reason}); choose another location") from error
 
 
 def read_bounded(path: Path, largest: int, remedy: str) -> bytes:
@@ -109,9 +109,9 @@ def read_bounded(path: Path, largest: int, remedy: str) -> bytes:
         with open(path, "rb") as file:
             data = file.read(largest + 1)
     except OSError as error:
-        raise DataError(f"{path} cannot be read ({error.strerror or error}); {remedy}") from error
+        raise DataError(path, f"cannot be read ({error.strerror or error}); {remedy}") from error
     if len(data) > largest:
-        raise DataError(f"{path} is larger than {largest >> 20} MiB; {remedy}")
+        raise DataError(path, f"larger than {largest >> 20} MiB; {remedy}")
     return data
 
 
@@ -207,5 +207,5 @@ def cache_folder(part: str) -> Path:
     except RuntimeError:
         folder = Path("~")
     if folder.parts[0] == "~":  # older versions of platformdirs do not raise
-        raise DataError(f"this user has no home folder for cached files; set {CACHE_VARIABLE} to a folder")
+        raise DataError(CACHE_VARIABLE, "this user has no home folder for cached files; set this variable to a folder")
     return folder / part

@@ -1,6 +1,5 @@
-"""Find a dataset's folders and files, or report the expected layout. Reject links in folders that this program
-writes but that may be untrusted: through a link, files elsewhere would be read, replaced or deleted. Start
-processes that do not import modules from the working folder, which is untrusted.
+"""Find a dataset's folders and files, or report the expected layout; reject links in folders that this program writes
+but that may be untrusted: through a link, files elsewhere would be read, replaced or deleted.
 """
 
 from __future__ import annotations
@@ -8,9 +7,8 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from itertools import islice, pairwise
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 from .errors import DataError, RunError, UsageError
@@ -60,7 +58,7 @@ def user_path(path: str | Path) -> Path:
         raise DataError(path, "there is no such user; write out the full path") from error
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or str(error)
-        raise DataError(f"{str(path)[:60]}...: not a valid path ({why}); correct it") from error
+        raise DataError(f"{str(path)[:60]}...", f"not a valid path ({why}); correct it") from error
     return expanded
 
 
@@ -124,20 +122,6 @@ def folders(parent: Path) -> list[Path]:
     return sorted(path for path in parent.iterdir() if path.is_dir() and not path.name.startswith("."))
 
 
-def choice(option: str, value: str, known: Sequence[str]) -> str:
-    """Return `value`; raise a UsageError that lists the allowed values if it is not one of them."""
-    if value not in known:
-        raise UsageError(f"{option} '{value}' does not exist: choose from {', '.join(known)}")
-    return value
-
-
-def positive(option: str, value: int) -> int:
-    """Return `value`; raise a UsageError unless it is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise UsageError(f"{option} cannot be {value!r}: give a positive integer")
-    return value
-
-
 def _holds(folder: Path, markers: Sequence[str]) -> bool:
     return any((folder / marker).is_dir() for marker in markers)
 
@@ -165,7 +149,7 @@ def refuse_links(folder: Path, *inside: str) -> None:
     >>> (folder / "clean").symlink_to("/usr")
     >>> refuse_links(folder, "clean")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    robustflow.core.errors.RunError: .../clean is a link; ...
+    robustflow.core.errors.RunError: .../clean: is a link; ...
     """
     for place in (folder, *(folder / name for name in inside)):
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError), os.scandir(place) as entries:
@@ -173,34 +157,7 @@ def refuse_links(folder: Path, *inside: str) -> None:
                 if not (entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)):
                     what = "a link" if entry.is_symlink() else "neither a file nor a folder"
                     raise RunError(
-                        f"{entry.path} is {what}; the contents of this folder are read, replaced and deleted, so it "
-                        "may contain only files and folders: replace it with the file or folder itself, or delete it"
+                        entry.path,
+                        f"is {what}; the contents of this folder are read, replaced and deleted, so it "
+                        "may contain only files and folders: replace it with the file or folder itself, or delete it",
                     )
-
-
-SAFE_PATH = "PYTHONSAFEPATH"
-"""Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
-resource tracker, searches the working folder before the standard library."""
-
-
-@contextmanager
-def safe_path() -> Iterator[None]:
-    """Start processes within the block without the working folder on their import path."""
-    with environment_variables({SAFE_PATH: "1"}):
-        resource_tracker.ensure_running()  # otherwise it would start later, without this setting
-        yield
-
-
-@contextmanager
-def environment_variables(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables within the block, for the processes started in it."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -1,5 +1,5 @@
-"""Let a worker process keep freed memory for its next cell. A child process that can be monitored and that exits
-when its parent does.
+"""Processes: one that can be monitored and that exits when its parent does, its environment, and its use of processors
+and memory.
 
 Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread in
 the child waits for this, so even a child that hangs inside a model exits.
@@ -15,8 +15,9 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
@@ -25,9 +26,61 @@ from types import ModuleType
 from typing import Any
 
 from . import errors
+from .display import ignore_local_settings
 from .errors import RobustFlowError, RunError, UsageError
-from .figure_style import ignore_local_settings
-from .paths import environment_variables, safe_path
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
+resource tracker, searches the working folder before the standard library."""
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start processes within the block without the working folder on their import path."""
+    with environment_variables({SAFE_PATH: "1"}):
+        resource_tracker.ensure_running()  # otherwise it would start later, without this setting
+        yield
+
+
+@contextmanager
+def environment_variables(values: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables within the block, for the processes started in it."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def available_processors() -> int:
+    """Return the number of processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """Run OpenCV in one thread within the block: some of its methods split the image into one stripe per thread, and
+    their result depends on the number of stripes.
+
+    >>> import cv2
+    >>> with one_opencv_thread():
+    ...     cv2.getNumThreads()
+    1
+    """
+    import cv2
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt(3)."""

@@ -1,5 +1,5 @@
-"""`Sample`: the record that is passed from a dataset through corruptions and models to metrics. Parse sizes given
-as HEIGHTxWIDTH.
+"""`Sample`, the record that passes from a dataset through corruptions and models to metrics, and other types that every
+room uses: arrays, cameras, depth, and base classes of validated data.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
 
-from .errors import DataError, UsageError
+from .errors import DataError
 
 Frame = npt.NDArray[np.uint8]
 """An RGB image, uint8, shape (H, W, 3)."""
@@ -73,18 +74,20 @@ class Camera:
     def __post_init__(self) -> None:
         for focal, centre in ((self.focal, self.centre), (self.intrinsics(1)[:2], self.intrinsics(1)[2:])):
             if not (len(focal) == len(centre) == 2 and all(1e-3 <= value <= _LARGEST for value in focal)):
-                raise DataError(f"camera: focal lengths {focal}; expected (fx, fy), from 1e-3 to 1e9 px")
+                raise DataError("camera", f"focal lengths {focal}; expected (fx, fy), from 1e-3 to 1e9 px")
             if not all(abs(value) <= _LARGEST for value in centre):
-                raise DataError(f"camera: principal point {centre}; expected (cx, cy), at most 1e9 px from the origin")
+                raise DataError(
+                    "camera", f"principal point {centre}; expected (cx, cy), at most 1e9 px from the origin"
+                )
         if (self.rotation is None) != (self.translation is None):
-            raise DataError("camera: give rotation and translation together")
+            raise DataError("camera", "give rotation and translation together")
         if self.rotation is None or self.translation is None:
             return
         turn, moved = np.asarray(self.rotation, np.float64), np.asarray(self.translation, np.float64)
         if turn.shape != (3, 3) or not (np.abs(turn @ turn.T - np.eye(3)) < 1e-3).all() or not np.linalg.det(turn) > 0:
-            raise DataError("camera: the rotation is not a rotation matrix of shape (3, 3)")
+            raise DataError("camera", "the rotation is not a rotation matrix of shape (3, 3)")
         if moved.shape != (3,) or not (np.abs(moved) <= _FARTHEST).all():
-            raise DataError("camera: the translation must have shape (3,) and be at most 1e6 m along each axis")
+            raise DataError("camera", "the translation must have shape (3,) and be at most 1e6 m along each axis")
 
     def intrinsics(self, index: int) -> tuple[float, float, float, float]:
         """Return (fx, fy, cx, cy) of frame `index`, 0 or 1."""
@@ -112,17 +115,17 @@ class SceneDepth:
     def __post_init__(self) -> None:
         arrays = (*self.maps, *self.measured)
         if not (len(self.maps) == len(self.measured) == 2 and all(isinstance(each, np.ndarray) for each in arrays)):
-            raise DataError("depth: give two NumPy maps, one for each frame, and their two masks")
+            raise DataError("depth", "give two NumPy maps, one for each frame, and their two masks")
         shape = self.maps[0].shape
         for number, (depth, measured) in enumerate(zip(self.maps, self.measured, strict=True), 1):
             if depth.dtype != np.float32 or depth.ndim != 2 or depth.shape != shape:
-                raise DataError(f"depth map {number}: expected float32 {shape[:2]}, got {depth.dtype} {depth.shape}")
+                raise DataError(f"depth map {number}", f"expected float32 {shape[:2]}, got {depth.dtype} {depth.shape}")
             if measured.dtype != np.bool_ or measured.shape != shape:
                 raise DataError(
-                    f"mask of depth map {number}: expected bool {shape}, got {measured.dtype} {measured.shape}"
+                    f"mask of depth map {number}", f"expected bool {shape}, got {measured.dtype} {measured.shape}"
                 )
             if not (np.isfinite(depth).all() and (depth > 0).all()):
-                raise DataError(f"depth map {number}: every pixel must be positive and finite, in metres")
+                raise DataError(f"depth map {number}", "every pixel must be positive and finite, in metres")
 
 
 def described_array(value: Any) -> str:
@@ -182,11 +185,11 @@ class Sample:
 
     def __post_init__(self) -> None:
         if len(self.frames) < 2:
-            raise DataError(f"sample '{self.key}': optical flow needs two frames, not {len(self.frames)}")
+            raise DataError(f"sample '{self.key}'", f"optical flow needs two frames, not {len(self.frames)}")
         for index, frame in enumerate(self.frames):
             check_frame(frame, self.frames[0], f"sample '{self.key}', frame {index + 1}")
         if (self.flow is None) != (self.valid is None):
-            raise DataError(f"sample '{self.key}': flow and valid mask must be given together")
+            raise DataError(f"sample '{self.key}'", "flow and valid mask must be given together")
         maps: list[tuple[str, Any, type, int]] = [
             ("flow", self.flow, np.float32, 3),
             ("valid mask", self.valid, np.bool_, 2),
@@ -196,12 +199,12 @@ class Sample:
             maps += [("depth map", array, array.dtype.type, 2) for array in (*self.depth.maps, *self.depth.measured)]
         for name, array, kind, dimensions in maps:
             expected = (*self.shape, 2)[:dimensions]
-            is_array = isinstance(array, np.ndarray)
-            if array is not None and not (is_array and array.dtype == kind and array.shape == expected):
-                got = f"{array.dtype} {array.shape}" if is_array else f"a {type(array).__name__}"
+            fits = isinstance(array, np.ndarray) and array.dtype == kind and array.shape == expected
+            if array is not None and not fits:
+                given = described_array(array)
                 raise DataError(
-                    f"sample '{self.key}': the {name} is {got}; expected {np.dtype(kind)} {expected}, the size of the "
-                    "frames"
+                    f"sample '{self.key}'",
+                    f"the {name} is {given}; expected {np.dtype(kind)} {expected}, as the frames",
                 )
         if not self.group:
             object.__setattr__(self, "group", self.key)
@@ -217,13 +220,19 @@ class Sample:
         return height, width
 
 
-def parse_size(text: str, multiple: int = 1, smallest: int = 1, largest: int = 99_999) -> tuple[int, int]:
-    """Parse a text such as "256x832" into height and width, in pixels."""
-    height, cross, width = str(text).lower().partition("x")
-    if not (cross and all(side.isdecimal() and len(side) <= 5 for side in (height, width))):
-        raise UsageError(f"{str(text)[:40]!r} is not a size: write HEIGHTxWIDTH, for example 256x832")
-    size = int(height), int(width)
-    if any(side % multiple or not max(multiple, smallest) <= side <= largest for side in size):
-        must = f"multiples of {multiple}" if multiple > 1 else f"{smallest} to {largest} pixels"
-        raise UsageError(f"size {text}: height and width must be {must}, for example 256x832")
-    return size
+class Frozen(BaseModel):
+    """Immutable validated data; unknown fields are rejected."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class FrozenFinite(Frozen):
+    """Immutable validated data without infinite or NaN values, which JSON does not support."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
+class Untrusted(FrozenFinite):
+    """Immutable, finite validated data without type conversion: "3" is not a number. For untrusted files."""
+
+    model_config = ConfigDict(strict=True)

@@ -13,10 +13,10 @@ from typing import Any, overload
 import numpy as np
 from PIL import Image
 
+from ..core.arguments import check_severity
 from ..core.errors import DataError, UsageError, unknown_name
 from ..core.plugins import own_name
 from ..core.rng import Rng, check_seed
-from ..core.severity import check_severity
 from ..core.types import Frame, SceneDepth, check_frame
 from .base import BGR, SCALES, Corruption
 from .on_disk import refuse_on_disk

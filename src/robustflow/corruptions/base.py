@@ -11,9 +11,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
+from ..core.arguments import SEVERITIES, check_severity
 from ..core.errors import DataError, UsageError
 from ..core.rng import Rng
-from ..core.severity import SEVERITIES, check_severity
 from ..core.types import Frame, SceneDepth
 
 VARIANTS = ("default", "reference", "paper")

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
-from ..core.plugins import called, checked_name, described, own_name
+from ..core.plugins import called, checked_name, described, own_name, source_digest
 from ..core.rng import Rng
-from ..core.severity import SEVERITIES
-from ..core.source_digest import source_digest
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
 from .on_disk import on_disk

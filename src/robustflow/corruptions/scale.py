@@ -15,11 +15,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from ..core.arguments import SEVERITIES
 from ..core.errors import DataError, UsageError, first_misfit
 from ..core.files import digest_of_bytes, unsealed
 from ..core.paths import user_path
-from ..core.severity import SEVERITIES
-from ..core.validated import FrozenFinite
+from ..core.types import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
 """Environment variable that specifies a table to use instead of the shipped table."""
@@ -70,17 +70,16 @@ def read_table(path: Path) -> CalibrationTable:
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:
-        raise DataError(f"cannot read the calibration table {path}: {error.strerror}; check the path") from error
+        raise DataError(path, f"cannot be read ({error.strerror}); check the path of the calibration table") from error
     if content is None:
         raise DataError(
-            f"{path} is not a calibration table, or it is damaged (its content does not match its digest); "
-            "create one with robustflow optics calibrate"
+            path, "not a calibration table, or damaged (digest mismatch); create one with robustflow optics calibrate"
         )
     try:
         return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
-            f"{path} is not a calibration table ({first_misfit(error)}); create one with robustflow optics calibrate"
+            path, f"not a calibration table ({first_misfit(error)}); create one with robustflow optics calibrate"
         ) from error
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..core.arguments import SEVERITIES, check_severity
 from ..core.errors import UsageError
 from ..core.plugins import import_target, is_target
 from ..core.rng import Rng
-from ..core.severity import SEVERITIES, check_severity
 from ..core.types import Frame, SceneDepth
 from .base import Corruption
 from .on_disk import refuse_on_disk

@@ -10,8 +10,8 @@ import torch
 from torch.utils._pytree import tree_flatten, tree_unflatten
 from torchvision import tv_tensors
 
+from ..core.arguments import SEVERITIES
 from ..core.errors import DataError
-from ..core.severity import SEVERITIES
 from .base import Corruption
 from .transform import CorruptionTransform
 

@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..core.arguments import SEVERITIES, check_severity
 from ..core.errors import DataError, UsageError
 from ..core.rng import Rng, check_seed
-from ..core.severity import SEVERITIES, check_severity
 from ..core.types import Frame
 from .api import load_corruption
 from .base import Corruption

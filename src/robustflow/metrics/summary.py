@@ -7,7 +7,7 @@ from typing import Literal
 import polars as pl
 
 from ..core.errors import unknown_name
-from ..core.validated import FrozenFinite
+from ..core.types import FrozenFinite
 from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from ..core.errors import ModelError, UsageError, unknown_name
-from ..core.threads import one_opencv_thread
+from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame
 from .conventions import check_count
 from .pairs import check_pair

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..core.arguments import parse_size
 from ..core.errors import UsageError
-from ..core.types import Flow, Frame, parse_size
+from ..core.types import Flow, Frame
 from .base import AnyModel, ClipModel, FlowModel, checked_flow, model_identity
 from .pairs import check_pair
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from ..core.severity import SEVERITIES
+from ..core.arguments import SEVERITIES
 from ..core.text import text_cell
 from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts

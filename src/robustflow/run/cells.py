@@ -13,7 +13,7 @@ from typing import Annotated
 import polars as pl
 from pydantic import AfterValidator, Field
 
-from ..core.validated import Untrusted
+from ..core.types import Untrusted
 from ..metrics.rows import CLEAN
 from .identity import Text
 

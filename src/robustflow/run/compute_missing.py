@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import DataError
-from ..core.threads import one_opencv_thread
+from ..core.processes import one_opencv_thread
 from ..data.datasets.base import FromClips
 from ..metrics.photometric import misread
 from ..metrics.rows import CLEAN

@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 from ..core.errors import RunError, UsageError, first_misfit
 from ..core.files import sealed, unsealed, write_json
 from ..core.text import plain
-from ..core.validated import Untrusted
+from ..core.types import Untrusted
 from ..metrics.rows import CLEAN
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from pydantic import Field, JsonValue
 
 from ..core.errors import UsageError
 from ..core.files import digest_of_value
-from ..core.validated import Untrusted
+from ..core.types import Untrusted
 from ..corruptions.scale import calibration_digest
 from ..data.benchmarks.facts import EXPORTED
 from ..data.benchmarks.setting import BACKBONE_NOTE, PAIRS_NOTE, judge

@@ -19,7 +19,7 @@ from ..core.errors import RunError, first_misfit
 from ..core.files import sealed
 from ..core.plugins import called
 from ..core.text import plain
-from ..core.validated import Untrusted
+from ..core.types import Untrusted
 from ..corruptions.stack import levels_of
 from ..data.datasets.base import Clips, Dataset, Depths
 from ..data.datasets.clips import ContextFrames

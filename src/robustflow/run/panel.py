@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
 
-from ..core.figure_style import add_picture, default_style
+from ..core.display import add_picture, default_style
 from ..core.text import name_text
 from ..core.types import Flow, Frame, Sample
 from ..media.colours import flow_colours, flow_radius, thickened

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from rich.console import Console
 
-from ..core.progress import ProgressBar
+from ..core.display import ProgressBar
 from ..core.text import counted, plain
 from .engines.base import FinishedUnit
 

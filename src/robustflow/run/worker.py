@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.threads import one_opencv_thread
+from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame, Sample
 from ..data.datasets.base import Dataset
 from ..metrics.rows import CLEAN

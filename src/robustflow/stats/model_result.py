@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ..core.errors import DataError
 from ..core.text import plain
-from ..core.validated import Frozen
+from ..core.types import Frozen
 from ..metrics.summary import has_gaps
 from ..run.costs import RunCost, read_cost
 from ..run.means import family_crer

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..core.arguments import SEVERITIES
 from ..core.files import digest_of_value
-from ..core.severity import SEVERITIES
 from ..core.text import counted, joined, plain
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import estimate_remark, sample_noun, truth_remark

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from ..attacks.api import load_attack
 from ..attacks.ball import Images, images_of
 from ..attacks.problem import Pair
+from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
-from ..core.severity import SEVERITIES
 from ..core.types import Camera, Flow, Frame, SceneDepth
 from ..corruptions.api import load_corruption, stream_for
 from ..corruptions.base import Corruption

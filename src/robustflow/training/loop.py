@@ -22,9 +22,9 @@ import torch
 from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
+from ..core.display import ProgressBar
 from ..core.errors import DataError, ModelError, RobustFlowError
 from ..core.files import write_bytes
-from ..core.progress import ProgressBar
 from ..core.rng import key_of
 from ..models.devices import traceback_hint
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights

@@ -22,7 +22,7 @@ from ..core.errors import UsageError, unknown_name
 from ..core.files import digest_of_value
 from ..core.paths import user_path
 from ..core.plugins import accepts
-from ..core.validated import Frozen
+from ..core.types import Frozen
 from ..models.catalog import PTLFLOW
 from ..models.registry import MODELS
 

@@ -10,10 +10,10 @@ from typing import Any
 import torch
 from filelock import FileLock, Timeout
 
+from ..core.display import ProgressBar
 from ..core.errors import ModelError, RunError, UsageError, first_line
 from ..core.files import digest_of_bytes, make_folder, write_json
 from ..core.paths import refuse_links, user_path
-from ..core.progress import ProgressBar
 from ..data.datasets import dataset_facts
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.network import RANDOM

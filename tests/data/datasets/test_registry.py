@@ -37,9 +37,9 @@ def test_unknown_data_sets_options_and_splits_are_refused(tmp_path) -> None:
         load_dataset("gopro", tmp_path, stpe=2)
     with pytest.raises(UsageError, match=r"option of dataset 'motorcycle' 'step'\. Known: none"):
         load_dataset("motorcycle", step=2)
-    with pytest.raises(UsageError, match="split 'eval' does not exist: choose from val, training"):
+    with pytest.raises(UsageError, match="choose from val, training"):
         load_dataset("kitti_fc_released", tmp_path, split="eval")
-    with pytest.raises(UsageError, match="render_pass 'albedo' does not exist"):
+    with pytest.raises(UsageError, match="render_pass: 'albedo'"):
         load_dataset("flyingthings3d", tmp_path, render_pass="albedo")
 
 

@@ -110,7 +110,7 @@ def test_names_of_robustspring_differ_from_those_of_this_project():
         def apply(self, frame, state, index):
             return frame
 
-    with pytest.raises(UsageError, match="has the same name as the corruption"):
+    with pytest.raises(UsageError, match="has the same name as"):
         register_custom(Mine)
 
 

@@ -110,5 +110,5 @@ def test_missing_split_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_endless_device_as_split_file_is_refused() -> None:
-    with pytest.raises(DataError, match="/dev/zero is larger than 16 MiB; give a text file, one key per line"):
+    with pytest.raises(DataError, match="/dev/zero: larger than"):
         read_split("/dev/zero", KEYS)

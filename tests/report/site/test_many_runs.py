@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from robustflow.core.arguments import SEVERITIES
 from robustflow.core.files import CACHE_VARIABLE, sealed
-from robustflow.core.severity import SEVERITIES
 from robustflow.corruptions.weather.frost import photograph
 from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.report.gallery.pictures import gallery

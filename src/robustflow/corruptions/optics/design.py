@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.arguments import check_severity
 from ...core.files import write_bytes, write_json
 from ...core.rng import Rng
-from ...core.severity import check_severity
 from . import psf_field as shipped_psfs
 from .lens import AIR, IMAGE_RADIUS, Lens, Surface, read_lens, tangent_of, write_lens
 from .merit import FIELDS, Goal, aim

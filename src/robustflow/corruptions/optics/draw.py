@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core.figure_style import default_style
+from ...core.display import default_style
 from .design import goal_of
 from .lens import AIR, IMAGE_RADIUS, Lens
 from .merit import FIELDS as MEASURED_FIELDS

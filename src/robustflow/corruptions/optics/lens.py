@@ -21,7 +21,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ...core.errors import DataError, first_misfit, unknown_name
 from ...core.files import write_bytes
-from ...core.validated import Frozen
+from ...core.types import Frozen
 
 AIR: Final = "air"
 

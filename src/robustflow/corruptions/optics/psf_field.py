@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...core.arguments import SEVERITIES, check_severity
 from ...core.compiled import njit
 from ...core.errors import DataError
-from ...core.severity import SEVERITIES, check_severity
 from ...media.arrays import DAMAGE
 
 FIELDS = 64

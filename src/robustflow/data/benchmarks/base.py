@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...attacks.api import AnyAttack, with_controls
+from ...core.arguments import check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
-from ...core.severity import check_severity
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
 from ...corruptions.on_disk import on_disk
 from ...corruptions.registry import with_families

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import Field
 
+from ...core.arguments import SEVERITIES
 from ...core.errors import UsageError
-from ...core.severity import SEVERITIES
-from ...core.validated import Frozen
+from ...core.types import Frozen
 from ...corruptions import IMAGE_PAIR
 from ..datasets.base import DatasetFacts
 

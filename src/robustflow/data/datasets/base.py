@@ -12,8 +12,7 @@ from pydantic import Field
 
 from ...core.errors import UsageError
 from ...core.plugins import called
-from ...core.types import Frame, Sample, SceneDepth
-from ...core.validated import Frozen
+from ...core.types import Frame, Frozen, Sample, SceneDepth
 
 GroundTruth = Literal["dense", "sparse", "none"]
 

@@ -12,8 +12,8 @@ from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
+from ...core.arguments import positive
 from ...core.errors import UsageError
-from ...core.paths import positive
 from ...core.plugins import called
 from ...core.types import Frame, Sample, check_frame
 from ...corruptions.api import corrupt_clip

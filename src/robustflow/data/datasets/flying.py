@@ -21,8 +21,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import choice, consecutive, folders, locate, numbered, partner, user_path
+from ...core.paths import consecutive, folders, locate, numbered, partner, user_path
 from .base import NON_COMMERCIAL, DatasetFacts
 from .pairs import PairDataset, PairFiles
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...core.arguments import positive
 from ...core.errors import DataError, UsageError
-from ...core.paths import VIDEO_SUFFIXES, folders, positive, user_path
+from ...core.paths import VIDEO_SUFFIXES, folders, user_path
 from ...media.images import IMAGE_SUFFIXES, image_size, images_in, natural_order
 from .base import DatasetFacts, described
 from .clips import Video

@@ -17,9 +17,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from ...core.arguments import choice, positive
 from ...core.errors import DataError, UsageError
 from ...core.files import cache_folder
-from ...core.paths import choice, consecutive, folders, locate, numbered, positive, user_path
+from ...core.paths import consecutive, folders, locate, numbered, user_path
 from ...core.types import Frame, Sample
 from ...corruptions.api import load_corruption
 from ...corruptions.registry import CLIP, FAMILIES

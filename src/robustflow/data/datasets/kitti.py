@@ -52,8 +52,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import by_sequence, choice, following, locate, partner
+from ...core.paths import by_sequence, following, locate, partner
 from ...core.types import Camera, Frame, Mask, Sample, SceneDepth
 from ...media.depth import read_depth_png
 from ...media.flow import read_flow

@@ -21,8 +21,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import by_sequence, choice, folders, following, locate, numbered, partner, user_path
+from ...core.paths import by_sequence, folders, following, locate, numbered, partner, user_path
 from .base import DatasetFacts
 from .kitti import KITTI_FRAME, drives
 from .pairs import PairDataset, PairFiles

@@ -14,8 +14,9 @@ import re
 from abc import abstractmethod
 from pathlib import Path
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import choice, folders, locate, numbered, partner
+from ...core.paths import folders, locate, numbered, partner
 from ...core.types import Frame
 from .base import FC_PAPER, DatasetFacts
 from .kitti import KittiPairs, kitti_pairs

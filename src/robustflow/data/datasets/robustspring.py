@@ -29,8 +29,9 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from ...core.arguments import choice
 from ...core.errors import DataError, UsageError
-from ...core.paths import choice, consecutive, folders, locate, numbered, user_path
+from ...core.paths import consecutive, folders, locate, numbered, user_path
 from ...core.types import Frame, Sample
 from ...corruptions.on_disk import ROBUSTSPRING
 from .base import DatasetFacts

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import choice, consecutive, folders, locate, numbered, partner, user_path
+from ...core.paths import consecutive, folders, locate, numbered, partner, user_path
 from ...core.plugins import require
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.depth import read_dsp5

@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import choice, folders, following, locate, numbered, partner, user_path
+from ...core.paths import folders, following, locate, numbered, partner, user_path
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import known
 from ...media.depth import read_depth_npy, read_npy

@@ -8,10 +8,11 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from fractions import Fraction
 from pathlib import Path
 
+from ...core.display import ProgressBar
 from ...core.errors import DataError, UsageError
 from ...core.files import cache_folder, make_folder, sealed, sha256_of_file, write_json
-from ...core.paths import folders, safe_path
-from ...core.progress import ProgressBar
+from ...core.paths import folders
+from ...core.processes import safe_path
 from ...media.images import images_in
 from .interpolation import load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip

@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError
 
 from ...core.errors import DataError
 from ...core.files import digest_of_value, make_folder, quick_digest_of_file, unsealed
-from ...core.validated import Frozen
+from ...core.types import Frozen
 from .clip import ClipFile
 
 T = TypeVar("T")

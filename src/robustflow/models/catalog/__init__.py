@@ -14,7 +14,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...core.validated import Frozen
+from ...core.types import Frozen
 
 PTLFLOW = "ptlflow:"
 """Prefix for ptlflow models whose plain names refer to a different model here: `raft` runs 12 iterations as in the

@@ -13,8 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ...core.arguments import parse_size
 from ...core.errors import UsageError
-from ...core.types import parse_size
 from ..base import AnyModel
 from ..conventions import InputConvention, check_count, check_switch
 from ..devices import Execution, with_execution

@@ -22,8 +22,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from ...core.display import default_style
 from ...core.errors import unknown_name
-from ...core.figure_style import default_style
 from ...core.files import make_folder, write_bytes
 from ...core.text import name_text
 from ...stats.uncertainty.intervals import IntervalEnds

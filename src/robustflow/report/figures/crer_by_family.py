@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from ...core.display import default_style
 from ...core.errors import UsageError
-from ...core.figure_style import default_style
 from ...core.text import name_text
 from ...corruptions.registry import MEMBERS
 from ...stats.model_result import ModelResult

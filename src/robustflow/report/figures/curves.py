@@ -12,9 +12,9 @@ from typing import Any
 import polars as pl
 from matplotlib.lines import Line2D
 
+from ...core.arguments import SEVERITIES
+from ...core.display import default_style
 from ...core.errors import UsageError
-from ...core.figure_style import default_style
-from ...core.severity import SEVERITIES
 from ...core.text import name_text
 from ...corruptions.registry import ordered
 from ...stats.attacks import CurvePoint

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import polars as pl
 from matplotlib.ticker import FuncFormatter
 
+from ...core.display import default_style
 from ...core.errors import UsageError
-from ...core.figure_style import default_style
 from ...core.text import name_text
 from .canvas import Mark, MarkedFigure, new_figure
 from .styles import BLACK

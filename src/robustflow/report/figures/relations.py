@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...core.display import default_style
 from ...core.errors import UsageError
-from ...core.figure_style import default_style
 from ...core.text import name_text
 from ...stats.model_result import ModelResult
 from ...stats.published.tables import not_discussed, of_paper

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
+from ...core.display import default_style
 from ...core.errors import UsageError
-from ...core.figure_style import default_style
 from ...core.text import name_text, plain
 from ...stats.effective import effective_robustness
 from ...stats.model_result import ModelResult

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from matplotlib.figure import Figure
 
-from ...core.figure_style import add_picture, default_style
+from ...core.display import add_picture, default_style
 from ...core.text import plain
 from ...core.types import Frame
 from ..notebook import content_policy, templates

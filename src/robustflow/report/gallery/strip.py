@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...attacks.result import Attacked
-from ...core.figure_style import add_picture, default_style
+from ...core.display import add_picture, default_style
 from ...core.types import Flow, Frame, Sample
 from ...corruptions import Corruption, corrupt_clip
 from ...media.colours import flow_colours, flow_radius, thickened

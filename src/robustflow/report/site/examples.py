@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from ...core.arguments import SEVERITIES
 from ...core.errors import AssetError, DataError, first_misfit
 from ...core.files import (
     cache_folder,
@@ -27,10 +28,8 @@ from ...core.files import (
     unsealed,
     write_json,
 )
-from ...core.severity import SEVERITIES
 from ...core.text import plain
-from ...core.types import Frame
-from ...core.validated import Untrusted
+from ...core.types import Frame, Untrusted
 from ...data.benchmarks.demo import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image, shrunk

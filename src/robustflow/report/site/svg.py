@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup
 from matplotlib.transforms import Bbox
 
-from ...core.figure_style import default_style
+from ...core.display import default_style
 from ...core.text import plain
 from ..figures import figure_bytes
 from ..figures.canvas import Mark, MarkedFigure, any_script

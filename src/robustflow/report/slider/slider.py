@@ -11,7 +11,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ...core.severity import SEVERITIES
+from ...core.arguments import SEVERITIES
 from ...core.text import plain
 from ...core.types import Frame
 from ...media.images import jpeg_address, shrunk

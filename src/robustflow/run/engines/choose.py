@@ -11,9 +11,8 @@ from typing import Any
 
 from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
-from ...core.processes import may_have_children
+from ...core.processes import available_processors, may_have_children
 from ...core.text import counted
-from ...core.threads import available_processors
 from ...models.conventions import check_count, check_positive
 from ...models.loading import devices_of
 from ..named_model import NamedModel

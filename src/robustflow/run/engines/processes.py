@@ -13,8 +13,7 @@ from collections.abc import Container, Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 
 from ...core.errors import ModelError
-from ...core.processes import Child
-from ...core.threads import one_opencv_thread
+from ...core.processes import Child, one_opencv_thread
 from ..plan import Unit
 from ..seconds import pop_timings
 from .base import Engine, FinishedUnit, FinishedUnits, Job, Schedule, pickled

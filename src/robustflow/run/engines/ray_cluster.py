@@ -15,8 +15,8 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from ...core.errors import RobustFlowError, RunError, UsageError
-from ...core.paths import environment_variables, safe_path
 from ...core.plugins import require
+from ...core.processes import environment_variables, safe_path
 
 REACH_S = 10.0
 """Time limit for the head of a cluster to respond, in seconds."""

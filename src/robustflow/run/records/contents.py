@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from ...core.errors import DataError, RunError, first_misfit
 from ...core.text import plain
-from ...core.validated import Untrusted
+from ...core.types import Untrusted
 from ...metrics.rows import ROW_KEY, ROW_SCHEMA
 from ..manifest import Manifest
 from .container import holds_path, texts

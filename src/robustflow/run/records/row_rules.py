@@ -19,7 +19,7 @@ import polars as pl
 from ...attacks.ball import GREY_LEVELS
 from ...attacks.registry import norm_of
 from ...attacks.result import WARNINGS
-from ...core.severity import SEVERITIES
+from ...core.arguments import SEVERITIES
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
 from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA, SIGNED
 

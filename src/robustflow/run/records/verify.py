@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from ...core.errors import RobustFlowError, RunError
 from ...core.paths import user_path
 from ...core.text import counted, plain
-from ...core.validated import Frozen
+from ...core.types import Frozen
 from ...data.benchmarks.facts import truth_remark
 from ..cells import UNEVEN
 from ..run import Run

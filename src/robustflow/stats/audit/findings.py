@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from ...core.validated import Frozen, FrozenFinite
+from ...core.types import Frozen, FrozenFinite
 
 AUDIT_CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",

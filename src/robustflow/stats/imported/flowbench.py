@@ -26,10 +26,10 @@ from math import fsum
 from pathlib import Path
 from typing import Any
 
+from ...core.arguments import SEVERITIES
 from ...core.errors import DataError
 from ...core.files import read_bounded
 from ...core.paths import user_path
-from ...core.severity import SEVERITIES
 from ...core.text import counted, plain
 from ...data.benchmarks.setting import setting_of
 from ...metrics.rows import CLEAN

@@ -17,9 +17,9 @@ from math import fsum
 from pathlib import Path
 from typing import Any
 
+from ...core.arguments import SEVERITIES
 from ...core.errors import DataError, unknown_name
 from ...core.paths import user_path
-from ...core.severity import SEVERITIES
 from ...core.text import plain
 from ...corruptions.registry import PAPER_ORDER
 from ...data.benchmarks import benchmark_facts

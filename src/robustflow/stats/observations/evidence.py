@@ -13,7 +13,7 @@ from statistics import fmean
 from typing import Literal
 
 from ...core.text import first_of
-from ...core.validated import FrozenFinite
+from ...core.types import FrozenFinite
 from ...corruptions.registry import PAPER_ORDER
 from ...data.benchmarks import benchmark_facts
 from ...run.means import family_crer

@@ -13,7 +13,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Literal
 
-from ...core.validated import Frozen
+from ...core.types import Frozen
 from ...data.benchmarks import benchmark_facts
 from ..model_result import ModelResult, PrintedCost, merged
 from ..results_file import parse_results

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from ...core.errors import RunError
-from ...core.paths import safe_path
+from ...core.processes import safe_path
 from .pairs import TrainingPair, TrainingPairs, Whole
 
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ....core.arguments import choice, parse_size
 from ....core.errors import UsageError
-from ....core.paths import choice
 from ....core.rng import Rng
-from ....core.types import Camera, Sample, SceneDepth, parse_size
+from ....core.types import Camera, Sample, SceneDepth
 from ..base import DatasetFacts
 from ..pairs import Samples
 from .render import depths_of, render_pair

@@ -7,7 +7,7 @@ import pytest
 from robustflow.core.errors import DataError
 from robustflow.corruptions.optics.lens import read_lens, write_lens
 
-from ..refusals import refused
+from ...refusals import refused
 from .lenses import cooke_triplet
 
 

@@ -12,7 +12,7 @@ from robustflow.corruptions.optics import blur as engine
 from robustflow.corruptions.optics.blur import KernelCache, Kernels, blur
 from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
 
-from ..corruptions.pictures import noise
+from ..pictures import noise
 from .naive_blur import blended_blur, blurred_pixels
 
 

@@ -10,7 +10,7 @@ import pytest
 from robustflow.core.errors import AssetError
 from robustflow.corruptions import load_corruption
 
-from ..shared_data import shared_root
+from ...shared_data import shared_root
 from .stats import flows
 
 FOLDER = shared_root() / "corruption-reference"

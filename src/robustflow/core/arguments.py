@@ -1,0 +1,49 @@
+"""Check what a user passes: a choice, a positive integer, a severity, a size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .errors import UsageError
+
+SEVERITIES = (1, 2, 3, 4, 5)
+
+
+def check_severity(severity: int) -> int:
+    """Return `severity`; raise a UsageError if it is not a valid severity.
+
+    >>> check_severity(6)
+    Traceback (most recent call last):
+    robustflow.core.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
+    """
+    if isinstance(severity, bool) or severity not in SEVERITIES:
+        error = UsageError(f"severity {severity!r} does not exist: choose 1 (mild) to 5 (severe)")
+        error.culprit = str(severity)
+        raise error
+    return int(severity)
+
+
+def parse_size(text: str, multiple: int = 1, smallest: int = 1, largest: int = 99_999) -> tuple[int, int]:
+    """Parse a text such as "256x832" into height and width, in pixels."""
+    height, cross, width = str(text).lower().partition("x")
+    if not (cross and all(side.isdecimal() and len(side) <= 5 for side in (height, width))):
+        raise UsageError(str(text)[:40], "not a size; write HEIGHTxWIDTH, for example 256x832")
+    size = int(height), int(width)
+    if any(side % multiple or not max(multiple, smallest) <= side <= largest for side in size):
+        must = f"multiples of {multiple}" if multiple > 1 else f"{smallest} to {largest} pixels"
+        raise UsageError(text, f"height and width must be {must}, for example 256x832")
+    return size
+
+
+def choice(option: str, value: str, known: Sequence[str]) -> str:
+    """Return `value`; raise a UsageError that lists the allowed values if it is not one of them."""
+    if value not in known:
+        raise UsageError(option, f"'{value}' does not exist; choose from {', '.join(known)}")
+    return value
+
+
+def positive(option: str, value: int) -> int:
+    """Return `value`; raise a UsageError unless it is a positive integer."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise UsageError(option, f"cannot be {value!r}; give a positive integer")
+    return value
