@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, SkipValidation, ValidationError
 from pydantic.fields import FieldInfo
 
 from ..core.errors import UsageError
-from ..core.validated import Frozen, Untrusted
+from ..core.types import Frozen, Untrusted
 
 COMMON, WHAT, DATA, HOW, OUTPUT = None, "What to measure", "On what", "How", "Output"
 """Headings of options in `run --help`; the most common options have no heading and come first."""
