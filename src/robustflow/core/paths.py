@@ -5,7 +5,6 @@ but that may be untrusted: through a link, files elsewhere would be read, replac
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice, pairwise
@@ -62,31 +61,6 @@ def user_path(path: str | Path) -> Path:
     return expanded
 
 
-def numbered(folder: Path, pattern: str) -> dict[int, Path]:
-    """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group; an empty
-    mapping if the folder does not exist.
-    """
-    frames: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        match = re.fullmatch(pattern, path.name)
-        if match:
-            number = int(match[1])
-            if number in frames:
-                raise DataError(path, f"has the same frame number as {frames[number].name}; remove one of the two")
-            frames[number] = path
-    return dict(sorted(frames.items()))
-
-
-def by_sequence(folder: Path, pattern: str) -> dict[str, dict[int, Path]]:
-    """Return the files of a folder whose full name matches `pattern`, by its first group, the sequence, and the number
-    in its second group."""
-    sequences: dict[str, dict[int, Path]] = {}
-    for path in folder.iterdir():
-        if match := re.fullmatch(pattern, path.name):
-            sequences.setdefault(match[1], {})[int(match[2])] = path
-    return sequences
-
-
 def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
     """Return pairs of neighbouring frame numbers."""
     numbers = sorted(frames)
@@ -100,11 +74,6 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
                 "missing; restore it, or move the frames after the gap into a separate folder",
             )
     return list(pairwise(numbers))
-
-
-def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
-    """Return the pairs of frames with consecutive numbers."""
-    return [(frames[number], frames[number + 1]) for number in sorted(frames) if number + 1 in frames]
 
 
 def partner(path: Path, whose: Path) -> Path:
@@ -123,7 +92,7 @@ def folders(parent: Path) -> list[Path]:
 
 
 def _holds(folder: Path, markers: Sequence[str]) -> bool:
-    return any((folder / marker).is_dir() for marker in markers)
+    return any(path.is_dir() for marker in markers for path in folder.glob(marker))
 
 
 def _neighbours(root: Path) -> Iterator[Path]:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from robustflow.core.errors import DataError
 from robustflow.core.types import Camera
 from robustflow.data.datasets import load_dataset
-from robustflow.data.datasets.motorcycle import relative_motion, with_motion
+from robustflow.data.datasets.depth import relative_motion, with_motion
 from robustflow.media.flow import write_flow
 from robustflow.media.images import write_image
 

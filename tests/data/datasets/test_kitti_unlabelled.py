@@ -74,11 +74,11 @@ def _keys_of_scene(root):
 def test_folder_with_only_the_pairs_is_read(tmp_path):
     for frame in (10, 11):
         picture(tmp_path / "training" / "image_2" / f"000000_{frame}.png")
-    with pytest.raises(DataError, match=r"no two consecutive frames .* unpack data_scene_flow_multiview.zip"):
+    with pytest.raises(DataError, match=r"no pair of frames"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="left")
-    with pytest.raises(DataError, match=r"no training/image_3/; unpack all of data_scene_flow_multiview.zip"):
+    with pytest.raises(DataError, match=r"training/image_3: no such folder"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="both")
-    with pytest.raises(DataError, match="expected testing/image_2/ with frames"):
+    with pytest.raises(DataError, match="not laid out"):
         load_dataset("kitti_multiview", tmp_path, part="testing", camera="left")
     with pytest.raises(UsageError, match="camera 'middle' does not exist"):
         load_dataset("kitti_multiview", tmp_path, camera="middle")
@@ -107,7 +107,7 @@ def test_list_of_pairs_selects_the_pairs(raw, tmp_path):
 
 
 def test_folder_of_a_different_layout_is_refused(tmp_path):
-    with pytest.raises(DataError, match="not laid out like KITTI raw; expected 2011_09_26/2011_09_26_drive_0001_sync/"):
+    with pytest.raises(DataError, match="not laid out like KITTI raw"):
         load_dataset("kitti_raw", tmp_path)
     with pytest.raises(DataError, match="no such folder"):
         load_dataset("kitti_raw", tmp_path / "nowhere")

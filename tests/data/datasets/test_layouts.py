@@ -53,7 +53,7 @@ def test_sintel_folder_is_read(tmp_path: Path) -> None:
 def test_sintel_without_maps_and_other_passes(tmp_path: Path) -> None:
     folder = sintel(tmp_path, maps=False)
     (folder / "clean").rename(folder / "my_pass")
-    refused("sintel", tmp_path, r"no pass 'clean'; found: final, my_pass")
+    refused("sintel", tmp_path, "no pass 'clean'")
     shots = [folder / "my_pass" / "alley_1" / f"frame_000{n}.png" for n in (1, 2)]
     dataset = load_dataset("sintel", folder, render_pass="my_pass")
     check(dataset, "alley_1/frame_0001", *shots, folder / "flow" / "alley_1" / "frame_0001.flo")
@@ -200,7 +200,7 @@ def test_flyingthings3d_subset_is_read(tmp_path: Path) -> None:
     past = load_dataset("flyingthings3d", tmp_path, direction="past", **options)
     check(past, "train/0000004", *(images / f"{n:07d}.png" for n in (4, 3)), flows / "into_past/0000004.flo")
     refused("flyingthings3d", tmp_path, r"train/image_final/left: no such folder", render_pass="final")
-    refused("flyingthings3d", tmp_path, r"or of the subset train/image_clean/ and train/flow/")
+    refused("flyingthings3d", tmp_path, "of the subset")
     (images / "0000002.png").unlink()
     refused("flyingthings3d", tmp_path, r"0000002\.png: missing", **options)
 
@@ -260,7 +260,7 @@ def test_gopro_folder_is_read(tmp_path: Path) -> None:
     assert dataset.load(f"{group}/000048").group == group
     assert len(load_dataset("gopro", tmp_path).keys()) == 8
     assert load_dataset("gopro", tmp_path, images="blur").files(f"{group}/000047")[0].parent.name == "blur"
-    refused("gopro", tmp_path, r"no folder blur_gamma/", images="blur_gamma")
+    refused("gopro", tmp_path, "blur_gamma: no such folder", images="blur_gamma")
     refused("gopro", tmp_path, "5 frames, but pairs with a step of 5 need 6 or more", step=5)
     shots[0].unlink()
     refused("gopro", tmp_path, r"with a stride of 1, the frame after 000047\.png is missing")

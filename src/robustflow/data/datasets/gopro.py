@@ -20,7 +20,7 @@ from typing import Any
 from ...core.arguments import choice, positive
 from ...core.errors import DataError, UsageError
 from ...core.files import cache_folder
-from ...core.paths import consecutive, folders, locate, numbered, user_path
+from ...core.paths import consecutive, folders, locate, user_path
 from ...core.types import Frame, Sample
 from ...corruptions.api import load_corruption
 from ...corruptions.registry import CLIP, FAMILIES
@@ -28,9 +28,9 @@ from ...media.images import read_image
 from ..video.open_clip import OpenClip, read_record, record_of_variant
 from ..video.prepared import FolderCache, PreparedClip, read_folder
 from .base import FC_PAPER, DatasetFacts
+from .layout import matching
 from .pairs import PairDataset, PairFiles, Samples, pairs_at_step
 
-_FRAME = r"(\d{1,9})\.png"
 _KINDS = ("sharp", "blur", "blur_gamma")
 
 
@@ -65,27 +65,25 @@ class GoPro(PairDataset):
 
 def _sequences(root: Path, split: str) -> list[Path]:
     parts = ("train", "test") if split == "all" else (split,)
-    sequences = [folder for part in parts for folder in folders(root / part)]
-    if sequences:
+    if sequences := [folder for part in parts for folder in folders(root / part)]:
         return sequences
     plain = [folder for folder in folders(root) if _is_sequence(folder)]
     if plain and split == "all":
         return plain
     if root.is_dir() and _is_sequence(root):
         raise DataError(root, "a single sequence; give its parent folder, or read it as dataset 'folder'")
-    expected = f"{' or '.join(f'{part}/' for part in parts)} with sequence folders (GOPR0384_11_00/sharp/000001.png)"
-    return folders(locate("GoPro", root, list(parts), expected=expected))
+    return folders(locate(GoPro.facts.title, root, parts, expected=GoPro.facts.layout))
 
 
 def _is_sequence(folder: Path) -> bool:
-    return any((folder / kind).is_dir() for kind in _KINDS) or bool(numbered(folder, _FRAME))
+    return any((folder / kind).is_dir() for kind in _KINDS) or bool(matching(folder, "{n}.png"))
 
 
 def _frames(sequence: Path, images: str) -> list[Path]:
     kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
     if kinds and images not in kinds:
-        raise DataError(sequence, f"contains no folder {images}/; choose images from {', '.join(kinds)}")
-    frames = numbered(sequence / images if kinds else sequence, _FRAME)
+        raise DataError(sequence / images, f"no such folder; choose images from {', '.join(kinds)}")
+    frames = matching(sequence / images if kinds else sequence, "{n}.png").get((), {})
     consecutive(frames, stride=None)
     return list(frames.values())
 
@@ -133,30 +131,25 @@ class GoProFCPrepared(Samples):
         return list(self._pairs)
 
     def load(self, key: str) -> Sample:
-        """Return a pair of adjacent key frames, with the clip as its group."""
         clip, first, second = self._pair(key)
         frames = (read_image(clip.key_frame_path(first)), read_image(clip.key_frame_path(second)))
         return Sample(key, frames, group=clip.name)
 
     def files(self, key: str) -> list[Path]:
-        """Return the files of the two key frames."""
         clip, first, second = self._pair(key)
         return [clip.key_frame_path(first), clip.key_frame_path(second)]
 
     def around(self, key: str, reach: int) -> range:
-        """See `Clips.around`."""
         clip, first, _ = self._pair(key)
         frames = clip.manifest.key_frames
         place = frames.index(first)
         return range(-min(reach, place), min(reach + 2, len(frames) - place))
 
     def frame(self, key: str, offset: int) -> Frame:
-        """See `Clips.frame`."""
         clip, index = self._key_frame(key, offset)
         return read_image(clip.key_frame_path(index))
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """See `Clips.frame_files`."""
         key_frames = (self._key_frame(key, offset) for offset in sorted(set(offsets)))
         return [clip.key_frame_path(index) for clip, index in key_frames]
 
@@ -165,14 +158,11 @@ class GoProFCPrepared(Samples):
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`. The frames are generated on first use; for a video corruption, this requires a
-        pass over the clip.
-        """
+        """Return corrupted frames, which are generated on first use; a video corruption takes a pass over the clip."""
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
-        """See `CorruptedClips.corrupted_frame`."""
         clip, index = self._key_frame(key, offset)
         parameter = self._parameters[corruption][severity - 1]
         if self._open is None or self._open.clip is not clip:
@@ -184,8 +174,6 @@ class GoProFCPrepared(Samples):
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
-        """Return the same data with the parameters of a variant ("reference" uses N = 5 M for the most severe
-        bit errors)."""
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:
@@ -211,5 +199,5 @@ class GoProFCPrepared(Samples):
 
     def _pair(self, key: str) -> tuple[PreparedClip, int, int]:
         if key not in self._pairs:
-            raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{next(iter(self._pairs))}'")
+            raise UsageError(key, f"no such sample of {self.name}; keys look like '{next(iter(self._pairs))}'")
         return self._pairs[key]

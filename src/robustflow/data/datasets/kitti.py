@@ -1,30 +1,12 @@
-"""The drive in which each pair of KITTI's training sets was recorded; pairs of the same drive are not independent.
-Find the sky in KITTI's frames, which the laser scanner does not measure. KITTI flow 2015 and 2012: 200 and 194
-training pairs of driving, sparse ground truth from a laser scanner.
-
-    data/kitti2015_drives.csv   pair, drive, frame of the raw data: 142 of the 200 pairs, 29 drives
-    data/kitti2012_drives.csv   89 of the 194 pairs, 16 drives
-
-The numbers for 2015 are from `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR
-2015), whose lines are empty if the drive is not in the public raw data. For 2012 there is no official table; ours lists
-the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from training.
-
-**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and the raw data contain either all of
-a drive or none of it. Consecutive pairs without a drive therefore do not share a drive with the pairs before and after
-them, although the number of drives among them is unknown. Such a block of pairs forms one group, so too many pairs
-may be treated as related, but never too few. The pairs of 2012 are numbered at random, so neighbours carry no
-information and all pairs without a drive form one group; confidence intervals on 2012 are still too narrow
-(`docs/design/uncertainty.md`).
-
-Sky is a bright area (blue at least 240, without parts narrower than five pixels) that reaches the upper edge of the
-frame and of which less than one pixel in a hundred was measured. The last condition excludes sunlit walls: they
-continue below the highest beam of the scanner. Sky enclosed by trees is missed.
+"""KITTI flow 2015 and 2012: 200 and 194 training pairs of driving, sparse ground truth from a laser scanner.
 
     training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
     training/flow_occ/000010_10.png                   all pixels, including those that leave the view
     training/flow_noc/000010_10.png                   non-occluded pixels only
     training/disp_occ_0/000010_10.png  disp_occ_1     2015, for depth: disparity in both frames, in 1/256 pixel,
     training/calib_cam_to_cam/000010.txt              at the pixels of frame 1; camera calibration
+    data/kitti2015_drives.csv                         in this package: pair, drive, frame of the raw data of 142 of the
+                                                      200 pairs, 29 drives; kitti2012: 89 of the 194 pairs, 16 drives
 
 `flow_occ` is the ground truth; a pixel that has flow in `flow_occ` but not in `flow_noc` is occluded. If a folder
 contains only `flow_noc`, these maps are the ground truth, there are no occlusion maps, and `non_occluded` is set,
@@ -32,17 +14,26 @@ because errors on visible pixels are smaller. The two kinds of ground truth are 
 requires `flow_occ`. If only the `flow_noc` map of a pair is missing, the pair has no occlusion map. (In 2015 both maps
 contain the same vectors. In 2012 they differ by up to a few pixels, as they were filled in separately.)
 
-The group of a pair is the drive in which it was recorded (`kitti_drives.py`). The multi-view extension adds
-000010_00.png to 000010_20.png of each pair; if they are in the same folder, multi-frame models get the frames around
-each pair. Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
+The group of a pair is the drive in which it was recorded: pairs of the same drive are not independent. The numbers for
+2015 are from `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR 2015), whose lines
+are empty if the drive is not in the public raw data. For 2012 there is no official table; ours lists the pairs that
+Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from training. The pairs of
+2015 are numbered in the order of drives, and the raw data contain either all of a drive or none of it. Consecutive
+pairs without a drive therefore do not share a drive with the pairs before and after them, although the number of drives
+among them is unknown. Such a block of pairs forms one group, so too many pairs may be treated as related, but never too
+few. The pairs of 2012 are numbered at random, so all pairs without a drive form one group; confidence intervals on 2012
+are still too narrow (`docs/design/uncertainty.md`).
+
+The multi-view extension adds 000010_00.png to 000010_20.png of each pair; if they are in the same folder, multi-frame
+models get the frames around each pair.
 """
 
 from __future__ import annotations
 
 import csv
-import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
@@ -52,16 +43,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import by_sequence, following, locate, partner
+from ...core.paths import locate
 from ...core.types import Camera, Frame, Mask, Sample, SceneDepth
 from ...media.depth import read_depth_png
 from ...media.flow import read_flow
 from .base import DatasetFacts
-from .depth import SKY, carried, check_size, depth_of, existing, scene_depth
-from .motorcycle import with_motion
-from .pairs import PairDataset, PairFiles, Truth
+from .depth import SKY, carried, check_size, depth_of, existing, scene_depth, with_motion
+from .layout import Layout, LayoutDataset
+from .pairs import PairFiles, Truth
 
 _TABLES = {
     "kitti2015": ("kitti2015", 200),
@@ -69,8 +59,6 @@ _TABLES = {
     "kitti2012": ("kitti2012", 194),
 }
 """Table of pairs and number of pairs for each dataset. The released KITTI-FC keeps the numbering of 2015."""
-
-_NUMBERED_BY_DRIVE = ("kitti2015",)
 
 
 @cache
@@ -88,16 +76,14 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
     if dataset not in _TABLES:
         return {}
     table, count = _TABLES[dataset]
-    known, pairs = drives(dataset), [f"{number:06d}" for number in range(count)]
-    groups: dict[str, str] = {}
-    for has_drive, run in groupby(pairs, key=known.__contains__):
+    known, groups = drives(dataset), dict[str, str]()
+    for has_drive, run in groupby((f"{number:06d}" for number in range(count)), key=known.__contains__):
         members = list(run)
         if has_drive:
             groups |= {pair: known[pair] for pair in members}
-        elif table in _NUMBERED_BY_DRIVE:
-            groups |= dict.fromkeys(members, "_".join(("unmapped", *dict.fromkeys((members[0], members[-1])))))
         else:
-            groups |= dict.fromkeys(members, "unmapped")
+            block = dict.fromkeys((members[0], members[-1])) if table == "kitti2015" else ()
+            groups |= dict.fromkeys(members, "_".join(("unmapped", *block)))
     return groups
 
 
@@ -115,7 +101,12 @@ _MEASURED = 0.01
 
 
 def sky(frame: Frame, measured: Mask) -> Mask:
-    """Return the mask of the sky, bool (H, W)."""
+    """Return the mask of the sky, bool (H, W), which the laser scanner does not measure.
+
+    Sky is a bright area (blue at least 240, without parts narrower than five pixels) that reaches the upper edge of the
+    frame and of which less than one pixel in a hundred was measured. The last condition excludes sunlit walls: they
+    continue below the highest beam of the scanner. Sky enclosed by trees is missed.
+    """
     bright = cv2.morphologyEx((frame[..., 2] >= _BRIGHT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((_DETAIL, _DETAIL)))
     count, areas = cv2.connectedComponents(bright, connectivity=4)
     sizes, known = np.bincount(areas.ravel(), minlength=count), np.bincount(areas[measured], minlength=count)
@@ -125,25 +116,41 @@ def sky(frame: Frame, measured: Mask) -> Mask:
     return np.asarray(is_sky[areas])
 
 
-KITTI_FRAME = r"(\d{6})_(\d\d)\.png"
-"""File names of the frames: scene and number."""
-
-_OCC, _NOC = "flow_occ", "flow_noc"
-
-
-class KittiPairs(PairDataset):
+class KittiPairs(LayoutDataset):
     """Pairs with ground truth in KITTI's format: `PairFiles.flow` is the occ or noc map, and `PairFiles.occlusion` the
     noc map that belongs to an occ map."""
 
-    def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
-        super().__init__(pairs, where)
-        self.folder = where
-        self.non_occluded = any(pair.flow is not None and pair.flow.parent.name == _NOC for pair in pairs.values())
+    roots = ("", "training")
+    layout = Layout(
+        "{images}/{pair:06}_{n:02}.png", "{truth}/{pair:06}_{n:02}.png", "{pair}", first=10, more_frames=True
+    )
+
+    def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
+        """See `LayoutDataset.find`."""
+        images = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}
+        kinds = images[words["images"]] if "images" in words else ["image_2"]
+        folder = locate(self.facts.title, root, kinds, self.roots, f"{' or '.join(kinds)}/ and flow_occ/")
+        words["images"] = next(kind for kind in kinds if (folder / kind).is_dir())
+        truths = [kind for kind in ("flow_occ", "flow_noc") if (folder / kind).is_dir()]
+        if not truths:
+            raise DataError(folder, "no flow_occ/ or flow_noc/; dataset 'folder' reads frames without ground truth")
+        self.non_occluded = truths[0] == "flow_noc"
+        groups, missing = drive_groups(self.name), list[str]()
+        pairs = self.layout.pairs(folder, truth=truths[0], **words)
+        for key, pair in pairs.items():
+            visible = folder / truths[-1] / f"{key}_10.png" if len(truths) == 2 else None
+            if visible is not None and not visible.is_file():
+                missing.append(visible.name)
+                visible = None
+            pairs[key] = replace(pair, occlusion=visible, group=groups.get(key, ""))
+        if missing:
+            lost = f"{len(missing)} of {len(pairs)} maps are missing ({min(missing)}, ...)"
+            warnings.warn(f"{folder / 'flow_noc'}: {lost}; these pairs have no errors by occlusion", stacklevel=4)
+        return folder, pairs
 
     def truth(self, pair: PairFiles) -> Truth | None:
         """Read flow from the occ map; pixels that are missing in the noc map are occluded."""
-        if pair.flow is None:
-            return None
+        assert pair.flow is not None
         flow, valid = read_flow(pair.flow)
         if pair.occlusion is None:
             return Truth(flow, valid)
@@ -154,20 +161,10 @@ class KittiPairs(PairDataset):
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
         """Return which of the two maps the flow comes from."""
-        return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
+        return {"ground_truth": "noc" if self.non_occluded else "occ"}
 
 
-class KittiSequences(KittiPairs):
-    """KITTI pairs, with the frames of the multi-view extension around them if available."""
-
-    def steps(self) -> Iterator[tuple[Path, Path]]:
-        """Return all consecutive frames of a pair's sequence."""
-        for folder in {pair.frames[0].parent for pair in self._pairs.values()}:
-            for frames in by_sequence(folder, KITTI_FRAME).values():
-                yield from following(frames)
-
-
-class Kitti2015(KittiSequences):
+class Kitti2015(KittiPairs):
     """The KITTI 2015 dataset. `root` is `training/` or its parent folder."""
 
     name = "kitti2015"
@@ -185,19 +182,15 @@ class Kitti2015(KittiSequences):
         same_domain=("kitti2012", "kitti-raw"),
     )
 
-    def __init__(self, root: str | Path) -> None:
-        folder = locate("KITTI 2015", root, ["image_2"], ("", "training"), "image_2/ and flow_occ/")
-        super().__init__(kitti_pairs(folder, "image_2", self.name), folder)
-
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. Depth is f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1`
-        contains the disparity in frame 2 at the pixels of frame 1; the true flow gives their positions in frame 2. The
-        camera motion is fitted to depth and flow (`camera_motion`). The sky (`kitti_sky`) is 10 km away."""
+        """Return f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1` contains the disparity in
+        frame 2 at the pixels of frame 1; the true flow gives their positions in frame 2. The camera motion is fitted to
+        depth and flow. The sky is 10 km away."""
         first, second, calibration = self.depth_files(sample.key)
         camera, scale = _calibration(calibration)
         now, then = (depth_of(read_depth_png(path), 256 * scale) for path in (first, second))
         for values, path in ((now, first), (then, second)):
-            check_size(values, sample.shape, f"{path}: the disparity")
+            check_size(values, sample.shape, path)
         assert sample.flow is not None
         assert sample.valid is not None
         camera = with_motion(camera, now, sample.flow, sample.valid & (now > 0))
@@ -208,14 +201,13 @@ class Kitti2015(KittiSequences):
         return depth
 
     def depth_files(self, key: str) -> list[Path]:
-        """See `Depths.depth_files`."""
-        flow = self.pair(key).frames[0].name
-        files = [self.folder / kind / flow for kind in ("disp_occ_0", "disp_occ_1")]
+        name = self.pair(key).frames[0].name
+        files = [self.folder / kind / name for kind in ("disp_occ_0", "disp_occ_1")]
         files.append(self.folder / "calib_cam_to_cam" / f"{key}.txt")
         return existing(files, "KITTI 2015", "data_scene_flow and data_scene_flow_calib")
 
 
-class Kitti2012(KittiSequences):
+class Kitti2012(KittiPairs):
     """The KITTI 2012 dataset. `root` is `training/` or its parent folder."""
 
     name = "kitti2012"
@@ -231,45 +223,7 @@ class Kitti2012(KittiSequences):
         training_set="kitti2012",
         same_domain=("kitti2015", "kitti-raw"),
     )
-
-    def __init__(self, root: str | Path, images: str = "auto") -> None:
-        kinds = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}
-        markers = kinds[choice("images", images, tuple(kinds))]
-        expected = f"{' or '.join(f'{marker}/' for marker in markers)} and flow_occ/"
-        folder = locate("KITTI 2012", root, markers, ("", "training"), expected)
-        frames = next(marker for marker in markers if (folder / marker).is_dir())
-        super().__init__(kitti_pairs(folder, frames, self.name), folder)
-
-
-def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]:
-    """Return the pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc."""
-    occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in (_OCC, _NOC))
-    truth = occ or noc
-    if truth is None:
-        raise DataError(
-            folder,
-            f"no flow_occ/ or flow_noc/ next to {images}/; the training part has them, and frames without "
-            "ground truth can be evaluated as dataset 'folder'",
-        )
-    keys = {key for source in (folder / images, truth) for key in _firsts(source)}
-    groups, pairs, missing = drive_groups(dataset), {}, list[str]()
-    for key in keys:
-        first, flow = folder / images / f"{key}_10.png", truth / f"{key}_10.png"
-        partner(first, flow)
-        second = partner(folder / images / f"{key}_11.png", first)
-        partner(flow, first)
-        visible = noc / flow.name if occ and noc else None
-        if visible is not None and not visible.is_file():
-            missing.append(visible.name)
-            visible = None
-        pairs[key] = PairFiles((first, second), flow, visible, group=groups.get(key, ""))
-    if missing:
-        warnings.warn(
-            f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); for these "
-            "pairs, everything is measured except the errors on visible and on occluded pixels",
-            stacklevel=3,
-        )
-    return pairs
+    options = {"images": ("auto", "colour", "grey")}
 
 
 def _calibration(path: Path) -> tuple[Camera, float]:
@@ -286,8 +240,3 @@ def _calibration(path: Path) -> tuple[Camera, float]:
     if not all(0 < value < 1e6 for value in (fx, fy, scale)):
         raise DataError(path, "a focal length or baseline is not positive; restore the file")
     return Camera((fx, fy), (cx, cy)), scale
-
-
-def _firsts(folder: Path) -> list[str]:
-    matches = (re.fullmatch(r"(\d{6})_10\.png", path.name) for path in folder.iterdir())
-    return [match[1] for match in matches if match]

@@ -1,12 +1,11 @@
-"""KITTI's raw data: the drives from which the flow benchmarks were taken; rectified frames at 10 Hz, without flow.
-KITTI 2015's multi-view extension: 21 frames of each scene without ground truth, for unsupervised training.
+"""KITTI without flow, for unsupervised training: the raw drives, and KITTI 2015's multi-view extension.
 
-    2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ...    left colour camera; image_03 right
+    2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ...    raw: left colour camera; image_03 right
 
 Drives that are known to contain pairs of KITTI 2015 or 2012 are left out, unless all are requested. Source: Geiger,
 Lenz, Stiller and Urtasun, IJRR 2013.
 
-    training/image_2/000000_00.png ... 000000_20.png    left camera; image_3 right; 200 scenes
+    training/image_2/000000_00.png ... 000000_20.png    multi-view: left camera; image_3 right; 200 scenes
     testing/image_2/...                                 200 more
 
 Frames 10 and 11 are the evaluated pair. As in ARFlow and UPFlow, frames 09 to 12 are excluded, which leaves 15 pairs
@@ -18,21 +17,18 @@ scenes are unknown. Source: Menze and Geiger, CVPR 2015.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import by_sequence, folders, following, locate, numbered, partner, user_path
+from ...core.paths import locate, partner, user_path
 from .base import DatasetFacts
-from .kitti import KITTI_FRAME, drives
-from .pairs import PairDataset, PairFiles
-
-_CAMERAS = {"left": ("image_02",), "right": ("image_03",), "both": ("image_02", "image_03")}
-_EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ..."
+from .kitti import drives
+from .layout import Layout, LayoutDataset
+from .pairs import PairFiles
 
 
-class KittiRaw(PairDataset):
+class KittiRaw(LayoutDataset):
     """The KITTI raw dataset. `root` contains one folder of drives per day, or is such a folder."""
 
     name = "kitti_raw"
@@ -48,47 +44,39 @@ class KittiRaw(PairDataset):
         training_set="kitti-raw",
         same_domain=("kitti2015", "kitti2012"),
     )
+    layout = Layout("{drive}/{images}/data/{n}.{type}", "", "{drive}/{images}/{stem}", "{drive}", stride=0)
+    cameras = {"left": ("image_02",), "right": ("image_03",), "both": ("image_02", "image_03")}
 
     def __init__(self, root: str | Path, camera: str = "left", drives: str = "apart", listing: str = "") -> None:
-        cameras = _CAMERAS[choice("camera", camera, tuple(_CAMERAS))]
+        self.options = {"camera": (camera,), "drives": (drives,), "listing": (listing,)}
+        choice("camera", camera, tuple(self.cameras))
         self.leaves_out_evaluated = choice("drives", drives, ("apart", "all")) == "apart" and not listing
-        root = user_path(root)
+        super().__init__(root)
+
+    def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
+        """See `LayoutDataset.find`."""
         if not root.is_dir():
-            raise DataError(root, f"no such folder; give the folder of KITTI raw that contains {_EXPECTED}")
-        if listing:
-            super().__init__(_listed(root, user_path(listing)), root)
-            return
-        drive_folders = list(_drives(root))
-        if not drive_folders:
-            raise DataError(
-                root, f"not laid out like KITTI raw; expected {_EXPECTED}; check the path, or unpack it there"
-            )
-        known = _evaluated() if drives == "apart" else frozenset()
-        pairs = {
-            f"{drive.name}/{images}/{first.stem}": PairFiles((first, second), group=drive.name)
-            for drive in drive_folders
-            if drive.name.removesuffix("_sync") not in known
-            for images in cameras
-            for first, second in following(numbered(drive / images / "data", r"(\d{1,10})\.(?:png|jpg)"))
+            raise DataError(root, f"no such folder; give the folder of KITTI raw that contains {self.facts.layout}")
+        if words["listing"]:
+            return root, _listed(root, user_path(words["listing"]))
+        drive = r"\d{4}_\d\d_\d\d_drive_\d{4}(_sync)?"
+        found = {
+            place
+            for pattern in ("*", "*/*")
+            for place in root.glob(pattern)
+            if place.is_dir() and re.fullmatch(drive, place.name)
         }
+        if not found:
+            raise DataError(root, f"not laid out like KITTI raw; expected {self.facts.layout}; check the path")
+        known = {*drives("kitti2015").values(), *drives("kitti2012").values()} if words["drives"] == "apart" else set()
+        pairs: dict[str, PairFiles] = {}
+        for place in sorted(place for place in found if place.name.removesuffix("_sync") not in known):
+            for images in self.cameras[words["camera"]]:
+                for kind in ("png", "jpg"):
+                    pairs |= self.layout.pairs(place.parent, drive=place.name, images=images, type=kind)
         if not pairs:
-            raise DataError(
-                root,
-                f"no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
-                "2012; unpack more drives, or give drives=all",
-            )
-        super().__init__(pairs, root)
-
-
-def _evaluated() -> frozenset[str]:
-    return frozenset({*drives("kitti2015").values(), *drives("kitti2012").values()})
-
-
-def _drives(root: Path) -> Iterator[Path]:
-    for day in (root, *folders(root)):
-        for drive in folders(day):
-            if re.fullmatch(r"\d{4}_\d\d_\d\d_drive_\d{4}(_sync)?", drive.name):
-                yield drive
+            raise DataError(root, f"no pair in its {len(found)} drives apart from those of KITTI; give drives=all")
+        return root, pairs
 
 
 def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
@@ -98,23 +86,22 @@ def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
         raise DataError(listing, f"cannot be read as a list of frames ({error}); give two names per line") from error
     pairs: dict[str, PairFiles] = {}
     for number, names in enumerate(lines, 1):
+        where = f"{listing}, line {number}"
         if len(names) < 2:
-            raise DataError(f"{listing}, line {number}: only one name; give two frames per line, relative to {root}")
+            raise DataError(where, f"only one name; give two frames per line, relative to {root}")
         first, second = (partner(root / name, listing) for name in names[:2])
         key = Path(names[0]).with_suffix("").as_posix()
         if key in pairs:
-            raise DataError(f"{listing}, line {number}: begins with the same frame as an earlier line; remove one")
+            raise DataError(where, "begins with the same frame as an earlier line; remove one")
         pairs[key] = PairFiles((first, second), group=first.parent.as_posix())
     return pairs
 
 
-EVALUATED = range(9, 13)
+EVALUATED = ("09", "10", "11", "12")
 """Frames of a scene that are excluded: the evaluated pair of the scene and its neighbours."""
-_CAMERAS_KITTI_MULTIVIEW = {"left": ("image_2",), "right": ("image_3",), "both": ("image_2", "image_3")}
-_PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training", "testing")}
 
 
-class KittiMultiview(PairDataset):
+class KittiMultiview(LayoutDataset):
     """The multi-view extension of KITTI 2015. `root` contains `training/` and `testing/`."""
 
     name = "kitti_multiview"
@@ -130,31 +117,22 @@ class KittiMultiview(PairDataset):
         training_set="kitti-raw",
         same_domain=("kitti2015", "kitti2012"),
     )
+    layout = Layout("{part}/{images}/{scene:06}_{n:02}.png", "", "{part}/{images}/{stem}", "{part}/{scene}", stride=0)
+    options = {"part": ("all", "training", "testing"), "camera": ("both", "left", "right")}
 
-    def __init__(self, root: str | Path, part: str = "all", camera: str = "both") -> None:
-        parts = _PARTS[choice("part", part, tuple(_PARTS))]
-        cameras = _CAMERAS_KITTI_MULTIVIEW[choice("camera", camera, tuple(_CAMERAS_KITTI_MULTIVIEW))]
-        markers = [f"{one}/{images}" for one in parts for images in cameras]
-        expected = " and ".join(f"{marker}/" for marker in markers) + " with frames 000000_00.png to 000000_20.png"
-        folder = locate("KITTI 2015 multi-view", root, markers, ("", "data_scene_flow_multiview"), expected)
+    def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
+        """See `LayoutDataset.find`."""
+        parts = {"all": ("training", "testing")}.get(words["part"], (words["part"],))
+        cameras = {"left": ("image_2",), "right": ("image_3",)}.get(words["camera"], ("image_2", "image_3"))
+        markers = [(part, images) for part in parts for images in cameras]
+        roots, needed = ("", "data_scene_flow_multiview"), ["/".join(marker) for marker in markers]
+        folder = locate(self.facts.title, root, needed, roots, self.facts.layout)
         pairs: dict[str, PairFiles] = {}
-        for marker in markers:
-            if not (folder / marker).is_dir():
-                raise DataError(folder, f"no {marker}/; unpack all of data_scene_flow_multiview.zip")
-            pairs |= _pairs(folder, marker)
+        for part, images in markers:
+            if not (folder / part / images).is_dir():
+                raise DataError(folder / part / images, "no such folder; unpack all of data_scene_flow_multiview.zip")
+            found = self.layout.pairs(folder, part=part, images=images).items()
+            pairs |= {k: p for k, p in found if not any(frame.stem.endswith(EVALUATED) for frame in p.frames)}
         if not pairs:
-            raise DataError(
-                folder,
-                "no two consecutive frames apart from 09 to 12; unpack data_scene_flow_multiview.zip "
-                "there, which contains _00 to _20 of each scene",
-            )
-        super().__init__(pairs, folder)
-
-
-def _pairs(folder: Path, marker: str) -> dict[str, PairFiles]:
-    part = marker.partition("/")[0]
-    return {
-        f"{marker}/{first.stem}": PairFiles((first, second), group=f"{part}/{scene}")
-        for scene, frames in by_sequence(folder / marker, KITTI_FRAME).items()
-        for first, second in following({number: path for number, path in frames.items() if number not in EVALUATED})
-    }
+            raise DataError(folder, "no pair of frames but 09 to 12; unpack data_scene_flow_multiview.zip there")
+        return folder, pairs

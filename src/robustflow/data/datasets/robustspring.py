@@ -1,11 +1,12 @@
-"""The frames of RobustSpring under one condition, and the layout of flow submissions to its server. RobustSpring as
-a benchmark: Spring's ten test sequences under twenty corruptions, without public ground truth.
+"""RobustSpring as a benchmark: Spring's ten test sequences under twenty corruptions, without public ground truth; and
+the layout of flow submissions to its server.
 
     spring/test/0003/frame_left/frame_left_0001.png ...     as unpacked from Spring's test_frame_left.zip, _right.zip
     fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
 
-The server expects the flow of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
-CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
+RobustSpring measures the change of a model's flow relative to the clean pair, in both cameras, forwards and backwards.
+This package does not generate these corruptions; rows use the names in `robustflow.corruptions.on_disk`. The server
+expects the flow of every pair, clean and corrupted, as CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
 
 Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows and the names and lengths of the
 sequences are taken from springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
@@ -13,13 +14,6 @@ cv-stuttgart/springwebsite at bbfabe8. The layout of the frames is the one that 
 tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
 instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
 tested on the released frames.
-
-    spring/test/0003/frame_left/frame_left_0001.png ...     Spring's own test frames, clean
-    fog/test/0003/frame_left/frame_left_0001.png ...        the same frame under fog, and so on
-
-RobustSpring measures the change of a model's flow relative to the clean pair, in both cameras, forwards and backwards.
-This package does not generate these corruptions; rows use the names in `robustflow.corruptions.on_disk`. Sources: see
-`robustspring_condition`.
 """
 
 from __future__ import annotations
@@ -31,11 +25,12 @@ from pathlib import Path
 
 from ...core.arguments import choice
 from ...core.errors import DataError, UsageError
-from ...core.paths import consecutive, folders, locate, numbered, user_path
+from ...core.paths import folders, locate, user_path
 from ...core.types import Frame, Sample
 from ...corruptions.on_disk import ROBUSTSPRING
 from .base import DatasetFacts
-from .pairs import PairDataset, PairFiles, Samples, read_frames
+from .layout import Layout, LayoutDataset
+from .pairs import PairFiles, Samples, read_frames
 
 CLEAN = "clean"
 
@@ -50,26 +45,36 @@ _SIDES = ("left", "right")
 _CLEAN_NAMES = ("spring", CLEAN)
 
 
-class Condition(PairDataset):
+class Condition(LayoutDataset):
     """The pairs of one condition in one direction, for both cameras. A key is the path of a flow below CONDITION/test;
     a group is a sequence, because both cameras see the same scene.
     """
 
     name = "robustspring"
     has_flow = False
+    layout = Layout(
+        "{sequence:04}/frame_{side}/frame_{side}_{n:04}.png",
+        "",
+        "{sequence}/flow_{direction}_{side}/flow_{direction}_{side}_{n:04}",
+        "{sequence}",
+    )
 
     def __init__(
         self, root: str | Path, condition: str = CLEAN, direction: str = "FW", spring: str | Path | None = None
     ) -> None:
         choice("condition", condition, (CLEAN, *CORRUPTIONS))
-        choice("direction", direction, DIRECTIONS)
-        self.folder = condition_folder(root, condition, spring)
-        pairs = {}
-        for sequence in folders(self.folder):
-            if re.fullmatch(r"\d{4}", sequence.name):
-                for side in _SIDES:
-                    pairs.update(_pairs(sequence, side, direction))
-        super().__init__(pairs, self.folder)
+        self.options = {"direction": (choice("direction", direction, DIRECTIONS),)}
+        super().__init__(condition_folder(root, condition, spring))
+
+    def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
+        """See `LayoutDataset.find`."""
+        pairs: dict[str, PairFiles] = {}
+        for sequence in folders(root):
+            for side in _SIDES if re.fullmatch(r"\d{4}", sequence.name) else ():
+                if not (sequence / f"frame_{side}").is_dir():
+                    raise DataError(sequence / f"frame_{side}", "no such folder; unpack the frames of both cameras")
+                pairs |= self.layout.pairs(root, sequence=sequence.name, side=side, **words)
+        return root, pairs
 
 
 def submitted() -> Iterator[str]:
@@ -80,7 +85,8 @@ def submitted() -> Iterator[str]:
                 for direction in DIRECTIONS:
                     first = 1 if direction == "FW" else 2
                     for number in range(first, first + frames - 1):
-                        yield f"{condition}/test/{_key(f'{sequence:04d}', side, direction, number)}.flo5"
+                        kind = f"flow_{direction}_{side}"
+                        yield f"{condition}/test/{sequence:04d}/{kind}/{kind}_{number:04d}.flo5"
 
 
 def condition_folder(root: str | Path, condition: str, spring: str | Path | None = None) -> Path:
@@ -99,24 +105,6 @@ def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path
     expected = f"{' or '.join(f'{name}/test/' for name in names)}, which contains 0003/frame_left/{otherwise}"
     top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
     return next(top / name / "test" for name in names if (top / name / "test").is_dir())
-
-
-def _key(sequence: str, side: str, direction: str, number: int) -> str:
-    kind = f"flow_{direction}_{side}"
-    return f"{sequence}/{kind}/{kind}_{number:04d}"
-
-
-def _pairs(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
-    folder = sequence / f"frame_{side}"
-    if not folder.is_dir():
-        raise DataError(folder, "no such folder; unpack the frames of both cameras")
-    frames = numbered(folder, rf"frame_{side}_(\d{{4}})\.png")
-    pairs = {}
-    for before, after in consecutive(frames):
-        first, second = (before, after) if direction == "FW" else (after, before)
-        key = _key(sequence.name, side, direction, first)
-        pairs[key] = PairFiles((frames[first], frames[second]), group=sequence.name)
-    return pairs
 
 
 class RobustSpring(Samples):
@@ -154,44 +142,34 @@ class RobustSpring(Samples):
             self._check_whole(folder)
 
     def keys(self) -> list[str]:
-        """See `Dataset.keys`."""
         return sorted(self._condition_of)
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`."""
         return self._condition(key).load(key)
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`."""
         return self._condition(key).files(key)
 
     def around(self, key: str, reach: int) -> range:
-        """See `Clips.around`."""
         return self._condition(key).around(key, reach)
 
     def frame(self, key: str, offset: int) -> Frame:
-        """See `Clips.frame`."""
         return self._condition(key).frame(key, offset)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """See `Clips.frame_files`."""
         return self._condition(key).frame_files(key, offsets)
 
     def has_corrupted(self, corruption: str) -> bool:
-        """See `PreCorrupted.has_corrupted`."""
         return corruption in self._corrupted
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`."""
         clean, *_ = self._condition(key).files(key)
         return read_frames((clean, *self.corrupted_files(key, corruption, severity)))[1:]
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
-        """See `PreCorrupted.corrupted_files`."""
         return [self._corrupted_file(corruption, severity, path) for path in self.files(key)]
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
-        """See `CorruptedClips.corrupted_frame`."""
         (clean,) = self.frame_files(key, [offset])
         return read_frames((self.files(key)[0], self._corrupted_file(corruption, severity, clean)))[1]
 
@@ -202,9 +180,7 @@ class RobustSpring(Samples):
     def _corrupted_file(self, corruption: str, severity: int, clean: Path) -> Path:
         """Return the corrupted file of a clean frame."""
         if corruption not in self._corrupted or severity != 1:
-            raise UsageError(
-                f"{self.root} has no {corruption} at severity {severity}; its corruptions exist only at severity 1"
-            )
+            raise UsageError(corruption, f"not in {self.root} at severity {severity}; corruptions exist at severity 1")
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
 
     def _check_whole(self, folder: Path) -> None:
@@ -217,6 +193,4 @@ class RobustSpring(Samples):
         for place, names in wanted.items():
             there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
             if lacks := names - there:
-                raise DataError(
-                    folder / place / min(lacks), f"missing, though {clean.folder} exists; unpack the complete archive"
-                )
+                raise DataError(folder / place / min(lacks), "missing; unpack the complete archive")
