@@ -18,7 +18,7 @@ def test_motorcycle_is_a_dataset() -> None:
     assert not isinstance(dataset, PreCorrupted)
     assert pickle.loads(pickle.dumps(dataset)).keys() == dataset.keys()
     assert all(path.is_file() for path in dataset.files("motorcycle"))
-    with pytest.raises(UsageError, match="^bicycle: "):
+    with pytest.raises(UsageError, match="bicycle: no such sample"):
         dataset.load("bicycle")
 
 
