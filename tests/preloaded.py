@@ -2,7 +2,7 @@
 
 import pytest  # noqa: F401  # a worker imports the main module of its parent
 
-import robustflow.run.engines.feeder
+import robustflow.run.engines.device
 import robustflow.run.engines.processes  # noqa: F401
 from robustflow.metrics.regions import Regions
 from robustflow.testing import BrightnessFlow, TexturePairs  # noqa: F401

@@ -14,6 +14,8 @@ from robustflow.run.engines.choose import choose_engine
 from robustflow.run.named_model import NamedModel
 from robustflow.run.plan import Unit
 
+from ..refusals import refusal
+
 UNITS = [Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2, 3, 4, 5)), Unit("a", "snow", (1, 2))]
 
 
@@ -55,12 +57,12 @@ def four_processors(monkeypatch):
         (ON_CPU, {"workers": 9}, "processes, 3 workers"),
         (ON_CPU, {"timeout": 3.0}, "processes, 1 worker"),
         (ON_CPU, {"name": "processes"}, "processes, 1 worker"),
-        (_on_gpu(), {}, "processes, 1 device + 4 feeders"),
+        (_on_gpu(), {}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"workers": 1}, "processes, 1 device + 1 feeder"),
-        (_on_gpu(), {"workers": 50}, "processes, 1 device + 8 feeders"),
-        (_on_gpu(), {"timeout": 3.0}, "processes, 1 device + 4 feeders"),
+        (_on_gpu(), {"workers": 50}, "processes, 1 device + 3 feeders"),
+        (_on_gpu(), {"timeout": 3.0}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"name": "serial"}, "serial"),
-        (_on_gpu("cuda:0,cuda:1,cuda:2"), {}, "processes, 3 devices + 4 feeders"),
+        (_on_gpu("cuda:0,cuda:1,cuda:2"), {}, "processes, 3 devices + 3 feeders"),
         (LIGHT, {}, "serial"),
         (LIGHT, {"units": PAIR[:10]}, "serial"),  # 46 cells, too few to start a second process
         (LIGHT, {"units": PAIR[:11]}, "processes, 2 workers"),
@@ -76,11 +78,22 @@ def test_the_engine_follows_from_the_model_the_options_and_the_length_of_the_run
     assert _describe(model, **options) == engine
 
 
-def test_too_few_workers_and_an_address_without_ray_are_refused():
-    with pytest.raises(UsageError, match="2 workers are too few for 3 devices"):
-        _describe(_on_gpu("cuda:0,cuda:1,cuda:2"), workers=2)
-    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
-        choose_engine(None, None, None, "auto", LIGHT)
+REFUSALS = [
+    (_on_gpu("cuda:0,cuda:1,cuda:2"), {"workers": 2}, "--workers"),
+    (LIGHT, {"address": "auto"}, "--address"),
+    (LIGHT, {"name": "serial", "workers": 2}, "--workers"),
+    (LIGHT, {"name": "serial", "timeout": 1.0}, "--timeout"),
+    (LIGHT, {"name": "parallel"}, "parallel"),
+    (_on_gpu(), {"attacks": True, "name": "processes"}, "--engine"),
+    (_on_gpu(), {"attacks": True, "workers": 2}, "--workers"),
+    (_on_gpu(), {"attacks": True, "timeout": 1.0}, "--timeout"),
+]
+
+
+@pytest.mark.parametrize(("model", "options", "culprit"), REFUSALS)
+def test_options_that_do_not_fit_the_engine_are_refused(model, options, culprit):
+    given = {"name": None, "workers": None, "timeout": None, "address": None, **options}
+    refusal(lambda: choose_engine(model=model, **given), UsageError, culprit)
 
 
 def test_number_of_workers_is_limited_on_a_large_machine(monkeypatch):
@@ -89,46 +102,51 @@ def test_number_of_workers_is_limited_on_a_large_machine(monkeypatch):
     assert _describe(LIGHT, PAIR * 80, workers=40) == "processes, 40 workers"
 
 
-def test_model_that_cannot_be_pickled_runs_in_this_process_unless_workers_are_requested():
-    here = NamedModel(None, Model("cuda:0"), {}, None)
-    here.model.run = lambda: None
-    assert _describe(here) == "serial (this model object cannot be sent to another process)"
-    # requested explicitly, so an error is raised on startup
-    assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
+UNPICKLED = NamedModel(None, Model("cuda:0"), {}, None)
+UNPICKLED.model.run = lambda: None
+LOCK = (threading.Lock(),)
 
 
-def test_data_that_cannot_be_pickled_stay_in_this_process_unless_workers_are_requested():
-    others = (threading.Lock(),)
-    why = "serial (this dataset or corruption cannot be sent to another process)"
-    assert _describe(LIGHT, THREE_PAIRS, others=others) == why
-    assert _describe(_on_gpu(), others=others) == why
-    assert _describe(LIGHT, THREE_PAIRS, workers=2, others=others) == "processes, 2 workers"
-    assert _describe(LIGHT, others=others) == "serial", "too short for processes anyway, so no reason is given"
+@pytest.mark.parametrize(
+    ("model", "options", "engine"),
+    [
+        (UNPICKLED, {}, "serial (this model object"),
+        (UNPICKLED, {"workers": 2}, "processes, 1 device + 2 feeders"),  # requested, so starting it raises an error
+        (LIGHT, {"units": THREE_PAIRS, "others": LOCK}, "serial (this dataset or corruption"),
+        (_on_gpu(), {"others": LOCK}, "serial (this dataset or corruption"),
+        (LIGHT, {"units": THREE_PAIRS, "others": LOCK, "workers": 2}, "processes, 2 workers"),
+        (LIGHT, {"others": LOCK}, "serial"),  # too short for processes anyway, so no reason is given
+    ],
+)
+def test_what_cannot_be_pickled_stays_in_this_process_unless_workers_are_requested(model, options, engine):
+    assert _describe(model, **options).partition(" cannot")[0] == engine
 
 
 def test_data_of_a_class_from_a_notebook_stay_in_this_process(monkeypatch):
     notebook = ModuleType("__main__")  # there is no file that a process could load
     notebook.Mine = type("Mine", (), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)
-    assert _describe(LIGHT, THREE_PAIRS, others=(notebook.Mine(),)).startswith("serial (this dataset")
+    assert _describe(LIGHT, THREE_PAIRS, others=(notebook.Mine(),)).startswith("serial (")
     assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 
-def test_script_without_a_main_guard_runs_in_one_process_and_states_the_reason(tmp_path, monkeypatch):
-    script = tmp_path / "script.py"
-    main = SimpleNamespace(__file__=str(script), __spec__=None)
+@pytest.mark.parametrize(
+    ("script", "module", "engine"),
+    [
+        ("import robustflow\n", None, "serial "),
+        ('if __name__ == "__main__":\n    pass\n', None, "processes, 4 workers"),
+        ("import robustflow\n", "package.__main__", "processes, 4 workers"),  # python -m package
+    ],
+)
+def test_script_without_a_main_guard_runs_in_one_process(tmp_path, monkeypatch, script, module, engine):
+    (tmp_path / "script.py").write_text(script)
+    spec = SimpleNamespace(name=module) if module else None
+    main = SimpleNamespace(__file__=str(tmp_path / "script.py"), __spec__=spec)
     monkeypatch.setitem(sys.modules, "__main__", main)
-    script.write_text("import robustflow\n")
-    why = "serial (worker processes require the script's code to be under `if __name__"
-    assert _describe(_on_gpu()).startswith(why)
-    assert _describe(LIGHT, THREE_PAIRS).startswith(why)
-    script.write_text('if __name__ == "__main__":\n    pass\n')
-    assert _describe(_on_gpu()) == "processes, 1 device + 4 feeders"
-    script.write_text("import robustflow\n")
-    main.__spec__ = SimpleNamespace(name="package.__main__")  # python -m package
-    assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
+    assert _describe(LIGHT, THREE_PAIRS).partition("(")[0] == engine
+    assert _describe(_on_gpu()).startswith(engine.partition(",")[0])
 
 
 def test_a_worker_starts_no_workers(monkeypatch):
     monkeypatch.setattr(choose.multiprocessing, "parent_process", SimpleNamespace)
-    assert _describe(LIGHT, THREE_PAIRS).startswith("serial (this process is itself a worker")
+    assert _describe(LIGHT, THREE_PAIRS).startswith("serial (")

@@ -1,17 +1,19 @@
-"""Models on accelerators: one process predicts while other processes corrupt and measure, and the rows are
-unchanged."""
+"""Models on accelerators: one process predicts while others corrupt and measure, and the rows are unchanged."""
 
 import multiprocessing
 import threading
+from contextlib import suppress
 
+import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.data.benchmarks import Benchmark
+from robustflow.metrics.rows import CLEAN
 from robustflow.models import ModelSpec
 from robustflow.run.engines.base import Job
-from robustflow.run.engines.feeder import SharedSlots, _Feeder, cells_ahead
-from robustflow.run.plan import RunOptions
+from robustflow.run.engines.device import BATCHES_PER_FEEDER, Batch, Feeder
+from robustflow.run.plan import RunOptions, Unit
 from robustflow.testing import TexturePairs
 
 from .conftest import FAST
@@ -62,53 +64,81 @@ def test_feeders_that_wait_for_the_clean_flow_of_the_only_sample_help_afterwards
 def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, monkeypatch):
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(), workers=1, batch_size=3)
-    assert [pairs for *_, pairs in _predictions(tmp_path / "log")] == 3 * [1, 3, 3, 2]
+    pairs = [pairs for *_, pairs in _predictions(tmp_path / "log")]
+    assert sum(pairs) == whole.rows.height
+    assert max(pairs) == 3, "a unit has two cells"
+    assert pairs.count(1) >= len(KEYS), "a clean flow is predicted alone"
     assert staged.rows.equals(whole.rows)
 
 
-def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
-    """The device never responds, so the feeder stops when its slots are full; larger frames get fewer slots."""
-    size = (700, 1000)
+def test_a_feeder_prepares_no_more_than_its_batches_hold(tmp_path):
+    """The device does not respond, so the feeder stops; it continues when a batch is returned."""
+    size = (60, 80)
     driver, feeder_end = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()
-    slots = SharedSlots(4)
-    feeder = _Feeder(feeder_end, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, slots)
+    batches = [Batch() for _ in range(BATCHES_PER_FEEDER)]
+    feeder = Feeder(feeder_end, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, batches)
     (tmp_path / "clean").mkdir()
+    for unit in (Unit("0", CLEAN, (0,)), *(Unit("0", name, (1, 2, 3)) for name in FAST)):
+        driver.send(unit)
     ended = threading.Event()
 
     def live():
-        try:
+        with suppress(EOFError):
             while True:
                 feeder.step()
-        except EOFError:
-            ended.set()
+        ended.set()
 
     threading.Thread(target=live, daemon=True).start()
-    cells = iter([("0", "clean", 0), *(("0", "contrast", 1 + number % 5) for number in range(300))])
-    for _ in range(cells_ahead(1)):
-        driver.send(("cell", next(cells)))
-    requests, made = [], 0
-    while driver.poll(60 if made < max(1, slots.count) else 0.5) or device.poll():
-        if driver.poll():
-            kind, _ = driver.recv()
-            assert kind == "made"
-            made += 1
-            driver.send(("cell", next(cells)))
-        while device.poll():
-            requests += device.recv()
-    assert made == len(requests) == slots.count == 128 * 2**20 // slots.slot_bytes
-    assert slots.free == 0
-    assert requests[0].cell == ("0", "clean", 0)
-    slots.flow(requests[0].slot, requests[0].slot_bytes, (*size, 2))[:] = 0
+    sent = []
+    while device.poll(60 if len(sent) < BATCHES_PER_FEEDER - 1 else 0.5):
+        sent.append(device.recv())
+    cells = [shared.request.cell for _, requests in sent for shared in requests]
+    assert cells == [("0", CLEAN, 0), ("0", FAST[0], 1), ("0", FAST[1], 1)], "one of each corruption in turn"
+    index, (clean,) = sent[0]
+    batches[index].array(clean.begin, (*size, 2), np.float32)[:] = 0
     device.send(0.01)
-    assert driver.poll(60)
-    assert driver.recv()[0] == "row"
-    assert driver.poll(60)
-    assert driver.recv()[0] == "made", "a released slot is reused"
+    assert device.poll(60)
+    messages = [driver.recv() for _ in range(5)]
+    assert [value[0] for kind, value in messages if kind == "rows"] == [Unit("0", CLEAN, (0,))]
     driver.close()
     assert ended.wait(20)
-    slots.close()
 
 
 def test_a_model_object_on_a_device_is_sent_there(tmp_path, quick_workers):
     assert _run(tmp_path / "run", Accelerated("gpu:3"), workers=1).rows.height == 27
+
+
+def _add_one(pipe, batch):
+    begin, shape = pipe.recv()
+    frames = batch.array(begin, shape, np.uint8)
+    batch.array(begin, (*shape[1:3], 2), np.float32)[:] = frames[0, ..., :2].astype(np.float32) + 1
+    pipe.send(None)
+
+
+def test_frames_and_flows_pass_through_shared_memory_unchanged():
+    batch, (ours, theirs) = Batch(), multiprocessing.Pipe()
+    child = multiprocessing.get_context("spawn").Process(target=_add_one, args=(theirs, batch))
+    child.start()
+    shape, begin = (2, 30, 40, 3), 30 * 40 * 8
+    batch.reserve(2 * begin)
+    frames = batch.array(begin, shape, np.uint8)
+    frames[:] = np.random.default_rng(0).integers(0, 256, shape)
+    expected = frames[0, ..., :2].astype(np.float32) + 1
+    ours.send((begin, shape))
+    assert ours.poll(60)
+    np.testing.assert_array_equal(batch.array(begin, (30, 40, 2), np.float32), expected)
+    child.join()
+    batch.close()
+
+
+def test_an_array_outlives_the_enlargement_of_its_memory():
+    batch = Batch()
+    batch.reserve(4096)
+    small = batch.array(0, (4096,), np.uint8)
+    small[:] = 5
+    batch.reserve(10**6)
+    batch.array(4096, (10**6 - 4096,), np.uint8)[:] = 7
+    assert (small == 5).all()
+    assert (batch.array(0, (4096,), np.uint8) == 5).all()
+    batch.close()

@@ -107,47 +107,44 @@ class Schedule:
     def __init__(self, units: Iterable[Unit]) -> None:
         self._waiting: dict[str, deque[Unit]] = {}
         """Units by sample, with the samples in the plan's order."""
-        self._blocked: set[str] = set()
-        """Samples whose clean unit is being computed."""
-        for unit in units:
+        self.left = 0
+        """Number of units that are not assigned."""
+        for self.left, unit in enumerate(units, start=1):
             self._waiting.setdefault(unit.key, deque()).append(unit)
         self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
         """Samples that no worker has started, in reverse order."""
+        self._blocked: set[str] = set()
+        """Samples whose clean unit is being computed; only its worker may have their other units."""
 
     def take(self, last_key: str | None) -> Unit | None:
-        """Return the next unit for a worker that has `last_key` loaded; None if all remaining units have to wait."""
-        if last_key is not None and self._ready(last_key):
-            return self._pop(last_key)
-        if self._fresh:  # prefer a new sample, because two workers on the same sample load it twice
+        """Return the next unit for a worker that was last given one of `last_key`; None if it has to wait."""
+        key = last_key if last_key in self._waiting else None
+        if key is None and self._fresh:  # prefer a new sample, because two workers on the same sample load it twice
             key = self._fresh.pop()
             self._blocked.add(key)
-            return self._pop(key)
-        for key in self._waiting:
-            if self._ready(key):
-                return self._pop(key)
-        return None
+        if key is None:
+            key = next((key for key in self._waiting if key not in self._blocked), None)
+        if key is None:
+            return None
+        waiting = self._waiting[key]
+        unit = waiting.popleft() if waiting[0].corruption == CLEAN else waiting.pop()
+        if not waiting:
+            del self._waiting[key]
+        self.left -= 1
+        return unit
 
     def finished(self, unit: Unit) -> None:
-        """Record that a unit is done; a clean unit allows the rest of its sample to start."""
+        """Record that a unit is done; a clean unit allows other workers to help with its sample."""
         if unit.corruption == CLEAN:
             self._blocked.discard(unit.key)
 
     def give_back(self, unit: Unit) -> None:
         """Put a unit whose worker was lost back into the queue, ahead of the rest of its sample."""
         waiting = self._waiting.setdefault(unit.key, deque())
+        self.left += 1
         if unit.corruption == CLEAN:
             waiting.appendleft(unit)
             self._blocked.discard(unit.key)
             self._fresh.append(unit.key)
         else:
             waiting.append(unit)
-
-    def _ready(self, key: str) -> bool:
-        return key in self._waiting and key not in self._blocked and key not in self._fresh
-
-    def _pop(self, key: str) -> Unit:
-        waiting = self._waiting[key]
-        unit = waiting.popleft() if waiting[0].corruption == CLEAN else waiting.pop()
-        if not self._waiting[key]:
-            del self._waiting[key]
-        return unit

@@ -17,10 +17,9 @@ from ...models.conventions import check_count, check_positive
 from ...models.loading import devices_of
 from ..named_model import NamedModel
 from ..plan import Unit
-from .base import Engine
+from .base import Engine, FinishedUnits, Job
 from .processes import SERIAL, processes
 from .ray import on_ray
-from .staged import staged
 
 ENGINES = ("serial", "processes", "ray")
 
@@ -50,24 +49,23 @@ def choose_engine(
     if timeout is not None:
         check_positive("--timeout", timeout)
     devices = devices_of(model.spec, model.model)
+    given = {"--engine": name, "--workers": workers, "--timeout": timeout}
+    asked = next((option for option, value in given.items() if value is not None), None)
     if address is not None and name != "ray":
-        raise UsageError("--address applies only to the ray engine; add --engine ray, or omit --address")
+        raise UsageError("--address", "applies only to the ray engine; add --engine ray, or omit it")
     if devices and attacks and name in (None, "processes"):
-        if name == "processes" or workers is not None or timeout is not None:
-            raise UsageError(
-                "attacks on an accelerator run in this process; omit --engine, --workers and --timeout, "
-                "or omit --attacks"
-            )
+        if asked is not None:
+            raise UsageError(asked, "attacks on an accelerator run in this process; omit this option, or --attacks")
         return _serial(" (attacks need the model in this process)")
     why = ""
     if name is None:
-        unasked = workers is None and timeout is None
-        light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
-        if unasked and light and not devices:
-            return _spread(_reason_for_one_process(model, others))
-        why = _reason_for_one_process(model, others) if unasked and devices else ""
-        asked = (workers or 1) > 1 or timeout is not None
-        name = "processes" if asked or (devices and not why) else "serial"
+        if asked is None:
+            why = _reason_for_one_process(model, others)
+            light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+            if light and not devices:
+                return _spread(why)
+        wanted = (workers or 1) > 1 or timeout is not None
+        name, why = ("processes", "") if wanted or (devices and not why) else ("serial", why if devices else "")
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if name == "ray":
@@ -78,7 +76,8 @@ def choose_engine(
     if name == "processes":
         return _processes(workers or 1, timeout)
     if (workers or 1) > 1 or timeout is not None:
-        raise UsageError("the serial engine has one worker and cannot stop a hanging model; use --engine processes")
+        option = "--workers" if (workers or 1) > 1 else "--timeout"
+        raise UsageError(option, "the serial engine has one worker and cannot stop a model; use --engine processes")
     return _serial(why)
 
 
@@ -123,21 +122,24 @@ def _ray(workers: int | None, timeout: float | None, address: str | None) -> Eng
 def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
     if workers is not None and workers < len(devices):
         raise UsageError(
-            f"{workers} workers are too few for {len(devices)} devices: use --workers {len(devices)} or more, or name "
-            "fewer devices with --device"
+            "--workers",
+            f"{workers} is too few for {len(devices)} devices: use {len(devices)} or more, or name fewer --device",
         )
     wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
-    def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
-        """Limit feeders and devices to the number of cells."""
-        cells = max(1, sum(len(unit.severities) for unit in units))
-        return devices[:cells], min(wanted, cells)
+    def count(units: Sequence[Unit]) -> tuple[int, int]:
+        most = max(1, len(units))
+        return min(len(devices), most), min(wanted, most)
 
     def describe(units: Sequence[Unit]) -> str:
-        used, feeders = parts(units)
-        return f"processes, {counted(len(used), 'device')} + {counted(feeders, 'feeder')}"
+        used, feeders = count(units)
+        return f"processes, {counted(used, 'device')} + {counted(feeders, 'feeder')}"
 
-    return Engine(describe, lambda job, units: staged(job, units, *parts(units), timeout))
+    def compute(job: Job, units: Sequence[Unit]) -> FinishedUnits:
+        used, feeders = count(units)
+        return processes(job, units, feeders, timeout, devices[:used])
+
+    return Engine(describe, compute)
 
 
 def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:

@@ -1,22 +1,30 @@
-"""Compute all units in this process: for debugging, and for models that cannot be sent to other processes. Limit
-the duration of a prediction. A pool of worker processes, each of which computes all stages of a unit with its
-own copy of the model.
+"""Compute units in this process, or in a pool of worker processes.
 
-This engine is for models on the CPU. A model that hangs or crashes ends the run with a one-line error. Only the parent
-process writes shards, so an orphaned worker can never write to the folder of a resumed run.
+On the CPU, every worker has its own copy of the model. On accelerators, one process per device only predicts, and
+the workers ("feeders") corrupt frames and measure flows, which they exchange with it through shared memory. Only this
+process writes rows, so an orphaned worker can never write to the folder of a resumed run; a process that hangs or
+crashes ends the run with a one-line error.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import time
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import chain
 from multiprocessing.connection import Connection, wait
+from typing import Any
 
 from ...core.errors import ModelError
 from ...core.processes import Child, one_opencv_thread
+from ...models import ModelSpec
+from ...models.base import describe_cell
 from ..plan import Unit
 from ..seconds import pop_timings
 from .base import Engine, FinishedUnit, FinishedUnits, Job, Schedule, pickled
+from .device import BATCHES_PER_FEEDER, Batch, feed_forever, predict_forever
 
 
 def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
@@ -52,24 +60,9 @@ def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iter
 
 SERIAL = Engine(lambda units: "serial", serial)
 
-
-class PredictionTimeout:
-    """Monitor the predictions of one process."""
-
-    def __init__(self, timeout: float | None) -> None:
-        self._timeout = timeout
-        self._since = 0.0
-        self.what: str | None = None
-        """Description of the current prediction."""
-
-    def note(self, what: str | None) -> None:
-        """Record the start of a prediction, or its end if `what` is None."""
-        self.what, self._since = what, time.monotonic()
-
-    def check(self) -> None:
-        """Check the duration of the current prediction."""
-        if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
-            raise too_slow(self._timeout, self.what)
+_UNITS_AHEAD = 3
+"""Number of units that a feeder has at a time, in addition to the size of a batch; it takes one cell of each in turn,
+so that one slow corruption does not keep the device waiting."""
 
 
 def too_slow(timeout: float, what: str) -> ModelError:
@@ -77,69 +70,108 @@ def too_slow(timeout: float, what: str) -> ModelError:
     return ModelError(f"the model took longer than {timeout:g} s on {what}; fix it, or allow more time with --timeout")
 
 
-def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> FinishedUnits:
-    """Compute the units in `workers` processes; `timeout` is the time limit of a single prediction, in seconds."""
+def processes(
+    job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None, devices: Sequence[str] = ()
+) -> FinishedUnits:
+    """Compute the units in `workers` processes, with the model in a separate process for each of the devices, if any;
+    `timeout` is the time limit of a single prediction, in seconds."""
     pickled(job)
-    pool: list[_WorkerHandle] = []
-    schedule = Schedule(units)
-    try:
-        for _ in range(workers):
-            pool.append(_WorkerHandle(job, timeout))
-        for process in pool:
-            process.give(schedule)
-        while any(process.unit for process in pool):
-            ready = wait([process.child.pipe for process in pool if process.unit], timeout=0.2 if timeout else None)
-            for process in pool:  # before rows are yielded, because writing them can take longer than the timeout
-                if process.child.pipe not in ready:
-                    process.timeout.check()
-            for process in pool:
-                if process.child.pipe in ready:
-                    done = process.receive()
-                    if done is None:
-                        continue
-                    schedule.finished(done.unit)
-                    for idle in pool:
-                        if idle.unit is None:
-                            idle.give(schedule)
-                    yield done
-    finally:
-        for process in pool:
-            process.child.end()
+    schedule, finished = Schedule(units), list[FinishedUnit]()
+    with ExitStack() as stack:
+        predicting, pool = _started(stack, job, workers, timeout, devices)
+        ahead = _UNITS_AHEAD + job.batch_size if devices else 1
+        while True:
+            for done in finished:
+                schedule.finished(done.unit)
+            for worker in pool:
+                worker.give(schedule, ahead, len(pool))
+            yield from finished
+            busy = {one.child.pipe: one for one in (*predicting, *pool) if one.units or one in predicting}
+            if len(busy) == len(predicting):
+                return
+            ready = wait(list(busy), timeout=0.2 if timeout else None)
+            for pipe, process in busy.items():  # before rows are yielded: writing them can take longer than the timeout
+                if pipe not in ready:
+                    process.check_timeout()
+            answers = [process.receive() for pipe, process in busy.items() if pipe in ready]
+            finished = [done for done in answers if done is not None]
 
 
 def compute_units(pipe: Connection) -> None:
-    """Compute the units of a job; the main function of a worker process."""
-    worker = pipe.recv().worker(lambda what: pipe.send(("predicting", what)))
+    """Compute the units of a job; the main function of a worker process that has the model."""
+    worker = pipe.recv().worker(lambda what: pipe.send(("doing", what)))
     while True:
-        rows = worker.run(pipe.recv())
-        pipe.send(("rows", (rows, pop_timings(worker.seconds))))
+        unit = pipe.recv()
+        rows = worker.run(unit)
+        pipe.send(("rows", (unit, rows, pop_timings(worker.seconds))))
 
 
-class _WorkerHandle:
-    """One worker process and its current work."""
+def _started(
+    stack: ExitStack, job: Job, workers: int, timeout: float | None, devices: Sequence[str]
+) -> tuple[list[_Process], list[_Process]]:
+    """Start a predicting process for each device, and the workers, which are dealt out to the devices in turn."""
+    predicting: list[_Process] = []
+    pool: list[_Process] = []
 
-    def __init__(self, job: Job, timeout: float | None) -> None:
-        self.child = Child(compute_units)
-        self.child.send(job)
-        self.unit: Unit | None = None
-        self.timeout = PredictionTimeout(timeout)
+    def start(kind: list[_Process], limit: float | None, advice: str, *target: Any) -> None:
+        kind.append(_Process(Child(*target), advice, limit))
+        stack.callback(kind[-1].child.end)
+
+    if not devices:
+        for _ in range(workers):
+            start(pool, timeout, "try fewer --workers", compute_units)
+            pool[-1].child.send(job)
+        return predicting, pool
+    with ExitStack() as shared:  # closed here as soon as the children have it
+        pipes = [multiprocessing.Pipe() for _ in range(workers)]
+        batches = [[Batch() for _ in range(BATCHES_PER_FEEDER)] for _ in range(workers)]
+        for each in (*chain(*pipes), *chain(*batches)):
+            shared.callback(each.close)
+        for number, device in enumerate(devices):
+            links = [(pipes[one][1], batches[one]) for one in range(number, workers, len(devices))]
+            model = job.model.on(device) if isinstance(job.model, ModelSpec) and len(devices) > 1 else job.model
+            confidence = job.options.measuring.confidence
+            start(predicting, timeout, "try a smaller --batch-size", predict_forever, model, confidence, links)
+        without_model = replace(job, model=ModelSpec("none"))
+        for (link, _), memory in zip(pipes, batches, strict=True):
+            start(pool, None, "try fewer --workers", feed_forever, without_model, link, memory)
+    return predicting, pool
+
+
+class _Process:
+    """A worker or a predicting process, and the units that a worker has not finished."""
+
+    def __init__(self, child: Child, advice: str, timeout: float | None) -> None:
+        self.child = child
+        self.units: list[Unit] = []
+        self._advice, self._timeout = advice, timeout
         self._last_key: str | None = None
+        self._doing: str | None = None
+        """The cells that are being predicted, or, in a feeder, prepared."""
+        self._since = 0.0
 
-    def give(self, schedule: Schedule) -> None:
-        """Give the process its next unit, if there is one."""
-        self.unit = schedule.take(self._last_key)
-        if self.unit is not None:
-            self._last_key = self.unit.key
-            self.child.send(self.unit)
+    def give(self, schedule: Schedule, ahead: int, workers: int) -> None:
+        """Give a worker its next units: the fewer are left, the fewer in advance, so that all workers end together."""
+        while len(self.units) < ahead and (not self.units or schedule.left >= workers * len(self.units)):
+            unit = schedule.take(self._last_key)
+            if unit is None:
+                return
+            self._last_key = unit.key
+            self.units.append(unit)
+            self.child.send(unit)
 
     def receive(self) -> FinishedUnit | None:
-        """Read one message, and return a finished unit, or None for a progress message."""
-        doing = f"sample '{self.unit.key}', {self.unit.corruption}" if self.unit else "nothing"
-        kind, value = self.child.receive(doing, "try fewer --workers")
-        if kind == "predicting":
-            self.timeout.note(value)
+        """Read one message, and return the unit that it finishes, if any."""
+        unfinished = [describe_cell(unit.key, unit.corruption, *unit.severities) for unit in self.units[:1]]
+        kind, value = self.child.receive(self._doing or next(iter(unfinished), "nothing"), self._advice)
+        if kind == "doing":
+            self._doing, self._since = value, time.monotonic()
             return None
-        rows, seconds = value
-        assert self.unit is not None
-        done, self.unit = FinishedUnit(self.unit, rows, seconds), None
-        return done
+        unit, rows, seconds = value
+        self.units.remove(unit)
+        return FinishedUnit(unit, rows, seconds)
+
+    def check_timeout(self) -> None:
+        """Raise if the current prediction takes too long."""
+        if self._timeout is not None and self._doing is not None and time.monotonic() - self._since > self._timeout:
+            raise too_slow(self._timeout, self._doing)
