@@ -13,8 +13,16 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 
 from robustflow.core.types import Sample
-from robustflow.media.colours import REACH, SPARSE, flow_colours, thickened
-from robustflow.media.error_colours import HIGHEST, LOWEST, UNKNOWN_COLOUR, error_colours
+from robustflow.media.colours import (
+    HIGHEST,
+    LOWEST,
+    REACH,
+    SPARSE,
+    UNKNOWN_COLOUR,
+    error_colours,
+    flow_colours,
+    thickened,
+)
 from robustflow.run.panel import Panel, draw_panel, panel_title
 
 

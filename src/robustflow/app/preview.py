@@ -16,8 +16,7 @@ from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame, Frozen, Sample
 from ..corruptions import Corruption, corrupt, load_corruption
 from ..corruptions.stack import levels_of
-from ..media.colours import flow_colours, flow_radius, thickened
-from ..media.error_colours import error_colours
+from ..media.colours import error_colours, flow_colours, flow_radius, thickened
 from ..media.images import png_address, shrunk
 from ..metrics.error_maps import crer, epe_map
 from ..metrics.regions import Regions

@@ -21,8 +21,7 @@ from starlette.routing import Route
 
 from ..core.errors import RobustFlowError, first_misfit
 from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES, PAPER_ORDER
-from ..media.colours import flow_colours
-from ..media.error_colours import HIGHEST, LOWEST, error_colours
+from ..media.colours import HIGHEST, LOWEST, error_colours, flow_colours
 from ..media.images import png_address
 from .pairs import DEMO, Models, SourceStore
 from .prediction_queue import Message, PredictionQueue, QueuedPrediction

@@ -1,8 +1,8 @@
-"""Functions shared by all flow formats: detect unknown values, and check sizes and the arrays to write. Portable
-float map with three channels (u, v, unused), the flow format of FlyingThings3D, Monkaa and Driving.
+"""Parts shared by the readers of flow and depth: damaged files, sizes, unknown values; and the portable float map.
 
-`PF`, width and height, a scale whose sign encodes the byte order (negative: little-endian), then float32 rows from the
-bottom to the top of the image. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
+A portable float map (.pfm) is `PF` (three channels: u, v, unused; as in FlyingThings3D, Monkaa and Driving) or `Pf`
+(one channel), width and height, a scale whose sign encodes the byte order (negative: little-endian), then float32 rows
+from the bottom to the top of the image. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def readable(path: Path) -> Iterator[None]:
     """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
-        raise DataError(path, f"{why}")
+        raise DataError(path, why)
     try:
         yield
     except OSError as error:
@@ -102,7 +102,6 @@ _CHANNELS = {b"PF": 3, b"Pf": 1}
 
 
 def read_pfm(path: Path) -> tuple[Flow, Mask]:
-    """Read a three-channel .pfm file; see `robustflow.media.flow.read_flow`."""
     return known(read_float_map(path, 3)[..., :2])
 
 

@@ -6,7 +6,6 @@ are checked before memory is allocated, and nothing is unpickled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -41,15 +40,10 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
     """
     with readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
-        readers: dict[tuple[int, int], Callable[..., Any]] = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }
-        if version not in readers:
-            raise DataError(
-                path, f".npy version {'.'.join(map(str, version))} is not supported; save the array with numpy.save"
-            )
-        shape, fortran, dtype = readers[version](file)
+        if version not in ((1, 0), (2, 0)):
+            raise DataError(path, f".npy version {version} is not supported; save the array with numpy.save")
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = header(file)
         if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
             expected = ", ".join(("H", "W", *map(str, channels)))
             raise DataError(path, f"{dtype} {shape} is not {what}; expected real numbers of shape ({expected})")

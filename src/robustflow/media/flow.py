@@ -1,14 +1,13 @@
-"""Middlebury .flo: `PIEH`, int32 width, int32 height, then float32 (u, v) row by row, all little-endian. Spring
-.flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; requires the extra `h5`. KITTI
-flow: a 16-bit RGB PNG with the channels (u * 64 + 2^15, v * 64 + 2^15, valid). Read and write optical flow:
-Middlebury .flo, KITTI 16-bit .png, .pfm, Spring .flo5.
+"""Read and write optical flow: Middlebury .flo, KITTI 16-bit .png, .pfm, Spring .flo5.
 
-Source: Baker et al., "A Database and Evaluation Methodology for Optical Flow", IJCV 2011, and the authors' flow-code.
-
-Spring stores 2160x3840 vectors for frames of 1080x1920, in pixels of the frames; `datasets.spring` uses every second
-vector, as the benchmark does. Source: Mehl et al., CVPR 2023, and `flow_IO` from the benchmark's code.
-
-HD1K uses the same format. Source: the development kits of Geiger et al. (2012) and Menze and Geiger (2015).
+- .flo: `PIEH`, int32 width, int32 height, then float32 (u, v) row by row, all little-endian. Source: Baker et al., "A
+  Database and Evaluation Methodology for Optical Flow", IJCV 2011, and the authors' flow-code.
+- .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; requires the extra `h5`. Spring stores
+  2160x3840 vectors for frames of 1080x1920, in pixels of the frames. Source: Mehl et al., CVPR 2023, and `flow_IO`
+  from the benchmark's code.
+- .png: 16-bit RGB with the channels (u * 64 + 2^15, v * 64 + 2^15, valid); HD1K uses the same format. Source: the
+  development kits of Geiger et al. (2012) and Menze and Geiger (2015).
+- .pfm: see `arrays`.
 """
 
 from __future__ import annotations
@@ -22,13 +21,14 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
-from ..core import files as atomic
+from ..core import files
 from ..core.errors import DataError, first_line
 from ..core.plugins import require
 from ..core.types import Flow, Mask
 from .arrays import checked, claimed_size, exact_size, known, pfm_bytes, read_pfm, readable
-from .images import MOST_INFLATED, check_png
+from .images import PILLOW_ERRORS
 
 MAGIC = b"PIEH"
 UNKNOWN_FLOW = np.float32(1.6666667e9)
@@ -37,7 +37,7 @@ _HEADER = 12
 
 
 def read_flo(path: Path) -> tuple[Flow, Mask]:
-    """Read a .flo file; see `robustflow.media.flow.read_flow`."""
+    """Read a .flo file; see `read_flow`."""
     with open(path, "rb") as file:
         header = file.read(_HEADER)
         if header[:4] != MAGIC[: len(header)] or not header:
@@ -61,12 +61,14 @@ def flo_bytes(flow: Flow, valid: Mask) -> bytes:
 _FILTERS = (1, 2, 3)
 """HDF5's numbers for deflate, shuffle and the Fletcher checksum."""
 
+_MOST_INFLATED = 1100
+"""Deflate cannot compress data by more than 1032:1, so a file that claims a higher ratio is damaged."""
+
 _HARMLESS = 2**16
 """Chunks up to this compressed size, in bytes, cannot inflate to more than 72 MB and are not checked."""
 
 
 def read_flo5(path: Path) -> tuple[Flow, Mask]:
-    """Read a .flo5 file; see `robustflow.media.flow.read_flow`."""
     return known(read_dataset(path, "flow", ".flo5", (2,)))
 
 
@@ -77,9 +79,7 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
         with h5py.File(path, "r") as file:
             # A link or a virtual dataset could refer to any other file on this machine.
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise DataError(
-                    path, f"contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
-                )
+                raise DataError(path, f"contains no dataset '{name}', so it is not a Spring {kind} file")
             return _values(h5py, path, file[name], kind, channels)
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError, zlib.error) as error:
         raise DataError(path, f"not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
@@ -104,7 +104,7 @@ def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ..
     needed = node.size * node.dtype.itemsize
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
-    if max(needed, chunk) > MOST_INFLATED * stored:
+    if max(needed, chunk) > _MOST_INFLATED * stored:
         raise DataError(path, f"damaged, claims {needed} bytes but stores {stored}; download it again")
     if node.chunks:
         _check_chunks(path, node, chunk)
@@ -137,7 +137,6 @@ LOWEST, HIGHEST = -512.0, 511.984375
 
 
 def read_kitti(path: Path) -> tuple[Flow, Mask]:
-    """Read a 16-bit PNG; see `robustflow.media.flow.read_flow`."""
     raw = read_png16(path, 3, "KITTI flow, which is a 16-bit RGB PNG (u, v, valid)")
     valid = raw[..., 0] > 0
     flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
@@ -150,19 +149,19 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
     first. Pillow would silently reduce 16-bit RGB to 8 bits.
     """
     data = path.read_bytes()
-    header = check_png(path, data)
-    claimed_size(path, header.width, header.height)
-    if header.bits != 16 or header.channels != channels:
-        raise DataError(path, f"a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
-    colour = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if channels == 1 else colour)
-    except cv2.error:
-        raw = None
-    shape = (header.height, header.width, *([channels] if channels > 1 else []))
-    if raw is None or raw.dtype != np.uint16 or raw.shape != shape:
+        image = Image.open(io.BytesIO(data), formats=("PNG",))
+        claimed_size(path, *image.size)
+        image.verify()
+    except PILLOW_ERRORS as error:
+        raise DataError(path, f"not a PNG, or damaged ({first_line(error)}); copy or download it again") from error
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if raw is None:
         raise DataError(path, "a damaged PNG that cannot be decoded; copy or download it again")
-    return np.asarray(raw)
+    count = raw.shape[2] if raw.ndim == 3 else 1
+    if raw.dtype != np.uint16 or count != channels:
+        raise DataError(path, f"a {8 * raw.itemsize}-bit PNG with {count} channel(s) is not {what}")
+    return np.asarray(raw, np.uint16)
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
@@ -171,11 +170,8 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
     outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)
     if outside.any():
         worst = np.abs(flow[outside]).max()
-        raise DataError(
-            path,
-            f"{int(outside.sum())} pixels (largest component {worst:.6g}) are outside KITTI's "
-            f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid",
-        )
+        limits = f"{int(outside.sum())} pixels (up to {worst:.6g}) are outside KITTI's {LOWEST:g} to {HIGHEST} pixels"
+        raise DataError(path, f"{limits}; write .flo instead, or mark them invalid")
     raw = np.empty((*valid.shape, 3), np.uint16)
     raw[..., 0] = valid
     raw[..., 2] = np.where(valid, scaled[..., 0], 0)
@@ -237,15 +233,9 @@ def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | Non
     path = Path(path)
     suffix = _suffix(path)
     values, mask = checked(path, flow, valid)
-    if suffix == ".flo":
-        data = flo_bytes(values, mask)
-    elif suffix == ".png":
-        data = kitti_bytes(path, values, mask)
-    elif suffix == ".pfm":
-        data = pfm_bytes(values, mask)
-    else:
-        data = flo5_bytes(values, mask)
-    atomic.write_bytes(path, data)
+    writers = {".flo": flo_bytes, ".pfm": pfm_bytes, ".flo5": flo5_bytes}
+    data = kitti_bytes(path, values, mask) if suffix == ".png" else writers[suffix](values, mask)
+    files.write_bytes(path, data)
 
 
 def _suffix(path: Path) -> str:

@@ -1,12 +1,7 @@
-"""Detect damage in image files that decoders ignore, as far as the file format allows. Read and write images as RGB
-uint8, without lossy conversions. List the images in a folder.
+"""Read and write images as RGB uint8, without lossy conversions; list the images in a folder.
 
-PNG and deflated TIFF files contain checksums, damage to a JPEG usually breaks its entropy coding, and BMP, PPM and WebP
-headers imply or state the file size. Other damage only changes pixel values and cannot be detected, so a run's manifest
-stores a hash of every file.
-
-Images are decoded with Pillow, which is strict: for truncated files it raises an error instead of returning a partly
-filled image. `intact` detects damage that Pillow overlooks.
+Images are decoded with Pillow, which raises an error for a truncated file instead of returning a partly filled image. A
+PNG's checksums are verified. Other damage only changes pixel values, so a run's manifest stores a hash of every file.
 """
 
 from __future__ import annotations
@@ -19,133 +14,32 @@ import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageOps, PngImagePlugin, TiffImagePlugin
+from PIL import Image, ImageOps, TiffImagePlugin
 
-from ..core import files as atomic
+from ..core import files
 from ..core.errors import DataError, first_line
 from ..core.text import is_utf8
 from ..core.types import Frame
 
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-MOST_INFLATED = 1100
-"""Deflate cannot compress data by more than 1032:1, so a file that claims a higher ratio is damaged."""
-
 LARGEST = 2**30
 """Maximum size of an image file in bytes; the largest supported image needs half as much."""
-
-
-class PngHeader(NamedTuple):
-    """A PNG header: image size, bits per channel, and number of channels (a palette counts as one)."""
-
-    width: int
-    height: int
-    bits: int
-    channels: int
-
-
-def check_png(path: Path, data: bytes) -> PngHeader:
-    """Read a PNG header and check, without decoding, that all chunks are present and undamaged."""
-    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
-        raise DataError(path, "not a PNG file, or truncated; check or copy it again")
-    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
-    header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
-    if width * height * bits * header.channels > 8 * MOST_INFLATED * len(data):
-        raise DataError(
-            path, f"damaged: {len(data)} bytes are too few for {height}x{width} pixels; copy or download it again"
-        )
-    view, start, name = memoryview(data), 8, b""
-    while name != b"IEND":
-        length = int.from_bytes(view[start : start + 4], "big")
-        end = start + 12 + length
-        if end > len(data):
-            raise DataError(path, "truncated, the end of the PNG is missing; copy or download it again")
-        name = data[start + 4 : start + 8]
-        # Pillow stops reading after the last row, before it reaches the checksum of the last chunk.
-        if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise DataError(path, "damaged, a checksum of the PNG is wrong; copy or download it again")
-        start = end
-    return header
-
-
-def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any], interlaced: bool) -> None:
-    """Reject a PNG whose compressed data ends before the last row; Pillow would fill the missing rows with zeros, while
-    libpng, which OpenCV uses, does not decode it.
-    """
-    import cv2
-
-    suspect = interlaced or not pixels[-1:].any()
-    if suspect and cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is None:
-        raise DataError(path, "damaged, the PNG ends before its last row; copy or download it again")
-
-
-def check_jpeg(path: Path, data: bytes) -> None:
-    """Reject a JPEG with broken entropy coding; Pillow's decoder would silently continue with grey or shifted
-    blocks.
-    """
-    import av
-
-    context = av.CodecContext.create("mjpeg", "r")
-    context.thread_count = 1
-    context.options = {"err_detect": "crccheck+bitstream+buffer+careful+compliant+aggressive+explode"}
-    try:
-        frames: list[Any] = [*context.decode(av.Packet(data)), *context.decode(None)]
-    except av.error.PatchWelcomeError:
-        return
-    except (av.error.FFmpegError, ValueError) as error:
-        raise DataError(path, "damaged, the JPEG data is corrupt; copy it again") from error
-    if not frames or any(frame.is_corrupt for frame in frames):
-        raise DataError(path, "damaged, the JPEG data is corrupt; copy it again")
-
-
-def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
-    """Reject a file that is longer or shorter than its header implies."""
-    sizes: tuple[int, ...] = ()
-    if kind == "WEBP":
-        size = int.from_bytes(data[4:8], "little")
-        sizes = (8 + size, 8 + size + size % 2)
-    elif kind == "BMP":
-        sizes = (int.from_bytes(data[2:6], "little") or len(data),)
-    elif kind == "PPM" and end and data[end:].strip():
-        sizes = (end,)
-    if sizes and len(data) not in sizes:
-        state = "truncated" if len(data) < sizes[0] else "too long, or contains several images"
-        raise DataError(
-            path, f"{state}: {len(data)} bytes, but the header implies {sizes[0]}; copy or convert it again"
-        )
-
-
-def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
-    """Reject a deflated TIFF with a wrong strip checksum, which libtiff does not verify."""
-    for offset, count in zip(offsets or (), counts or (), strict=False):
-        inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
-        try:
-            while not inflate.eof:
-                out = inflate.decompress(part, 2**20)
-                part = inflate.unconsumed_tail
-                if not out and not part:
-                    raise DataError(path, "damaged, a strip of the TIFF is truncated; copy it again")
-        except zlib.error as error:
-            raise DataError(path, "damaged, a checksum of the TIFF is wrong; copy it again") from error
-
 
 MAX_PIXELS = 2**27
 """Largest supported image, 134 megapixels; larger images are rejected before their pixels are allocated."""
 
-_OF_PILLOW = (
+PILLOW_ERRORS = (
     OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error,
     Image.DecompressionBombError,
 )  # fmt: skip
 """Exceptions that Pillow raises for damaged files."""
 
-_STRIPS = (273, 279, 324, 325)
-"""TIFF tags that store the offsets and byte counts of strips or tiles."""
-
 _WIDTH, _HEIGHT = 256, 257
 """TIFF tags that store the size of the image."""
+
+_ORIENTATION = 0x0112
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
@@ -158,22 +52,15 @@ def read_image(path: str | Path) -> Frame:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
             with _open(path, data) as image:
-                _check_intact(path, data, image)
                 image.load()
-                if image.format == "PNG":
-                    check_png_rows(path, data, np.asarray(image), "interlace" in image.info)
                 return _rgb(path, ImageOps.exif_transpose(image))
-    except DataError:
-        raise
-    except _OF_PILLOW as error:
+    except PILLOW_ERRORS as error:
         raise DataError(path, f"damaged or truncated ({first_line(error)}); copy or download it again") from error
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return the size (H, W) of the image that `read_image` would return; pixels are decoded only for a PNG with
-    metadata behind them.
-    """
-    (height, width), turned = _header(path, _is_turned)
+    """Return the size (H, W) of the image that `read_image` would return; no pixels are decoded."""
+    (height, width), turned = _header(path, lambda image: Image.Image.getexif(image).get(_ORIENTATION, 1) >= 5)
     return (width, height) if turned else (height, width)
 
 
@@ -194,7 +81,7 @@ def write_image(path: str | Path, image: Frame) -> None:
         raise DataError(path, "images are written as lossless PNG; use a file name that ends in .png")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise DataError(path, f"cannot write {image.dtype} {image.shape} as an image; pass RGB uint8 (H, W, 3)")
-    atomic.write_bytes(path, png_bytes(image))
+    files.write_bytes(path, png_bytes(image))
 
 
 def shrunk(image: Frame, widest: int) -> Frame:
@@ -245,33 +132,15 @@ def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple
                 if isinstance(image, TiffImagePlugin.TiffImageFile):  # `image.size` is the size after the rotation
                     width, height = image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
                 return (height, width), is_turned(image)
-    except _OF_PILLOW as error:
+    except PILLOW_ERRORS as error:
         raise DataError(path, f"cannot be read as an image ({first_line(error)}); check the file") from error
-
-
-def _is_turned(image: Image.Image) -> bool:
-    """Whether the EXIF orientation swaps width and height. Pillow decodes a PNG to find metadata behind the pixels."""
-    ends_early = isinstance(image, PngImagePlugin.PngImageFile) and not _has_metadata_behind_pixels(image.fp)
-    exif = Image.Image.getexif(image) if ends_early else image.getexif()
-    return exif.get(0x0112, 1) in (5, 6, 7, 8)
-
-
-def _has_metadata_behind_pixels(png: Any) -> bool:
-    pixels, start, place = False, png.tell(), 8
-    while len(head := png.read(8) if png.seek(place) else b"") == 8:
-        pixels |= head[4:] == b"IDAT"
-        if pixels and head[4:] in (b"eXIf", b"tEXt", b"zTXt", b"iTXt"):
-            break
-        place += 12 + int.from_bytes(head[:4], "big")
-    png.seek(start)
-    return len(head) == 8
 
 
 def _check_file(path: Path) -> None:
     """Raise a DataError unless the path is a regular file; opening a pipe would block forever."""
     if not path.is_file():
-        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such image file; check the path"
-        raise DataError(path, f"{why}")
+        what = "not a file (a pipe, a device or a folder)" if path.exists() else "no such image file; check the path"
+        raise DataError(path, what)
 
 
 def _contents(path: Path) -> bytes:
@@ -288,7 +157,7 @@ def _contents(path: Path) -> bytes:
 
 
 def _open(path: Path, data: bytes) -> Image.Image:
-    deep = data[:4] == b"\x89PNG" and check_png(path, data).bits > 8
+    """Open an image whose size and depth are supported, and which is the only one in its file."""
     try:
         image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except Image.UnidentifiedImageError as error:
@@ -297,28 +166,14 @@ def _open(path: Path, data: bytes) -> Image.Image:
     width, height = image.size
     if width * height > MAX_PIXELS:
         raise DataError(path, f"{height}x{width} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
-    if deep or _is_deep(image):
+    if _is_deep(image):
         raise DataError(path, "more than 8 bits per channel; convert it to 8 bits (flow maps are not images)")
+    count = getattr(image, "n_frames", 1)
+    if count > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
+        raise DataError(path, f"contains {count} images, but only one can be read; save them as separate files")
+    if image.format == "PNG":  # Pillow stops reading after the last row, before it reaches the last checksum
+        Image.open(io.BytesIO(data), formats=("PNG",)).verify()
     return image
-
-
-def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
-    """Reject files with several images, and damage that the decoder would ignore."""
-    frames = getattr(image, "n_frames", 1)
-    if frames > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
-        raise DataError(
-            path,
-            f"contains {frames} images, but only one can be read; save them as separate files and pass their folder",
-        )
-    end = 0
-    tiles = getattr(image, "tile", [])
-    if image.format == "PPM" and tiles and tiles[0][0] == "raw" and image.mode in ("L", "RGB"):
-        end = tiles[0][2] + image.width * image.height * len(image.mode)
-    check_length(path, data, image.format, end)
-    if image.format in ("JPEG", "MPO"):
-        check_jpeg(path, data)
-    if isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(259) in (8, 32946):
-        check_deflated_strips(path, data, *(image.tag_v2.get(tag) for tag in _STRIPS if tag in image.tag_v2))
 
 
 def _is_deep(image: Image.Image) -> bool:

@@ -20,8 +20,7 @@ from PIL import Image
 from ..core.display import add_picture, default_style
 from ..core.text import name_text
 from ..core.types import Flow, Frame, Sample
-from ..media.colours import flow_colours, flow_radius, thickened
-from ..media.error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
+from ..media.colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours, flow_colours, flow_radius, thickened
 from ..metrics.error_maps import epe_map
 
 _WIDTH_IN = 14.0

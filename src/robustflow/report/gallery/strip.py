@@ -13,8 +13,7 @@ from ...attacks.result import Attacked
 from ...core.display import add_picture, default_style
 from ...core.types import Flow, Frame, Sample
 from ...corruptions import Corruption, corrupt_clip
-from ...media.colours import flow_colours, flow_radius, thickened
-from ...media.error_colours import error_colours
+from ...media.colours import error_colours, flow_colours, flow_radius, thickened
 from ...media.images import shrunk
 from ...metrics.error_maps import epe_map
 

@@ -16,7 +16,6 @@ from robustflow.core.errors import DataError
 from robustflow.data.datasets.motorcycle import Motorcycle
 from robustflow.media.depth import read_camera, read_depth_npy, read_depth_pfm, read_depth_png, read_dpt, read_dsp5
 from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
-from robustflow.media.images import read_image
 
 FLIPS = 200
 FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)
@@ -45,13 +44,8 @@ def write_flow_file(path: Path) -> None:
     write_flow(path, FLOW)
 
 
-def write_picture(path: Path) -> None:
-    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (16, 20, 3), np.uint8))
-
-
 CASES: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], Any]]] = {
     **{f"flow{suffix}": (f"flow{suffix}", write_flow_file, read_flow) for suffix in FLOW_SUFFIXES},
-    **{f"picture{kind}": (f"picture{kind}", write_picture, read_image) for kind in (".png", ".jpg", ".tiff", ".webp")},
     "depth.npy": ("depth.npy", lambda path: np.save(path, DEPTH), read_depth_npy),
     "depth.png": ("depth.png", lambda path: cv2.imwrite(str(path), DEPTH.astype(np.uint16)), read_depth_png),
     "depth.pfm": ("depth.pfm", lambda path: path.write_bytes(b"Pf\n5 4\n-1.0\n" + DEPTH.tobytes()), read_depth_pfm),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from robustflow.core.errors import DataError
 from robustflow.media.colours import colour_wheel, flow_colours, flow_radius
+from tests.refusals import refusal
 
 STRETCHES = (15, 6, 4, 11, 13, 6)
 
@@ -86,5 +87,4 @@ def test_radius_ignores_outliers_and_what_is_unknown():
 
 @pytest.mark.parametrize(("shape", "radius"), [((2, 2), 1.0), ((2, 2, 3), 1.0), ((2, 2, 2), 0.0), ((2, 2, 2), np.nan)])
 def test_colours_of_an_invalid_flow_are_refused(shape, radius):
-    with pytest.raises(DataError, match="cannot colour"):
-        flow_colours(np.zeros(shape, np.float32), radius)
+    refusal(lambda: flow_colours(np.zeros(shape, np.float32), radius), DataError, "flow")
