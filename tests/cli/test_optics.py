@@ -8,9 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from robustflow.corruptions.optics import design as design_module
-from robustflow.corruptions.optics.design import shipped_lens
+from robustflow.corruptions.optics.design import Budget, shipped_lens
 from robustflow.corruptions.optics.psf_field import shipped_field
-from robustflow.corruptions.optics.search import Budget
 
 SMALL = Budget(structures=30, screened=2, pool=2, moves=2, first_iterations=3, iterations=2, last_iterations=2)
 

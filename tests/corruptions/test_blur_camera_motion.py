@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robustflow.core.rng import Rng
-from robustflow.corruptions.blur.camera_motion_blur import CameraMotionBlur
+from robustflow.corruptions.blur.fixed_kernels import CameraMotionBlur
 from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
 
 from .line_motion import moved_along_a_line

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate
 
 from robustflow.core.rng import Rng
-from robustflow.corruptions.blur.defocus_blur import DefocusBlur
+from robustflow.corruptions.blur.fixed_kernels import DefocusBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
 
 from .pictures import noise

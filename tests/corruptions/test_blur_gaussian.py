@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from robustflow.core.rng import Rng
-from robustflow.corruptions.blur.gaussian_blur import GaussianBlur
-from robustflow.corruptions.kernels.separable import gaussian_frame, gaussian_plane
+from robustflow.corruptions.blur.fixed_kernels import GaussianBlur
+from robustflow.corruptions.kernels.filters import gaussian_frame, gaussian_plane
 
 from .pictures import noise
 

@@ -12,15 +12,15 @@ from robustflow.core.files import sealed
 from robustflow.core.rng import Rng
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.calibration.search import (
+from robustflow.corruptions.calibration import (
     TARGETS,
     TOLERANCE,
+    Ssim,
     calibratable,
     calibrate,
     path,
     reference_pictures,
 )
-from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.scale import (
     CALIBRATION_VARIABLE,
     calibrated_levels,

@@ -11,7 +11,7 @@ from PIL import Image
 
 from robustflow.core.rng import Rng
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.digital.saturate import Saturate
+from robustflow.corruptions.digital.tone import Saturate
 
 SEVERITIES = (1, 2, 3, 4, 5)
 COLOURS = np.random.default_rng(5).integers(0, 256, (64, 97, 3), dtype=np.uint8)

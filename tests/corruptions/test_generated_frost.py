@@ -12,9 +12,8 @@ import robustflow as rf
 from robustflow.core.errors import AssetError
 from robustflow.core.types import Sample
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.weather.frost import photograph
+from robustflow.corruptions.weather.frost import STYLES, generated_texture, photograph
 from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
-from robustflow.corruptions.weather.generated_frost import STYLES, generated_texture
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.demo import DEMO_CLASSES
 from robustflow.data.benchmarks.export import export

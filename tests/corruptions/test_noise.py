@@ -6,8 +6,7 @@ from scipy import stats
 
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.noise.gaussian_noise import gaussian_table
-from robustflow.corruptions.noise.shot_noise import shot_tables
+from robustflow.corruptions.noise.noise import gaussian_table, shot_tables
 
 from .alias_counts import counts_of
 

@@ -11,10 +11,10 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
-from robustflow.corruptions.digital.contrast import Contrast
+from robustflow.corruptions.digital.tone import Contrast
 from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
 from robustflow.corruptions.weather.fog import Fog
-from robustflow.corruptions.weather.generated_frost import GeneratedFrost
+from robustflow.corruptions.weather.frost import GeneratedFrost
 from robustflow.testing import check_corruption
 
 from .pictures import plane, scene, seen

@@ -12,8 +12,15 @@ from scipy.spatial.transform import Rotation
 from robustflow.core.errors import UsageError
 from robustflow.core.rng import Rng
 from robustflow.core.types import Camera
-from robustflow.corruptions.depth.particles import EXPOSURE, FRAME_INTERVAL, NEAREST, Particles, streaks_of
-from robustflow.corruptions.depth.precipitation import Rain3d, Snow3d
+from robustflow.corruptions.depth.precipitation import (
+    EXPOSURE,
+    FRAME_INTERVAL,
+    NEAREST,
+    Particles,
+    Rain3d,
+    Snow3d,
+    streaks_of,
+)
 from robustflow.corruptions.depth.scene import STILL
 
 from .pictures import picture, plane, ray_lengths, scene, seen

@@ -9,18 +9,20 @@ from scipy.ndimage import convolve
 
 from robustflow.core.rng import Rng
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.sensor.camera import CameraColours, bytes_of_linear, draw_camera, linear_of_bytes
-from robustflow.corruptions.sensor.exposure import (
+from robustflow.corruptions.sensor.camera import (
     BLACK,
     NOISELESS,
     WHITE,
+    CameraColours,
     Sensor,
+    bytes_of_linear,
+    draw_camera,
     exposed,
     exposed_without_noise,
+    linear_of_bytes,
     sensor_at,
 )
-from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
-from robustflow.corruptions.sensor.raw_noise import RawState
+from robustflow.corruptions.sensor.raw_noise import KNEE, RawState, developed, light_on_sensor
 
 from .pictures import picture
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robustflow.core.errors import DataError
-from robustflow.corruptions.calibration.ssim import Ssim
+from robustflow.corruptions.calibration import Ssim
 from robustflow.media.images import read_image
 
 

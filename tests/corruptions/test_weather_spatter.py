@@ -6,9 +6,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from robustflow.core.rng import Rng
-from robustflow.corruptions.kernels.chamfer import chamfer_distance, mean_distance
 from robustflow.corruptions.kernels.fields import UNIT, normal_field
-from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter
+from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter, chamfer_distance, mean_distance
 
 
 def naive(frame, rng, parameter):

@@ -11,7 +11,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import ModelError, RunError, UsageError
-from robustflow.corruptions.digital.contrast import Contrast
+from robustflow.corruptions.digital.tone import Contrast
 from robustflow.data.benchmarks import Benchmark
 from robustflow.media.flow import write_flow
 from robustflow.models import ModelSpec

@@ -15,7 +15,7 @@ import numpy as np
 
 from robustflow import corrupt, load_dataset, load_model
 from robustflow.corruptions import SEVERITIES, load_corruption
-from robustflow.corruptions.calibration.ssim import Ssim
+from robustflow.corruptions.calibration import Ssim
 from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
 from robustflow.data.benchmarks.demo import DEMO_CLASSES

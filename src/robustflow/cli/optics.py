@@ -166,8 +166,8 @@ def calibrate(
       robustflow optics calibrate --data ~/frames --corruptions fog,contrast --output mine.json
     """
     from ..core.files import sealed, write_json
-    from ..corruptions.calibration.search import calibratable, reference_pictures
-    from ..corruptions.calibration.search import calibrate as measure
+    from ..corruptions.calibration import calibratable, reference_pictures
+    from ..corruptions.calibration import calibrate as measure
     from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped
 
     def show(name: str, result: CalibratedCorruption) -> None:

@@ -19,9 +19,8 @@ from ..core.plugins import own_name
 from ..core.rng import Rng, check_seed
 from ..core.types import Frame, SceneDepth, check_frame
 from .base import BGR, SCALES, Corruption
-from .on_disk import refuse_on_disk
 from .own import OwnCorruption, own_among, own_corruption, register_custom
-from .registry import CORRUPTIONS, SHIPPED
+from .registry import CORRUPTIONS, SHIPPED, refuse_on_disk
 from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, split_stack, with_targets_registered
 
@@ -51,19 +50,15 @@ class ChannelsReversed(Corruption):
 
     @property
     def source(self) -> str:
-        """Return the inner corruption's source."""
         return self._inner.source
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Return the inner corruption's state."""
         return self._inner.draw(rng, severity, shape)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Return the inner corruption's state."""
         return self._inner.draw_with_depth(rng, severity, shape, depth)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Reverse the channels, corrupt the frame, and restore the channel order."""
         corrupted = self._inner.apply(np.ascontiguousarray(frame[..., ::-1]), state, index)
         return np.ascontiguousarray(corrupted[..., ::-1])
 

@@ -20,8 +20,7 @@ from ..core.plugins import called, checked_name, described, own_name, source_dig
 from ..core.rng import Rng
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
-from .on_disk import on_disk
-from .registry import CORRUPTIONS, SHIPPED
+from .registry import CORRUPTIONS, SHIPPED, on_disk
 
 Made = Any
 """A corruption class, or an instance of one."""
@@ -56,15 +55,12 @@ class OwnCorruption(Corruption):
 
     @property
     def source(self) -> str:
-        """Return a hash (16 hexadecimal digits) of the source files and the attributes that affect the result."""
         return source_digest(self.made)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Return the state from the user's `draw`."""
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Return the state from the user's `draw`, or from `draw_scene` if depth is required."""
         self.parameter(severity)
         if self.needs_depth and depth is None:
             raise sample_without_depth(self.name)
@@ -74,8 +70,6 @@ class OwnCorruption(Corruption):
         return self._call("draw", lambda: self.made.draw(rng, severity, shape))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Return a copy of the frame from the user's `apply`, RGB uint8 of the same shape: the next call may overwrite
-        it."""
         copy = _read_only(np.ascontiguousarray(frame))
         out = self._call("apply", lambda: self.made.apply(copy, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:

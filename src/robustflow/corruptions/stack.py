@@ -15,9 +15,8 @@ from ..core.plugins import import_target, is_target
 from ..core.rng import Rng
 from ..core.types import Frame, SceneDepth
 from .base import Corruption
-from .on_disk import refuse_on_disk
 from .own import is_known, own_corruption, register_custom
-from .registry import CORRUPTIONS, FURTHER, SHIPPED
+from .registry import CORRUPTIONS, FURTHER, SHIPPED, refuse_on_disk
 from .scale import calibrated_levels
 
 _PLUS, _COLON = "+", ":"
@@ -123,8 +122,7 @@ class Stack(Corruption):
         free = [part.severities for part, level in parts if level is None]
         lacking = [any(own[level - 1] is None for own in free) for level in SEVERITIES]
         super().__init__(
-            "default",
-            tuple(None if none else name for none, name in zip(lacking, self.paper_severities, strict=True)),
+            "default", tuple(None if none else name for none, name in zip(lacking, self.paper_severities, strict=True))
         )
         self.variant = parts[0][0].variant
         for part, level in parts:
@@ -137,11 +135,9 @@ class Stack(Corruption):
         self.name = _PLUS.join(names)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
-        """Return one state per part."""
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> list[Any]:
-        """Return one state per part."""
         self.parameter(severity)
         return [
             part.draw_with_depth(rng.spawn(place, part.name), severity if level is None else level, shape, depth)
@@ -149,7 +145,6 @@ class Stack(Corruption):
         ]
 
     def apply(self, frame: Frame, state: list[Any], index: int) -> Frame:
-        """Apply all parts in sequence."""
         for (part, _), own in zip(self._parts, state, strict=True):
             frame = part.apply(frame, own, index)
         return frame

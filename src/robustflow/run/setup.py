@@ -13,8 +13,8 @@ from ..core.text import plain
 from ..corruptions import load_corruption
 from ..corruptions.api import user_sources
 from ..corruptions.base import BGR, VARIANTS
-from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
+from ..corruptions.registry import on_disk
 from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys

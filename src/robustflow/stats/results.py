@@ -5,8 +5,7 @@ figures.
 from __future__ import annotations
 
 from ..core.text import plain
-from ..corruptions.on_disk import on_disk
-from ..corruptions.registry import FAMILIES, family_of
+from ..corruptions.registry import FAMILIES, family_of, on_disk
 from ..data.benchmarks import benchmark_facts
 from ..metrics.rows import CLEAN
 

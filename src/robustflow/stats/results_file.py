@@ -19,7 +19,7 @@ from ..core.errors import DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.text import text_cell
-from ..corruptions.on_disk import on_disk
+from ..corruptions.registry import on_disk
 from ..corruptions.stack import parse_stack
 from .model_result import ModelResult, Value, merged
 from .results import AVERAGE, CLEAN, RESULT_METRICS

@@ -7,7 +7,7 @@ from math import fsum
 from typing import Protocol
 
 from ..core.text import counted, joined
-from ..corruptions.on_disk import ROBUSTSPRING
+from ..corruptions.registry import ROBUSTSPRING
 from ..run.comparable import sample_set_of
 from ..run.run import Run
 from .model_result import ModelResult, Value

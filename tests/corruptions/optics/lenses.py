@@ -6,9 +6,16 @@ import math
 
 import numpy as np
 
-from robustflow.corruptions.optics.lens import AIR, Lens, Surface, refractive_index
+from robustflow.corruptions.optics.lens import (
+    AIR,
+    DESIGN_WAVELENGTH,
+    Lens,
+    Rays,
+    Surface,
+    first_order_of,
+    refractive_index,
+)
 from robustflow.corruptions.optics.merit import aim
-from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, Rays, first_order_of
 
 
 def bundle(heights, tangent=0.0, across=0.0) -> Rays:

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.optics.design import goal_of, shipped_lens
+from robustflow.corruptions.optics.design import SAMPLES, Structure, goal_of, shipped_lens
 from robustflow.corruptions.optics.merit import FIELDS, FREQUENCIES, Limits, _cos_sin_turns, blur_statistics
 from robustflow.corruptions.optics.psf_field import shipped_field
 from robustflow.corruptions.optics.render import field_rays, modulation, moments
 from robustflow.corruptions.optics.residuals import damped_least_squares, fill_residuals, residual_count, solve_damped
-from robustflow.corruptions.optics.search import SAMPLES, Structure
 
 from .lenses import aimed, cooke_triplet
 

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from robustflow.corruptions.optics.design import shipped_lens
-from robustflow.corruptions.optics.lens import AIR, SELLMEIER, Lens, refractive_index
-from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, Rays, first_order_of, trace
+from robustflow.corruptions.optics.lens import (
+    AIR,
+    DESIGN_WAVELENGTH,
+    SELLMEIER,
+    Lens,
+    Rays,
+    first_order_of,
+    refractive_index,
+    trace,
+)
 
 from .lenses import aimed, cooke_triplet, plano_hyperbolic, thin_lens
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.corruptions.optics.trace import first_order_of, trace
+from robustflow.corruptions.optics.lens import first_order_of, trace
 
 from .lenses import bundle, cooke_triplet, lens_of
 

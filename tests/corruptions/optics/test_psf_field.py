@@ -5,10 +5,9 @@ import pytest
 
 from robustflow.core.errors import DataError
 from robustflow.corruptions.optics.design import shipped_lens
-from robustflow.corruptions.optics.lens import PIXEL
+from robustflow.corruptions.optics.lens import PIXEL, Rays, trace
 from robustflow.corruptions.optics.psf_field import PsfField, half_digest, halved, manifest, shipped_field
 from robustflow.corruptions.optics.render import field_rays, render_psfs
-from robustflow.corruptions.optics.trace import Rays, trace
 
 SEVERITIES = (1, 2, 3, 4, 5)
 

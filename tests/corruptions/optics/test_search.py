@@ -8,15 +8,20 @@ from robustflow.core.rng import Rng
 from robustflow.corruptions.optics.design import (
     SHIPPED_SEEDS,
     SPECIFICATIONS,
+    Budget,
+    Candidate,
+    Structure,
     design,
     goal_of,
     lens_digest,
+    move,
     prescription_of,
+    random_candidate,
+    refine,
+    search,
 )
-from robustflow.corruptions.optics.lens import refractive_index
+from robustflow.corruptions.optics.lens import DESIGN_WAVELENGTH, first_order_of, refractive_index
 from robustflow.corruptions.optics.psf_field import manifest
-from robustflow.corruptions.optics.search import Budget, Candidate, Structure, move, random_candidate, refine, search
-from robustflow.corruptions.optics.trace import DESIGN_WAVELENGTH, first_order_of
 
 SMALL = Budget(structures=40, screened=4, pool=3, moves=6, first_iterations=4, iterations=4, last_iterations=6)
 

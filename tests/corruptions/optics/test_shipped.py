@@ -8,11 +8,10 @@ import pytest
 from robustflow.core.errors import DataError
 from robustflow.corruptions.optics import psf_field as shipped
 from robustflow.corruptions.optics.design import SPECIFICATIONS, goal_of, ship_lens, shipped_lens
-from robustflow.corruptions.optics.lens import AIR, IMAGE_RADIUS
+from robustflow.corruptions.optics.lens import AIR, IMAGE_RADIUS, first_order_of
 from robustflow.corruptions.optics.merit import FREQUENCIES, Limits
 from robustflow.corruptions.optics.psf_field import SIZE
 from robustflow.corruptions.optics.render import modulation, moments, nominal_rms
-from robustflow.corruptions.optics.trace import first_order_of
 
 SEVERITIES = (1, 2, 3, 4, 5)
 MTF_TOLERANCE = {1: 0.06, 2: 0.06, 3: 0.06, 4: 0.09, 5: 0.06}

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robustflow.corruptions.optics.blur import BLOCK, LENGTHS, transform, twiddles
 from robustflow.corruptions.optics.psf_field import PITCHES, Axis, grid_of, kernels_at
-from robustflow.corruptions.optics.strip import BLOCK, LENGTHS, transform, twiddles
 
 from .naive_blur import kernel_at
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.optics.lens import refractive_index
-from robustflow.corruptions.optics.trace import first_order_of, propagate, trace
+from robustflow.corruptions.optics.lens import first_order_of, propagate, refractive_index, trace
 
 from .lenses import bundle, cooke_triplet, lens_of, plano_hyperbolic, thin_lens
 

@@ -11,9 +11,8 @@ import pytest
 
 from robustflow.core.errors import DataError, RobustFlowError, UsageError
 from robustflow.corruptions import CORRUPTIONS, load_corruption
-from robustflow.corruptions.on_disk import ROBUSTSPRING
 from robustflow.corruptions.own import register_custom
-from robustflow.corruptions.registry import MEMBERS, ORDER
+from robustflow.corruptions.registry import MEMBERS, ORDER, ROBUSTSPRING
 from robustflow.data.benchmarks import benchmark_facts, load_benchmark
 from robustflow.data.benchmarks.setting import setting_of
 from robustflow.data.datasets import load_dataset

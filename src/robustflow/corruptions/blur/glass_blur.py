@@ -11,7 +11,7 @@ from ...core.compiled import njit
 from ...core.rng import Rng, hash64
 from ...core.types import Frame
 from ..base import Corruption
-from ..kernels.separable import FLOOR, gaussian_frame
+from ..kernels.filters import FLOOR, gaussian_frame
 
 SourceIndex = npt.NDArray[np.int32]
 """Flat source index of each pixel, int32 (H, W)."""
@@ -47,12 +47,10 @@ class GlassBlur(Corruption):
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
-        """Draw the shuffle; return sigma and the source index of each pixel."""
         glass: Glass = self.parameter(severity)
         return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 
     def apply(self, frame: Frame, state: tuple[float, SourceIndex], index: int) -> Frame:
-        """Blur, shuffle and blur one frame."""
         sigma, source = state
         blurred = gaussian_frame(frame, sigma, FLOOR)
         shuffled = np.empty_like(blurred)

@@ -131,10 +131,7 @@ class PsfBlur(Corruption):
     paper_severities = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 
     def __init__(
-        self,
-        variant: str = "default",
-        severities: tuple[Any, ...] | None = None,
-        psf_dir: str | Path | None = None,
+        self, variant: str = "default", severities: tuple[Any, ...] | None = None, psf_dir: str | Path | None = None
     ) -> None:
         """Create the corruption."""
         super().__init__(variant, severities)
@@ -153,13 +150,11 @@ class PsfBlur(Corruption):
 
     @property
     def source(self) -> str:
-        """Return the hashes of the reference code's five stacks, or an empty string for this package's lenses."""
         if self.psf_dir is None:
             return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
-        """Blur one frame."""
         blurred = blur(frame, self.field(state))
         if self.variant == "reference":
             np.floor(blurred + _WHOLE, out=blurred)

@@ -25,7 +25,6 @@ class ClipCorruption(Corruption):
     """Alternative to a clip, appended to error messages; empty if there is none."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
-        """Raise an error because there is no clip."""
         shows = "" if self.name in BETWEEN_FRAMES else ", and robustflow gallery --clip CLIP shows it"
         raise UsageError(
             f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "
@@ -33,7 +32,6 @@ class ClipCorruption(Corruption):
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
-        """Raise an error, like `draw`."""
         raise UsageError(f"{self.name} requires the clip that contains the frame, not one image")
 
 
@@ -68,7 +66,6 @@ class BitError(ClipCorruption):
     paper_severities = (50_000_000, 25_000_000, 15_000_000, 10_000_000, 1_000_000)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """Return the reference code's parameters for the variant "reference", and the paper's parameters otherwise."""
         if variant == "reference":
             return (*self.paper_severities[:4], 5_000_000)
         return self.paper_severities

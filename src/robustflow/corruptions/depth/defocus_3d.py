@@ -58,14 +58,12 @@ class Defocus3d(DepthCorruption):
         """Return the lens that blurs the out-of-focus depth (`near` or `far`) by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
-        """Compute the lens for the pair; nothing is random."""
         values = depth.maps[0].reshape(-1)[::_EVERY]
         places = [int(share * (values.size - 1)) for share in (_NEAR, _FAR)]
         near, far = np.partition(values, places)[places].tolist()
         return DefocusState(self.lens(float(self.parameter(severity)), near, far), depth.maps)
 
     def apply(self, frame: Frame, state: DefocusState, index: int) -> Frame:
-        """Blur frame `index`, 0 or 1."""
         return blur_layers(frame, *_layers(np.ascontiguousarray(state.depth[index]), state.lens))
 
 
@@ -111,7 +109,6 @@ class NearFocus(Defocus3d):
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Return a lens focused at depth `near` that blurs depth `far` by `radius` pixels."""
         return ThinLens(near, radius * far / (far - near) if far > near else 0.0, LARGEST * radius)
 
 
@@ -123,5 +120,4 @@ class FarFocus(Defocus3d):
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Return a lens focused at depth `far` that blurs depth `near` by `radius` pixels."""
         return ThinLens(far, radius * near / (far - near) if far > near else 0.0, LARGEST * radius)

@@ -35,7 +35,6 @@ class Fog3d(DepthCorruption):
     def draw_scene(
         self, rng: Rng, severity: int, depth: SceneDepth
     ) -> tuple[npt.NDArray[np.float32], tuple[Transmission, Transmission]]:
-        """Return the random airlight and the transmission of both frames."""
         green, tint = rng.uniform(_DARKEST, _BRIGHTEST), rng.uniform(-_TINT, _TINT)
         density = _CONTRAST / self.parameter(severity)
         first, second = (
@@ -44,6 +43,5 @@ class Fog3d(DepthCorruption):
         return np.array([green - tint, green, green + tint], np.float32), (first, second)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Add the fog to one frame."""
         airlight, transmissions = state
         return veiled(frame, transmissions[index], airlight)

@@ -10,7 +10,7 @@ from ...core.compiled import contiguous, inner, njit
 from ...core.rng import Rng
 from ...core.types import Camera, DepthMap, Frame, SceneDepth
 from ..base import DepthCorruption
-from ..kernels.values import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
+from ..kernels.packed import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
 from .scene import Motion, motion_of
 
 _DRAWN = 0.03
@@ -75,12 +75,10 @@ class MotionBlur3d(DepthCorruption):
     paper_severities = (0.1, 0.25, 0.5, 0.75, 1.0)
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:
-        """Return the state with the known camera path, or a random one."""
         path = motion_of(depth.camera) or _draw_motion(rng, depth)
         return MotionBlurState(path, float(self.parameter(severity)), depth.camera, depth.maps)
 
     def apply(self, frame: Frame, state: MotionBlurState, index: int) -> Frame:
-        """Blur frame `index`, 0 or 1."""
         frame = contiguous(frame)
         lens = np.array(state.camera.intrinsics(index), np.float64)
         # a point at depth Z on the ray (x, y, 1) moves by Z (turn @ ray + translation / Z)

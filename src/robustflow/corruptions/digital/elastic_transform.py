@@ -11,7 +11,7 @@ from ...core.rng import Rng
 from ...core.types import Frame
 from ..base import Corruption
 from ..kernels.fields import SmoothField, field_row, smooth_field
-from ..kernels.separable import mirrored_with_edge
+from ..kernels.filters import mirrored_with_edge
 
 _BITS = 11
 """Fractional bits of positions; a weight is the product of two fractions, and weight times pixel is less than 2**31."""
@@ -41,7 +41,6 @@ class ElasticTransform(Corruption):
     paper_severities = (12.5, 16.25, 21.25, 25.0, 30.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> ElasticState:
-        """Return the random displacement field."""
         height, width = shape
         amplitude = self.parameter(severity) * height * (0.005 if self.variant == "reference" else 0.05)
         sigmas = 0.01 * height, 0.01 * width
@@ -51,7 +50,6 @@ class ElasticTransform(Corruption):
         )
 
     def apply(self, frame: Frame, state: ElasticState, index: int) -> Frame:
-        """Warp one frame."""
         frame = contiguous(frame)
         out = np.empty_like(frame)
         _warp(frame, *state.dy, state.dx.samples, out)

@@ -21,11 +21,9 @@ class JpegCompression(Corruption):
     paper_severities = (25, 18, 15, 10, 7)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> int:
-        """Return the quality; nothing is random."""
         return int(self.parameter(severity))
 
     def apply(self, frame: Frame, state: int, index: int) -> Frame:
-        """Encode and decode one frame."""
         bgr = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR)
         done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, state])
         if not done:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from ...core.compiled import contiguous, inner, njit
 from ...core.types import Frame
-from .separable import FLOOR, mirrored
+from .filters import FLOOR, mirrored
 
 _NEGLIGIBLE = 1e-9
 """Taps of g below this value are set to zero; for a smoothing of 0.1 px, they are about 1e-22."""
@@ -245,15 +245,7 @@ def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _convolve(
-    source: Any,
-    x0: int,
-    widths: Any,
-    taps: Any,
-    rim: Any,
-    rim_weights: Any,
-    tallest: int,
-    offset: Any,
-    out: Any,
+    source: Any, x0: int, widths: Any, taps: Any, rim: Any, rim_weights: Any, tallest: int, offset: Any, out: Any
 ) -> None:
     """Compute the strip of columns that starts at column `x0`; the rim requires `tallest` rows of sums."""
     height, n = out.shape[0], min(3 * _STRIP, out.shape[1] - 3 * x0)

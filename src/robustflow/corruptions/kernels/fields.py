@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ...core.compiled import inner, njit
 from ...core.rng import Rng, fill_bits, hash64, normals_from_bits
-from .separable import mirrored_with_edge
+from .filters import mirrored_with_edge
 
 _SAMPLES_PER_SIGMA = 2.5
 _TRUNCATE = 3.0

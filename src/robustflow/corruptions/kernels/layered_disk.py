@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ...core.compiled import contiguous, inner, njit
 from ...core.types import Frame
 from .disk import disk_parts
-from .separable import mirrored
+from .filters import mirrored
 
 _ROWS, _COLUMNS = 32, 128
 """Number of pixels processed at a time, chosen so that their running sums fit in the L2 cache."""

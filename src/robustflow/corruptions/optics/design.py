@@ -1,10 +1,12 @@
-"""Design goals for the lens of each severity: the paper's values and the measured blur of the reference lens. Load
-and verify the prescriptions of the five lenses in the package, and write new lenses to the package. Design the
-lens for a severity: search for a lens and convert the result to a prescription.
+"""Search for the lens of a severity whose blur is that of the reference lens.
 
 The paper specifies the RMS radius of five lenses; the reference code specifies the number of elements, the half field
 and the f-number. `data/goals.json` contains measurements of the PSFs released with that code, per severity and colour:
 modulation transfer and its in-phase part at five frequencies, RMS radius and lateral colour, all at six field points.
+
+The search: random structures, screening, damped least squares, and global moves. Every random choice uses a named
+random stream, and every stage has a fixed number of steps instead of a time limit, so the result depends only on the
+severity and the seed. Gao et al. (2024) and the paper call this a global search for minimalist lenses.
 """
 
 from __future__ import annotations
@@ -13,21 +15,230 @@ import hashlib
 import io
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ...core.arguments import check_severity
+from ...core.errors import RobustFlowError, unknown_name
 from ...core.files import write_bytes, write_json
 from ...core.rng import Rng
-from . import psf_field as shipped_psfs
-from .lens import AIR, IMAGE_RADIUS, Lens, Surface, read_lens, tangent_of, write_lens
-from .merit import FIELDS, Goal, aim
+from ..optics import psf_field as shipped_psfs
+from .lens import (
+    AIR,
+    DESIGN_WAVELENGTH,
+    IMAGE_RADIUS,
+    SELLMEIER,
+    Lens,
+    Surface,
+    abbe_number,
+    read_lens,
+    refractive_index,
+    tangent_of,
+    write_lens,
+)
+from .merit import AIM_TOLERANCE, FIELDS, LIMITS, Goal, aim
 from .psf_field import PsfField, check_digest, half_digest, halved
-from .residuals import build_lens, clear_radii
-from .search import SAMPLES, Budget, Candidate, search
+from .residuals import build_lens, clear_radii, damped_least_squares, fill_residuals, residual_count
+
+CHANNELS: dict[str, float] = {"red": 0.64, "green": 0.54, "blue": 0.46}
+"""Centre of each channel's band in micrometres, in the order R, G, B."""
+
+BANDWIDTH = 0.1
+"""Width of each band in micrometres."""
+
+
+def channel_wavelengths(channel: str, samples: int = 5) -> tuple[float, ...]:
+    """Return equally spaced wavelengths within a channel, in micrometres.
+
+    >>> channel_wavelengths("green")
+    (0.5, 0.52, 0.54, 0.56, 0.58)
+    """
+    if channel not in CHANNELS:
+        raise unknown_name("channel", channel, CHANNELS)
+    step = BANDWIDTH / samples
+    return tuple(round(CHANNELS[channel] + (k - (samples - 1) / 2) * step, 6) for k in range(samples))
+
+
+Array = npt.NDArray[np.float64]
+_GLASSES = tuple(SELLMEIER)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Discrete parameters of a lens: the glasses in order and the position of the stop."""
+
+    glasses: tuple[str, ...]
+    stop: int
+
+    @property
+    def media(self) -> tuple[str, ...]:
+        """Medium in front of the lens and behind each surface, including the stop; (K + 1,)."""
+        media = [AIR]
+        for element, glass in enumerate((*self.glasses, AIR)):
+            if element == self.stop:
+                media.append(AIR)
+            if element < len(self.glasses):
+                media += [glass, AIR]
+        return tuple(media)
+
+    @property
+    def stop_surface(self) -> int:
+        """Index of the stop among the surfaces."""
+        return 2 * self.stop
+
+    def indices(self, samples: int) -> Array:
+        """Return the refractive indices at the wavelengths of the channels, followed by the design wavelength."""
+        wavelengths = [w for channel in CHANNELS for w in channel_wavelengths(channel, samples)]
+        return np.array(
+            [[refractive_index(glass, w) for glass in self.media] for w in (*wavelengths, DESIGN_WAVELENGTH)]
+        )
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A structure, its free parameters (see `residuals`) and its sum of squared residuals."""
+
+    structure: Structure
+    free: Array
+    cost: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Number of steps in each stage of the search."""
+
+    structures: int = 1500
+    screened: int = 24
+    pool: int = 8
+    moves: int = 150
+    first_iterations: int = 10
+    iterations: int = 14
+    last_iterations: int = 60
+
+
+SAMPLES = 3
+"""Number of wavelengths per channel during the search; rendering uses five."""
+
+
+def _cost(structure: Structure, free: Array, goal: Goal) -> float:
+    index = structure.indices(SAMPLES)
+    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
+    if not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, LIMITS, out):
+        return float("inf")
+    return float((out * out).sum())
+
+
+def refine(candidate: Candidate, goal: Goal, iterations: int) -> Candidate:
+    """Refine a candidate by damped least squares; the parameters are rounded to 1e-9."""
+    structure = candidate.structure
+    free, cost = damped_least_squares(
+        candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, LIMITS, iterations
+    )
+    return Candidate(structure, np.round(free, 9), float(cost))
+
+
+def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
+    """Draw a random candidate: glasses, powers (which add up to that of the lens), bendings, thicknesses and gaps."""
+    structure = Structure(tuple(_GLASSES[rng.integer(0, len(_GLASSES))] for _ in range(elements)), stop)
+    powers = np.array([rng.uniform(-2.0, 2.5) for _ in range(elements)]) if elements > 1 else np.ones(1)
+    powers += (1.0 - powers.sum()) / elements
+    curvatures: list[float] = []
+    for power, glass in zip(powers, structure.glasses, strict=True):
+        bending = rng.uniform(-2.5, 2.5)
+        strength = power / (2.0 * (refractive_index(glass, DESIGN_WAVELENGTH) - 1.0))
+        curvatures += [strength * (bending + 1.0), strength * (bending - 1.0)]
+    media = structure.media
+    gaps = [rng.uniform(0.06, 0.2) if glass != AIR else rng.uniform(0.01, 0.25) for glass in media[1:-1]]
+    return Candidate(structure, np.array([*curvatures, *gaps, rng.uniform(-1.0, 0.5)]), float("inf"))
+
+
+def move(candidate: Candidate, rng: Rng) -> Candidate:
+    """Make one global move: bend an element, shift power between two elements, swap a glass, change the gaps, or
+    perturb all parameters.
+    """
+    structure, free = candidate.structure, candidate.free.copy()
+    elements = len(structure.glasses)
+    curved = 2 * elements
+    kind, element = rng.integer(0, 5), rng.integer(0, elements)
+    first, second = 2 * element, 2 * element + 1
+    if kind == 0:
+        shift = rng.uniform(-1.0, 1.0)
+        free[first] += shift
+        free[second] += shift
+    elif kind == 1:
+        other = 2 * rng.integer(0, elements)
+        amount = rng.uniform(-0.6, 0.6)
+        free[first] += amount
+        free[other] -= amount
+    elif kind == 2:
+        old = structure.glasses[element]
+        glass = _GLASSES[rng.integer(0, len(_GLASSES))]
+        if rng.uniform() < 0.5:
+            near = sorted(_GLASSES, key=lambda g: _glass_distance(old, g))[1:7]
+            glass = near[rng.integer(0, len(near))]
+        glasses = (*structure.glasses[:element], glass, *structure.glasses[element + 1 :])
+        ratio = (refractive_index(old, DESIGN_WAVELENGTH) - 1) / (refractive_index(glass, DESIGN_WAVELENGTH) - 1)
+        free[first : second + 1] *= ratio
+        structure = replace(structure, glasses=glasses)
+    elif kind == 3:
+        free[curved:-1] *= 1.0 + 0.8 * (rng.uniforms(free.size - 1 - curved) - 0.4)
+        free[-1] += rng.uniform(-1.0, 1.0)
+    else:
+        free[:curved] += 0.3 * (rng.uniforms(curved) - 0.5)
+    return Candidate(structure, free, float("inf"))
+
+
+def _glass_distance(first: str, second: str) -> float:
+    index = refractive_index(first, DESIGN_WAVELENGTH) - refractive_index(second, DESIGN_WAVELENGTH)
+    return abs(index) * 100.0 + abs(abbe_number(first) - abbe_number(second))
+
+
+def search(
+    elements: int, stop: int, goal: Goal, rng: Rng, budget: Budget, report: Callable[[str], None] = lambda line: None
+) -> Candidate:
+    """Return the best lens found within a budget."""
+    drawn: list[Candidate] = []
+    for number in range(budget.structures):
+        candidate = random_candidate(rng.spawn("structure", number), elements, stop)
+        cost = _cost(candidate.structure, candidate.free, goal)
+        if np.isfinite(cost):
+            drawn.append(replace(candidate, cost=cost))
+    drawn.sort(key=lambda candidate: candidate.cost)
+    screened = [refine(c, goal, budget.first_iterations) for c in drawn[: budget.screened]]
+    pool = sorted(screened, key=lambda candidate: candidate.cost)[: budget.pool]
+    report(f"{len(drawn)} of {budget.structures} structures can be traced; best after screening: {pool[0].cost:.4f}")
+    for number in range(budget.moves):
+        choices = rng.spawn("move", number)
+        share = choices.uniform()
+        place = int(share * share * len(pool))  # better candidates are chosen more often
+        tried = refine(move(pool[place], choices), goal, budget.iterations)
+        if tried.cost < pool[place].cost:
+            pool[place] = tried
+            pool.sort(key=lambda candidate: candidate.cost)
+        if number % 25 == 24:
+            report(f"move {number + 1}: " + " ".join(f"{candidate.cost:.4f}" for candidate in pool))
+    for candidate in pool:
+        best = refine(candidate, goal, budget.last_iterations)
+        if _fills_its_stop(best, goal):
+            return best
+    raise RobustFlowError("the search found no lens whose stop is filled from every field point; try a different seed")
+
+
+def _fills_its_stop(candidate: Candidate, goal: Goal) -> bool:
+    """Return whether rays from 64 field points, not only the six of the merit function, reach the edge of the stop."""
+    structure = candidate.structure
+    index, stop = structure.indices(1)[-1:], structure.stop_surface
+    curvature, thickness, radius, pupil, magnification = build_lens(
+        candidate.free, index, stop, goal.focal_length, goal.f_number
+    )
+    tangents = np.linspace(0.0, 1.0, 64) * goal.field_tangent
+    conic = np.zeros(curvature.size)
+    _, _, miss = aim(curvature, conic, thickness, index[0], stop, radius, tangents, pupil, magnification)
+    return bool(miss < AIM_TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -132,13 +343,7 @@ def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: s
                 semi_diameter=round(float(clear), 6),
             )
         )
-    return Lens(
-        name=name,
-        surfaces=tuple(surfaces),
-        stop=stop,
-        f_number=goal.f_number,
-        half_field=half_field,
-    )
+    return Lens(name=name, surfaces=tuple(surfaces), stop=stop, f_number=goal.f_number, half_field=half_field)
 
 
 def structure_line(lens: Lens) -> str:

@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 
 from ...core.display import default_style
 from .design import goal_of
-from .lens import AIR, IMAGE_RADIUS, Lens
+from .lens import AIR, DESIGN_WAVELENGTH, IMAGE_RADIUS, Lens, Rays, first_order_of, trace
 from .merit import FIELDS as MEASURED_FIELDS
 from .merit import FREQUENCIES as MEASURED_FREQUENCIES
 from .merit import aim
 from .psf_field import FIELDS, SIZE, PsfField
 from .render import field_rays, modulation, moments, nominal_rms
-from .trace import DESIGN_WAVELENGTH, Rays, first_order_of, trace
 
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 _FIELD_POINTS = (0.0, 0.35, 0.7, 1.0)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.compiled import inner, njit
-from .trace import Array, propagate
+from .lens import Array, propagate
 
 FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 """Field points of the merit function, as fractions of the half diagonal."""

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from ...core.compiled import njit
 from ...core.errors import DataError
-from .lens import PIXEL, Lens
+from .design import CHANNELS, channel_wavelengths
+from .lens import DESIGN_WAVELENGTH, PIXEL, Lens, first_order_of
 from .merit import AIM_TOLERANCE, WINDOW_RADIUS, aim, landing
 from .psf_field import FIELDS, SHAPE, SIZE, PsfField
-from .search import CHANNELS, channel_wavelengths
-from .trace import DESIGN_WAVELENGTH, first_order_of
 
 
 @njit(cache=True, error_model="numpy")

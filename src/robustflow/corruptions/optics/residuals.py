@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...core.compiled import inner, njit
-from .lens import PIXEL
+from .lens import PIXEL, Array, first_order, propagate
 from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, Goal, Limits, aim, blur_statistics, landing
-from .trace import Array, first_order, propagate
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0

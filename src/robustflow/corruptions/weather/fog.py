@@ -40,12 +40,10 @@ class Fog(Corruption):
     paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, FogMap]:
-        """Return the strength and a random fog map."""
         fog: FogLevel = self.parameter(severity)
         return float(fog.strength), plasma_corner(rng, *shape, fog.decay)
 
     def apply(self, frame: Frame, state: tuple[float, FogMap], index: int) -> Frame:
-        """Add the fog to one frame."""
         strength, fog = state
         frame = contiguous(frame)
         rows = frame.reshape(len(frame), -1)

@@ -67,14 +67,12 @@ class Snow(Corruption):
     )
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> SnowState:
-        """Draw the direction of the falling snow; the flakes are drawn separately for each frame."""
         level: SnowLevel = self.parameter(severity)
         return SnowState(
             rng.spawn("flakes"), line_kernel(level.radius, level.sigma, rng.uniform(-135.0, -45.0)), severity
         )
 
     def apply(self, frame: Frame, state: SnowState, index: int) -> Frame:
-        """Add snow to frame `index` of the clip."""
         level: SnowLevel = self.parameter(state.severity)
         height, width = frame.shape[:2]
         rows, columns = -int(-height // level.zoom), -int(-width // level.zoom)

@@ -11,8 +11,7 @@ from ...core.arguments import check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
-from ...corruptions.on_disk import on_disk
-from ...corruptions.registry import with_families
+from ...corruptions.registry import on_disk, with_families
 from ...corruptions.stack import needs_depth, split_stack
 from ...models.conventions import check_count
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth

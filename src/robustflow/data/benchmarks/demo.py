@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ...core.errors import UsageError
 from ...corruptions import IMAGE_PAIR
-from ...corruptions.weather.generated_frost import GeneratedFrost
+from ...corruptions.weather.frost import GeneratedFrost
 from ..datasets import load_dataset
 from .base import Benchmark
 from .facts import BenchmarkFacts

@@ -41,7 +41,7 @@ class DatasetFacts(Frozen):
         same_domain: names of training sets of the same domain that contain different frames.
         benchmark: name of the benchmark that reads these files; "" if the dataset is evaluated under its own name.
         corruptions: corruptions that are distributed with the frames, each only at severity 1, if the dataset is
-            evaluated under its own name; see `robustflow.corruptions.on_disk`. () if this package corrupts the frames.
+            evaluated under its own name; see `robustflow.corruptions.registry`. () if this package corrupts the frames.
         folder_options: names of options that specify an additional folder, which are not part of a run's identity.
 
     >>> DatasetFacts(title="Alley", ground_truth="none").clips

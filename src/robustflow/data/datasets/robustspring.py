@@ -27,7 +27,7 @@ from ...core.arguments import choice
 from ...core.errors import DataError, UsageError
 from ...core.paths import folders, locate, user_path
 from ...core.types import Frame, Sample
-from ...corruptions.on_disk import ROBUSTSPRING
+from ...corruptions.registry import ROBUSTSPRING
 from .base import DatasetFacts
 from .layout import Layout, LayoutDataset
 from .pairs import PairFiles, Samples, read_frames

@@ -1,5 +1,4 @@
-"""Extend an image beyond its border by mirroring, with or without repeating the edge pixel. Filter with a Gaussian
-in strict float32, with identical bytes on every machine.
+"""Borders, rounding to bytes, and a Gaussian filter in strict float32, with identical bytes on every machine.
 
 SciPy's filter processes entire images in float64. OpenCV's uint8 version uses 8-bit coefficients (errors of up to two
 grey levels), and the result of its float version depends on the processor. Here, every output row is filtered
@@ -38,6 +37,14 @@ def mirrored_with_edge(i: int, n: int) -> int:
     """
     i = i % (2 * n)
     return min(i, 2 * n - 1 - i)
+
+
+def to_bytes(levels: npt.NDArray[np.floating[Any]], floor: bool = False) -> npt.NDArray[np.uint8]:
+    """Clip to the range 0 to 255 and round half to even; with `floor`, truncate as some parts of the reference code
+    do.
+    """
+    clipped = np.clip(levels, 0.0, 255.0)
+    return (np.floor(clipped) if floor else np.rint(clipped)).astype(np.uint8)
 
 
 Plane = npt.NDArray[np.float32]

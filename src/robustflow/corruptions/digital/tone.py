@@ -1,14 +1,36 @@
-"""Change the saturation."""
+"""Change the contrast or the saturation."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
 from ...core.compiled import njit
 from ...core.types import Frame
 from ..base import Corruption
+from ..kernels.filters import to_bytes
+
+
+class Contrast(Corruption):
+    """Reduces the contrast: out = (I - mean) c + mean; the severity parameter is c (paper, "Contrast").
+
+    The mean is computed per channel, as in the reference code; `variant="paper"` uses one mean for the entire frame, as
+    in the paper's formula. `variant="reference"` truncates grey levels, as the reference code does.
+    """
+
+    name = "contrast"
+    family = "digital"
+    paper_severities = (0.4, 0.3, 0.2, 0.1, 0.05)
+
+    def apply(self, frame: Frame, state: float, index: int) -> Frame:
+        source = np.ascontiguousarray(frame)
+        sums = np.array(cv2.sumElems(source)[:3])
+        pixels = source.shape[0] * source.shape[1]
+        means = np.full(3, sums.sum() / (3 * pixels)) if self.variant == "paper" else sums / pixels
+        levels = (np.arange(256.0)[None, :] - means[:, None]) * state + means[:, None]
+        return np.asarray(cv2.LUT(source, to_bytes(levels, self.variant == "reference").T[None]))
 
 
 class Saturation(NamedTuple):
@@ -33,12 +55,10 @@ class Saturate(Corruption):
     paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """Return the parameters; the variant "reference" swaps the first two, as the reference code does."""
         first, second, *rest = self.paper_severities
         return (second, first, *rest) if variant == "reference" else self.paper_severities
 
     def apply(self, frame: Frame, state: Saturation, index: int) -> Frame:
-        """Change the saturation of one frame."""
         source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         alpha, beta = (np.float32(10.0 * value) for value in state)

@@ -1,24 +1,25 @@
-"""Paths through the parameters of each corruption, from barely visible to extreme. Find the parameters at which all
-corruptions have the same mean SSIM.
+"""Find the parameters at which all corruptions have the same mean SSIM, which is the same on every machine.
 
-The five parameters on the calibrated scale are taken from these paths. A path is a list of segments; within a segment,
-every number changes linearly from start to end (integers are rounded, other numbers have four significant digits), and
-between segments the parameters may jump. Usually, the corners of the path are the paper's severities, extended below
-severity 1 until there is almost no effect, and above severity 5 as far as possible. The exceptions are:
+The five parameters on the calibrated scale are taken from paths from barely visible to extreme. A path is a list of
+segments; within a segment, every number changes linearly from start to end (integers are rounded, other numbers have
+four significant digits), and between segments the parameters may jump. Usually, the corners of the path are the paper's
+severities, extended below severity 1 until there is almost no effect, and above severity 5 as far as possible. The
+exceptions are:
 
 saturate            oversaturates, as in severities 3 to 5; 1 and 2 desaturate, which hardly affects SSIM on luma
 spatter             water (severities 1, 2 and halfway to 3), then mud (4, 5 and beyond)
 snow                severities 1 and 2, which have similar flakes; 3 to 5 are milder than 2 by SSIM
+defocus_blur        also fractional radii, so that the disk grows by one ring of pixels at a time; up to radius 3, the
+                    gaps between rings are filled by varying the anti-aliasing
 glass_blur          one shuffle pass over 1, 2, 3, 4 pixels with increasing sigma at each, then two passes
 psf_blur            the five lenses only, without intermediate steps
 
-defocus_blur also uses fractional radii, so that the disk grows by one ring of pixels at a time. Up to radius 3, the
-rings are far apart, and the gaps are filled by varying the anti-aliasing.
+The mean SSIM is measured at fixed fractions of every segment, followed by ten bisection steps between the two points
+that enclose a target. The parameter whose mean SSIM is closest to the target is chosen if it is within the tolerance.
 
-The mean SSIM is measured at fixed fractions of every segment of a corruption's path (paths.py), followed by ten
-bisection steps between the two points that enclose a target. The parameter whose mean SSIM is closest to the target is
-chosen if it is within the tolerance. SSIM and corruptions are identical on every machine, so the same seed and images
-always result in the same table.
+SSIM: Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity",
+IEEE Transactions on Image Processing 13(4), 2004, on luma with an 11 x 11 Gaussian window (sigma 1.5), K1 = 0.01,
+K2 = 0.03 and borders mirrored about the edge pixel, averaged over all pixels.
 """
 
 from __future__ import annotations
@@ -26,21 +27,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import skimage
 
-from ...core.errors import DataError, UsageError
-from ...core.types import Frame
-from ...media.images import IMAGE_SUFFIXES, images_in, read_image
-from ..api import stream_for
-from ..base import Corruption
-from ..registry import CORRUPTIONS
-from ..scale import CalibratedCorruption, CalibrationTable, Level
-from .ssim import Ssim
+from ..core.compiled import inner, njit
+from ..core.errors import DataError, UsageError
+from ..core.types import Frame
+from ..media.images import IMAGE_SUFFIXES, images_in, read_image
+from .api import stream_for
+from .base import Corruption
+from .kernels.filters import mirrored
+from .registry import CORRUPTIONS
+from .scale import CalibratedCorruption, CalibrationTable, Level
 
 
 class Segment(NamedTuple):
@@ -283,3 +288,91 @@ def _halve(curve: _Curve, segment: Segment, low: float, high: float, target: flo
             low = middle
         else:
             high = middle
+
+
+RADIUS = 5
+SIGMA = 1.5
+_C1, _C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+
+
+class Ssim:
+    """Computes the similarity to a reference image, whose moments are computed once."""
+
+    def __init__(self, reference: Frame) -> None:
+        self._luma = _luma(reference)
+        self._mean, self._square, _ = _moments(self._luma, self._luma)
+
+    def __call__(self, image: Frame) -> float:
+        """Return the mean SSIM between `image`, RGB uint8 (H, W, 3), and the reference."""
+        luma = _luma(image)
+        if luma.shape != self._luma.shape:
+            raise DataError(
+                f"images differ in size: {self._luma.shape[0]}x{self._luma.shape[1]} and "
+                f"{luma.shape[0]}x{luma.shape[1]}; the sizes must match"
+            )
+        return float(_mean_ssim(self._mean, self._square, *_moments(luma, self._luma)))
+
+
+def _luma(image: Frame) -> npt.NDArray[np.uint8]:
+    return cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
+
+
+@lru_cache(maxsize=1)
+def _window() -> npt.NDArray[np.float64]:
+    taps = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / SIGMA) ** 2)
+    return taps / taps.sum()
+
+
+def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
+    """Compute the windowed means of image, image^2 and image * other, each float64 (H, W)."""
+    mean, square, product = (np.empty(image.shape, np.float64) for _ in range(3))
+    _filter_moments(image, other, _window(), mean, square, product)
+    return mean, square, product
+
+
+@inner
+def _along(padded: Any, taps: Any, out: Any) -> None:
+    """Mirror both ends of `padded`, whose interior is already filled, and write the filtered result to `out`."""
+    width = out.size
+    for j in range(RADIUS):
+        padded[RADIUS - 1 - j] = padded[RADIUS + mirrored(-1 - j, width)]
+        padded[RADIUS + width + j] = padded[RADIUS + mirrored(width + j, width)]
+    out[:] = 0.0
+    for k in range(taps.size):
+        part = padded[k : k + width]
+        for x in range(width):
+            out[x] += taps[k] * part[x]
+
+
+@njit(cache=True, nogil=True)
+def _filter_moments(image: Any, other: Any, taps: Any, mean: Any, square: Any, product: Any) -> None:
+    height, width = image.shape
+    rows = np.empty((3, width + 2 * RADIUS))
+    for y in range(height):
+        first = rows[0][RADIUS : RADIUS + width]
+        second = rows[1][RADIUS : RADIUS + width]
+        mixed = rows[2][RADIUS : RADIUS + width]
+        first[:], second[:], mixed[:] = 0.0, 0.0, 0.0
+        for k in range(taps.size):
+            a, b = image[mirrored(y + k - RADIUS, height)], other[mirrored(y + k - RADIUS, height)]
+            for x in range(width):
+                value, weighted = np.float64(a[x]), taps[k] * np.float64(a[x])
+                first[x] += weighted
+                second[x] += weighted * value
+                mixed[x] += weighted * np.float64(b[x])
+        _along(rows[0], taps, mean[y])
+        _along(rows[1], taps, square[y])
+        _along(rows[2], taps, product[y])
+
+
+@njit(cache=True, nogil=True)
+def _mean_ssim(mean_a: Any, square_a: Any, mean_b: Any, square_b: Any, product: Any) -> float:
+    total = 0.0
+    height, width = product.shape
+    for y in range(height):
+        for x in range(width):
+            ma, mb = mean_a[y, x], mean_b[y, x]
+            spread = (square_a[y, x] - ma * ma) + (square_b[y, x] - mb * mb)
+            shared = product[y, x] - ma * mb
+            total += ((2 * ma * mb + _C1) * (2 * shared + _C2)) / ((ma * ma + mb * mb + _C1) * (spread + _C2))
+    return total / (height * width)

@@ -1,1 +1,0 @@
-"""Calibration of severities to make corruptions comparable: paths, search and SSIM."""
