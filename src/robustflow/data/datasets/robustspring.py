@@ -5,7 +5,7 @@ the layout of flow submissions to its server.
     fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
 
 RobustSpring measures the change of a model's flow relative to the clean pair, in both cameras, forwards and backwards.
-This package does not generate these corruptions; rows use the names in `robustflow.corruptions.on_disk`. The server
+This package does not generate these corruptions; rows use the names in `robustflow.corruptions.registry`. The server
 expects the flow of every pair, clean and corrupted, as CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
 
 Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows and the names and lengths of the
