@@ -144,14 +144,16 @@ def test_figures_of_the_corruption_pages_equal_a_run(generated, small_demo, tmp_
 
 
 def test_formats_name_every_field(generated):
+    from robustflow.metrics import METRICS
     from robustflow.metrics.rows import ROW_SCHEMA
-    from robustflow.metrics.summary import Summary
     from robustflow.run.identity import Identity
     from robustflow.run.records.contents import Manifest, Record
+    from robustflow.run.summary import Measured
 
     pages = generated("formats").files()
     assert all(f"| `{name}` |" in pages["reference/rows.md"] for name in ROW_SCHEMA)
-    for model, page in ((Summary, "summary"), (Record, "record"), (Manifest, "manifest"), (Identity, "manifest")):
+    assert all(f"| `{name}` |" in pages["reference/summary.md"] for name in METRICS)
+    for model, page in ((Measured, "summary"), (Record, "record"), (Manifest, "manifest"), (Identity, "manifest")):
         names = [field.alias or name for name, field in model.model_fields.items()]
         assert all(f"| `{name}` |" in pages[f"reference/{page}.md"] for name in names)
 

@@ -57,7 +57,7 @@ def test_add_your_model(reader):
     assert "contrast" in reader.printed[0]
     assert float(reader.printed[1]) > -1
     assert clip.manifest.identity.model.window == {"before": 1, "after": 1, "ends": "repeat"}
-    assert clip.summary.complete
+    assert clip.measured.complete
 
 
 @pytest.mark.torch
@@ -74,7 +74,7 @@ def test_add_your_model_with_torch(reader):
         assert manifest.identity.model.settings["layout"] == "pair"
     (onnx,) = (rf.Result(folder) for folder in reader.runs[1:])
     assert onnx.manifest.identity.model.settings["input"]["scale"] == 2 / 255
-    assert onnx.summary.complete
+    assert onnx.measured.complete
 
 
 def test_add_your_corruption(reader):
@@ -103,7 +103,7 @@ def test_add_your_attack_with_torch(reader):
 def test_page_about_records_runs(reader):
     reader.follow("records.md")
     assert any("  verified, SHA-256" in text for text in reader.printed)
-    assert rf.load_run("mine.robustflow").summary == rf.Result("mine").summary
+    assert rf.load_run("mine.robustflow").means == rf.Result("mine").means
 
 
 def test_add_your_dataset(reader):
@@ -113,7 +113,7 @@ def test_add_your_dataset(reader):
     assert (identity.benchmark, identity.protocol["options"]) == ("shifted", {"size": "80"})
     assert identity.protocol["own"]["dataset"] == "my_data:Shifted"
     assert (haze.benchmark, haze.dataset) == ("haze", "shifted")
-    assert set(rf.load_run(reader.runs[1]).summary.corruptions) == {"fog", "contrast"}
+    assert set(rf.load_run(reader.runs[1]).measured.corruptions) == {"fog", "contrast"}
 
 
 def test_block_of_a_page_is_read_with_its_comment():

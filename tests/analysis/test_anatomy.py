@@ -7,7 +7,7 @@ from functools import partial
 import polars as pl
 import pytest
 
-from robustflow.run.aggregate import summarize
+from robustflow.run.summary import summarize
 from robustflow.stats.anatomy import error_parts, severity_slopes
 from tests.made_rows import rows_frame
 from tests.run.mean_rows import row
@@ -24,7 +24,7 @@ def test_families_share_the_error():
     corrupted = {"fog": (8.0, 10), "snow": (8.0, 20), "gaussian_noise": (5.0, 7)}
     rows = [_row(name, 1, epe=epe, fl_count=fl) for name, (epe, fl) in corrupted.items()]
     weather, noise = error_parts(_summary(_row(epe=2.0, fl_count=5), *rows))
-    assert (weather.label, weather.scores.cre, weather.scores.crer) == ("weather corruptions", 6, 3)
+    assert (weather.label, weather.cre, weather.crer) == ("weather corruptions", 6, 3)
     assert (weather.contribution, noise.contribution) == pytest.approx((4, 1))
     assert (weather.broken, noise.broken) == pytest.approx((10, 2))
 
@@ -42,7 +42,7 @@ def test_region_shares_and_scores_equal_hand_computed_values():
     )
     region = error_parts(_summary(_row(epe=2.0, fl_count=5, **clean), _row("fog", 1, epe=8.0, fl_count=10, **fog)))[0]
     assert region.label == "within 10 px of a motion edge"
-    assert (region.share, region.scores.cre, region.scores.crer, region.broken) == (10, 16, 4, 0)
+    assert (region.share, region.cre, region.crer, region.broken) == (10, 16, 4, 0)
 
 
 @pytest.mark.parametrize("lacking", ["pixels", "rows"])
@@ -55,7 +55,7 @@ def test_outliers_are_not_compared_with_those_of_other_pixels_or_images(lacking)
     else:
         rows = [clean, fog, other]
     summary = _summary(*rows)
-    assert summary.clean.fl is not None
+    assert summary.mean("fl", "clean") is not None
     assert [part.broken for part in error_parts(summary)] == [None]
 
 

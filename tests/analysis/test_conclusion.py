@@ -70,7 +70,7 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     dis = runs[0]
     assert without_truth(dis)
     (text,) = conclusions(run_results([dis]))
-    values = {name: scores.rcre for name, scores in dis.summary.corruptions.items()}
+    values = {name: dis.mean("rcre", name) for name in dis.measured.corruptions}
     order = (
         ["Gaussian noise", "Contrast"] if values["gaussian_noise"] > values["contrast"] else ["Contrast", "Gaussian"]
     )
@@ -80,7 +80,7 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     still = (clean["photometric_still_sum"] / clean["n_photometric"]).mean()
     assert f"(zero flow: {still:.2f})" in text
     assert f"clean flow {length:.4g} px long" in str(dis)
-    assert text.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.summary.rcre:.2f} px")
+    assert text.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.rcre:.2f} px")
     assert f"most under {order[0]} ({max(values.values()):.2f} px)" in text
     assert f"least under {order[1]}" in text
     assert "1 sequence is too few" in text
@@ -91,14 +91,14 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
 def test_several_runs_say_which_changes_least(runs):
     dis, rgb, _ = runs
     (text,) = conclusions(run_results([dis, rgb]))
-    first = min((dis, rgb), key=lambda run: run.summary.rcre)
-    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px for a clean flow of" in text
+    first = min((dis, rgb), key=lambda run: run.rcre)
+    assert f"{first.name} changes least on average (RCRE {first.rcre:.2f} px for a clean flow of" in text
     assert text.endswith(CAVEAT)
 
 
 def test_model_that_ignores_the_frames_is_not_named_as_changing_least(runs):
     (text,) = conclusions(run_results(runs))
-    assert runs[2].summary.rcre == 0
+    assert runs[2].rcre == 0
     assert f"{runs[2].name} changes least" not in text
     assert "No conclusion about" in text
     assert "its flow hardly depends on the frames" in text

@@ -47,9 +47,9 @@ def runs(tmp_path_factory) -> list[Result]:
 def test_values_are_those_of_the_summary(runs):
     for run, line in zip(runs, run_results(runs), strict=True):
         found = {key: value.number for key, value in line.values.items()}
-        assert found["epe", "clean"] == run.summary.epe_clean
-        assert found["cre", "average"] == run.summary.cre
-        assert found["rcre", "contrast"] == run.summary.corruptions["contrast"].rcre
+        assert found["epe", "clean"] == run.epe_clean
+        assert found["cre", "average"] == run.cre
+        assert found["rcre", "contrast"] == run.mean("rcre", "contrast")
         assert len(found) == 1 + 4 * 3
 
 
@@ -81,7 +81,7 @@ def _average(run, published):
 
 
 def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corruptions_were_run(runs):
-    mean = runs[0].summary.corruptions["contrast"].epe
+    mean = runs[0].mean("epe", "contrast")
     whole = _all_of_the_paper_and_a_far_one(runs[0])
     cells, note = _average(whole, published=True)
     assert cells["AVG EPE"] == f"{mean:.2f}"
@@ -167,7 +167,7 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     )
     with_gaps = made_run(runs[0], half, "DIS")
     cells, _ = _average(with_gaps, published=True)
-    assert cells["Coverage"] == f"{with_gaps.summary.coverage:.2f}" == "0.75"
+    assert cells["Coverage"] == f"{with_gaps.mean('coverage'):.2f}" == "0.75"
     (cells_of_line,) = whole_content([with_gaps], published=False).cells.values()
     assert cells_of_line["coverage", ""].text == "0.75"
     (lead, *_) = headline(whole_content([with_gaps, made_run(runs[0], runs[0].rows, "Whole")], published=False))
@@ -199,14 +199,13 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_and_figures(runs):
     measured = [with_gaps(number) for number in range(1, 6)]
     figures = figures_of(measured, published=False)
     for run in measured:
-        summary = run.summary
-        assert summary.epe < summary.epe_clean
+        assert run.epe < run.epe_clean
         assert "corruption raises the end-point error over the pixels" in headline(run_content(run))[0]
-        assert summary.cre > 0
+        assert run.cre > 0
         for name, values in (
-            ("clean_against_cre", {"CRE": f"{summary.cre:.2f} px", "CREr": f"{summary.crer:.2f}"}),
-            ("relations", {"CRE": f"{summary.cre:.2f} px"}),
-            ("crer_by_family", {"class": "Digital", "CREr": f"{summary.families['digital'].crer:.2f}"}),
+            ("clean_against_cre", {"CRE": f"{run.cre:.2f} px", "CREr": f"{run.crer:.2f}"}),
+            ("relations", {"CRE": f"{run.cre:.2f} px"}),
+            ("crer_by_family", {"class": "Digital", "CREr": f"{run.mean('crer', 'digital'):.2f}"}),
         ):
             marks = (dict(mark.values) for marks in figures[name].marks.values() for mark in marks if mark.values)
             assert any(values.items() <= shown.items() for shown in marks), name

@@ -12,8 +12,7 @@ from robustflow.attacks.ball import GREY_LEVELS
 from robustflow.attacks.registry import norm_of
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
 from robustflow.report.attack_table import attack_table, prediction_table
-from robustflow.stats.attack_ranks import predictions
-from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, security_curves
+from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, predictions, security_curves
 from robustflow.stats.ranking import spearman, spearman_interval
 
 from .small_runs import DATA, run
@@ -22,15 +21,15 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 
 def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
-    scores = {(score.attack, score.severity): score for score in attack_scores(both)}
+    scores = {(score["attack"], score["severity"]): score for score in attack_scores(both)}
     table = attack_table(both)
 
     pgd, noise = scores["pgd", 3], scores["random_sign", 3]
-    assert pgd.gain == pytest.approx(pgd.epe - noise.epe)
-    assert pgd.gain > 0
-    assert noise.gain is None
+    assert pgd["gain"] == pytest.approx(pgd["epe"] - noise["epe"])
+    assert pgd["gain"] > 0
+    assert noise["gain"] is None
     rows = both.attack_rows.filter(corruption="pgd", severity=3)
-    assert pgd.epe == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+    assert pgd["epe"] == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
     assert [line.label for section in table.sections for line in section.lines] == [
         f"{name} {level}" for name in ("random_sign", "fgsm", "pgd", "random_gauss") for level in (1, 3)
     ]
@@ -48,13 +47,13 @@ def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
 
 def test_an_attack_on_one_frame_is_compared_with_noise_in_that_frame(tmp_path):
     done = run(tmp_path / "run", attacks="fgsm:moved=first", count=1, severities=3)
-    scores = {score.attack: score for score in attack_scores(done)}
+    scores = {score["attack"]: score for score in attack_scores(done)}
 
     noise = scores["random_sign:moved=first"]
-    assert (noise.linf, noise.rms) == (4, pytest.approx(4 / np.sqrt(2), rel=0.05))  # in one of the two frames
-    assert scores["random_sign"].rms > 3.8
-    assert scores["fgsm:moved=first"].gain == scores["fgsm:moved=first"].epe - noise.epe
-    assert noise.gain is None
+    assert (noise["linf"], noise["rms"]) == (4, pytest.approx(4 / np.sqrt(2), rel=0.05))  # in one of the two frames
+    assert scores["random_sign"]["rms"] > 3.8
+    assert scores["fgsm:moved=first"]["gain"] == scores["fgsm:moved=first"]["epe"] - noise["epe"]
+    assert noise["gain"] is None
 
 
 def _line(table, label):
@@ -72,7 +71,7 @@ def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows
         expected |= {levels[s - 1]: rows.filter(corruption=name, severity=s)["epe"].mean() for s in (1, 3)}
         assert {budget: error for (of, budget), error in errors.items() if of == name} == pytest.approx(expected)
     assert {point.attack for point in points if point.warned} == {
-        one.attack for one in attack_scores(both) if one.warnings
+        one["attack"] for one in attack_scores(both) if one["warnings"]
     }
 
 
@@ -85,7 +84,7 @@ def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real
 
     assert lines.columns[1:6] == ["attack, budget", "norm", "budget", "metric", "error (px)"]
     assert lines.filter(pl.col("attack, budget") == "pgd 4")["error (px)"].item() == pytest.approx(
-        next(one.epe for one in attack_scores(both) if (one.attack, one.severity) == ("pgd", 3)), abs=1e-3
+        next(one["epe"] for one in attack_scores(both) if (one["attack"], one["severity"]) == ("pgd", 3)), abs=1e-3
     )
     assert 'id="attacks-0-title">Security curves' in page
     assert '<section id="attacks"' in page
@@ -167,9 +166,9 @@ def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(model
 
 
 def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(models, monkeypatch):
-    doubtful = [one.model_copy(update={"warnings": {"rounding": 2}}) for one in attack_scores(models[0])]
+    doubtful = [{**one, "warnings": {"rounding": 2}} for one in attack_scores(models[0])]
     monkeypatch.setattr(
-        "robustflow.stats.attack_ranks.attack_scores",
+        "robustflow.stats.attacks.attack_scores",
         lambda one: doubtful if one is models[0] else attack_scores(one),
     )
 
@@ -181,9 +180,9 @@ def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_s
 
 @pytest.mark.parametrize("warning", ["gradient_zero", "answers_differ", "square_above_white_box"])
 def test_a_score_that_says_little_about_the_model_is_not_correlated(models, monkeypatch, warning):
-    doubtful = attack_scores(models[0])[0].model_copy(update={"warnings": {warning: 1}})
+    doubtful = {**attack_scores(models[0])[0], "warnings": {warning: 1}}
     monkeypatch.setattr(
-        "robustflow.stats.attack_ranks.attack_scores",
+        "robustflow.stats.attacks.attack_scores",
         lambda one: [doubtful] if one is models[0] else attack_scores(one),
     )
 
@@ -242,7 +241,7 @@ def test_run_with_only_attacks_is_shown_on_a_page_and_in_the_terminal(tmp_path, 
     printed = capsys.readouterr().out
     assert "clean EPE" in printed
     assert "fgsm 2" in printed
-    assert alone.summary.corruptions == {}
+    assert alone.measured.corruptions == {}
     assert '<section id="attacks"' in (alone.path / "report.html").read_text(encoding="utf-8")
 
 
@@ -250,7 +249,7 @@ def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
     values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "rcre": 1.0}
     values |= dict.fromkeys(("median", "capped", "way_gone", "late_gain", "start_spread"))
     values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "seconds": None, "warnings": {}}
-    return AttackScore(attack=attack, severity=severity, epe=epe, **(values | changes))
+    return {"attack": attack, "severity": severity, "epe": epe, **values, **changes}
 
 
 def test_budget_that_doubles_the_error_is_interpolated_between_severities():
@@ -262,13 +261,13 @@ def test_budget_that_doubles_the_error_is_interpolated_between_severities():
 
 
 def test_a_white_box_attack_that_others_beat_carries_a_warning():
-    from robustflow.stats.attacks import _compared
+    from robustflow.stats.attacks import compared
 
     scores = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
     scores["pgd:moved=first"] = 1  # the others change both frames
-    compared = _compared([score(name, 1, epe) for name, epe in scores.items()])
+    found = compared([score(name, 1, epe) for name, epe in scores.items()])
 
-    assert {one.attack: set(one.warnings) for one in compared if one.warnings} == {
+    assert {one["attack"]: set(one["warnings"]) for one in found if one["warnings"]} == {
         "pgd": {*BESIDE_OTHERS, "square_above_white_box"}
     }
     assert not set(BESIDE_OTHERS) & set(WARNINGS)

@@ -248,11 +248,11 @@ def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(trained, tmp_
 
 
 def test_patches_are_compared_with_a_random_patch_which_has_no_comparison(trained):
-    scores = {one.attack: one for one in attack_scores(trained)}
+    scores = {one["attack"]: one for one in attack_scores(trained)}
 
     noise, learned = scores["random_patch"], scores[PATCH]
-    assert noise.gain is None
-    assert learned.gain == pytest.approx(learned.epe - noise.epe)
+    assert noise["gain"] is None
+    assert learned["gain"] == pytest.approx(learned["epe"] - noise["epe"])
 
 
 def test_stored_perturbation_is_reused_if_intact_and_trained_again_if_damaged(trained, monkeypatch):

@@ -85,9 +85,9 @@ def test_run_with_ground_truth_prints_epe_at_every_severity_as_the_readme_shows(
     corruptions = [line.split()[0] for line in shown if re.match("[a-z_]+ +│", line) and "mean" not in line]
     out = robustflow.prints("run", "-m", "dis", "-c", ",".join(corruptions), "-o", "run", "--no-examples")
     assert _cells_of(out, "Corruption") == ["EPE", "CRE", "CREr", "RCRE", "EPE 1", "2", "3", "4", "5"]
-    fog = load_run("run").summary.corruptions["fog"]
-    assert _cells_of(out, "fog")[4:] == [f"{value:.2f}" for value in fog.by_severity["epe"]]
-    assert _cells_of(out, "fog")[3] == f"{fog.rcre:.2f}"
+    run = load_run("run")
+    assert _cells_of(out, "fog")[4:] == [f"{run.mean('epe', 'fog', level):.2f}" for level in range(1, 6)]
+    assert _cells_of(out, "fog")[3] == f"{run.mean('rcre', 'fog'):.2f}"
     lines = [line.rstrip() for line in out.splitlines()]
     assert [line for line in shown[:-2] if line not in lines] == []  # the last two are means over all 20
 
@@ -136,7 +136,7 @@ def test_report_states_why_a_model_is_excluded(robustflow, run_of_named):
 def test_report_prints_log_ratios_on_request(robustflow, tmp_path):
     options = {"corruptions": ["fog"], "severities": [1, 5], "examples": False}
     run = rf.evaluate("dis", "demo", output=tmp_path / "dis", **options)
-    ratios = [math.log(epe / run.epe_clean) for epe in run.summary.corruptions["fog"].by_severity["epe"]]
+    ratios = [math.log(run.mean("epe", "fog", level) / run.epe_clean) for level in (1, 5)]
     out = robustflow.prints("report", run.path, "--metric", "log_ratio")
     for value in (*ratios, sum(ratios) / 2):
         assert f"{value:.2f}" in out
@@ -194,10 +194,10 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
     alone, table = out.split("\nMeans\n")
     photometric = ["clean photometric error (grey levels)", "of zero flow"]
     assert _cells_of(table, "Model") == ["RCRE (px)", "clean flow (px)", *photometric]
-    summaries = {name: load_run(f"both/{name.lower()}").summary for name in ("DIS", "Farneback")}
-    lengths = [summary.clean_flow_length for summary in summaries.values()]
-    for name, summary in summaries.items():
-        clean = (summary.clean_flow_length, summary.clean.photometric, summary.photometric_still)
+    runs = {name: load_run(f"both/{name.lower()}") for name in ("DIS", "Farneback")}
+    lengths = [run.mean("flow_length", "clean") for run in runs.values()]
+    for name, run in runs.items():
+        clean = [run.mean(measure, "clean") for measure in ("flow_length", "photometric", "photometric_still")]
         assert _cells_of(table, name)[1:] == [f"{value:.2f}" for value in clean]
     assert all(f"on clean frames, the mean length of the flow is {length:.2f} px" in alone for length in lengths)
     assert "sequence is too few to say" in table

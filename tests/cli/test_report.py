@@ -37,8 +37,8 @@ def test_table_row_prints_one_latex_line_per_run(robustflow, runs):
     lines = out.splitlines()
     assert len(lines) == 2
     for line, path, name in zip(lines, runs, ("DIS", "Farneback"), strict=True):
-        summary = load_run(path).summary
-        numbers = [getattr(summary, metric) for metric in ("epe_clean", "epe", "cre", "rcre", "crer")]
+        run = load_run(path)
+        numbers = [getattr(run, metric) for metric in ("epe_clean", "epe", "cre", "rcre", "crer")]
         cells, _, comment = line.partition(r" \\ % ")
         assert cells == " & ".join([name, *(f"{number:.2f}" for number in numbers)])
         assert comment.startswith("clean EPE (px), EPE (px), CRE (px), RCRE (px), CREr; 1 pair of the demo")

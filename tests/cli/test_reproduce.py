@@ -36,7 +36,7 @@ def test_table_shows_computed_beside_published_values(robustflow, data, tmp_path
     run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis")
     with open("reproduced/tab2.csv", newline="") as file:
         lines = {(line["model"], line["corruption"]): line for line in csv.DictReader(file)}
-    ours = run.summary.corruptions["contrast"].epe
+    ours = run.mean("epe", "contrast")
     line = lines["DIS", "contrast"]
     assert float(line["published"]) == _published("DIS", "contrast")
     assert float(line["here"]) == pytest.approx(ours, rel=1e-5)
@@ -56,14 +56,14 @@ def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published
     options = {"corruptions": corruptions, "severities": 1, "limit": 1}
     run = evaluate("dis", "kitti-fc", data, tmp_path / "run", **options)
     (runnable,) = choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])
-    both, scores = run_beside_paper(ARTEFACTS["fig5"], runnable, run), run.summary.corruptions
+    both = run_beside_paper(ARTEFACTS["fig5"], runnable, run)
     clean = _published("DIS", "clean")
     for family, corruption in (("digital", "contrast"), ("weather", "fog")):  # a single corruption of the family
         published = (_published("DIS", corruption) - clean) / clean
         assert both.published["crer", family] == pytest.approx(published)
-        assert both.here["crer", family] == pytest.approx(scores[corruption].crer)
+        assert both.here["crer", family] == pytest.approx(run.mean("crer", corruption))
     # the paper's averages exclude elastic_transform
-    assert both.here["epe", "average"] == pytest.approx((scores["contrast"].epe + scores["fog"].epe) / 2)
+    assert both.here["epe", "average"] == pytest.approx((run.mean("epe", "contrast") + run.mean("epe", "fog")) / 2)
     # the printed CRE of BrightFlow is that of UPFlow (`robustflow reproduce audit`), and the printed EPE is its own
     (brightflow,) = paper_variants("kitti-fc", ["brightflow"])
     stand_in = replace(runnable, variant=brightflow, weights="stand-in " + "with a long name " * 10)
@@ -119,7 +119,7 @@ def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, 
     few = ("--models", "dis", "--corruptions", "contrast", "--severities", "1")
     robustflow.prints("reproduce", "tab2", "--data", data, *few, "--limit", "1")
     assert "2 already finished" in robustflow("reproduce", "fig4", "--data", data, *few)[2]
-    assert load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary.samples == 2
+    assert load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").measured.samples == 2
     assert any(path.name.startswith("clean_against_cre") for path in (tmp_path / "reproduced" / "figures").iterdir())
     assert ",crer,average," in (tmp_path / "reproduced" / "fig4.csv").read_text()
 

@@ -191,9 +191,9 @@ def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     ask = {"corruptions": [GAP, "contrast"], "severities": [MISSING, have], "severity_scale": "calibrated"}
     result = rf.evaluate(ZeroFlow(), output=tmp_path / "run", **ask)
     assert result.left_out == {GAP: (MISSING,)}
-    assert result.summary.complete
-    assert result.summary.corruptions[GAP].severities == [have]
-    assert result.summary.corruptions["contrast"].severities == sorted([MISSING, have])
+    assert result.measured.complete
+    assert result.measured.corruptions[GAP] == [have]
+    assert result.measured.corruptions["contrast"] == sorted([MISSING, have])
     frames = load_benchmark("demo").dataset.load("motorcycle").frames
     row = result.rows.filter((result.rows["corruption"] == "contrast") & (result.rows["severity"] == have))
     corrupted = rf.corrupt(*frames, "contrast", have, key="motorcycle", scale="calibrated")

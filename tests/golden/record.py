@@ -11,7 +11,8 @@ import polars as pl
 
 import robustflow as rf
 from robustflow.core.files import digest_of_bytes
-from robustflow.metrics.summary import METRICS
+from robustflow.corruptions import FAMILIES
+from robustflow.metrics import METRICS, REGIONS
 from robustflow.run.run import Run
 
 from .runs import COMPARED, GOLDEN_RUNS
@@ -39,14 +40,10 @@ def _row_digests(run: Run) -> Iterator[tuple[str, str]]:
 
 def _means(run: Run) -> Iterator[tuple[Any, ...]]:
     """Yield (measure, condition, severity, value) of every mean; the severity is "-" for a mean over severities."""
-    summary = run.summary
-    parts = {"clean": summary.clean, "average": summary, **summary.families, **summary.corruptions, **summary.regions}
-    for condition, scores in parts.items():
-        yield from ((metric, condition, "-", getattr(scores, metric)) for metric in METRICS)
-    for name, scores in summary.corruptions.items():
-        for metric, values in scores.by_severity.items():
-            for severity, value in zip(scores.severities, values, strict=True):
-                yield metric, name, severity, value
+    for condition in ("clean", "average", *FAMILIES, *run.measured.corruptions, *REGIONS):
+        yield from ((metric, condition, "-", run.mean(metric, condition)) for metric in METRICS)
+    for name, levels in run.measured.corruptions.items():
+        yield from ((metric, name, level, run.mean(metric, name, level)) for metric in METRICS for level in levels)
 
 
 def comparison(folder: Path) -> Record:

@@ -7,7 +7,7 @@ from hypothesis import given
 
 from robustflow.metrics.error_maps import epe_map, error_sum, magnitude_map
 from robustflow.metrics.regions import Regions
-from robustflow.metrics.row_sums import row_sums
+from robustflow.metrics.rows import row_sums
 
 from .strategies import cases
 

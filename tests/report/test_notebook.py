@@ -40,9 +40,9 @@ def test_notebook_shows_tables_and_figures(runs):
     assert kind == "data:image/png;base64"
     assert Image.open(io.BytesIO(b64decode(data))).format == "PNG"
     cells = {line.label: [cell.text for cell in line.cells] for line in result_table(runs[0]).sections[0].lines}
-    summary = runs[0].summary
-    assert cells["all"] == [f"{v:.2f}" for v in (summary.epe, summary.cre, summary.rcre, summary.crer)]
-    assert cells["Weather"][2] == f"{summary.corruptions['fog'].rcre:.2f}"
+    run = runs[0]
+    assert cells["all"] == [f"{v:.2f}" for v in (run.epe, run.cre, run.rcre, run.crer)]
+    assert cells["Weather"][2] == f"{run.mean('rcre', 'fog'):.2f}"
     assert all(f">{text}<" in html for text in cells["all"])
 
 
@@ -70,7 +70,7 @@ def test_every_kind_of_plot_is_drawn(runs, kind):
 def test_lines_of_a_plot_equal_the_means(runs):
     figure = runs[0].plot("severity", "epe")
     lines = {panel.get_title(): panel.lines[0].get_ydata() for panel in figure.axes}
-    by_severity = runs[0].summary.corruptions["fog"].by_severity["epe"]
+    by_severity = [runs[0].mean("epe", "fog", level) for level in runs[0].measured.corruptions["fog"]]
     np.testing.assert_allclose(lines["Fog"], by_severity, rtol=1e-12)
 
 

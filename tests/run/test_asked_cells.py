@@ -44,7 +44,8 @@ def _result_facts(result):
     del document["folder"]
     rows = [frame.write_csv() for frame in (result.rows, result.attack_rows, result.table("cre"))]
     text = str(result).replace(str(result.path), "")
-    return document, result.summary, rows, text, result.left_out, result.planned(), result.manifest.samples
+    means = result.means, result.measured
+    return document, means, rows, text, result.left_out, result.planned(), result.manifest.samples
 
 
 @cache
@@ -61,7 +62,7 @@ def test_calls_into_a_shared_folder_give_the_result_of_an_empty_one(calls):
         for result, options in zip(results, calls, strict=True):
             assert _result_facts(result) == _alone(json.dumps(options))
         whole = rf.load_run(folder)
-        assert whole.summary.complete
+        assert whole.measured.complete
         assert set(whole.planned()) == {cell for result in results for cell in result.planned()}
         assert whole.rows.height == len(whole.planned())
         assert whole.write_means() is None
@@ -133,11 +134,11 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
 def test_an_earlier_result_stays_as_it_was_when_a_later_call_adds_rows(tmp_path):
     first = _call(tmp_path, {"corruptions": "contrast", "severities": 3})
     _call(tmp_path, {"corruptions": "high_light", "severities": 1})
-    assert first.summary.averaged_over == ["contrast"]
+    assert first.measured.averaged_over == ["contrast"]
     assert first.rows["corruption"].unique().sort().to_list() == ["clean", "contrast"]
     first.write_summary()
     first.keep()
-    assert rf.load_run(tmp_path).summary.averaged_over == ["contrast", "high_light"]
+    assert rf.load_run(tmp_path).measured.averaged_over == ["contrast", "high_light"]
     assert json.loads((tmp_path / "summary.json").read_text())["averaged_over"] == ["contrast", "high_light"]
 
 
@@ -158,7 +159,8 @@ def test_a_call_is_complete_while_the_cells_of_a_stopped_call_are_missing(tmp_pa
         rf.evaluate(model, benchmark, output=tmp_path)
     model.left = 100
     result = rf.evaluate(model, benchmark, output=tmp_path, corruptions="high_light", severities=1, limit=1)
-    assert result.summary.complete
+    assert result.measured.complete
     whole = rf.load_run(tmp_path)
-    assert {(cells.corruption, cells.severity) for cells in whole.summary.missing} >= {("contrast", 1), ("contrast", 2)}
-    assert ("high_light", 2) not in {(cells.corruption, cells.severity) for cells in whole.summary.missing}
+    missing = {(cells.corruption, cells.severity) for cells in whole.measured.missing}
+    assert missing >= {("contrast", 1), ("contrast", 2)}
+    assert ("high_light", 2) not in missing

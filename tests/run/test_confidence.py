@@ -136,7 +136,7 @@ def test_scores_are_means_over_images_by_family_and_severity(whole):
 def test_scores_weight_corruptions_with_fewer_severities_as_the_summary_does(whole):
     run = made_run(whole, whole.rows.filter((pl.col("corruption") != "contrast") | (pl.col("severity") != 4)))
     (average,) = (score for score in confidence_scores(run) if score.family == "average")
-    assert average.by_confidence[0] == pytest.approx(run.summary.epe, rel=1e-12)
+    assert average.by_confidence[0] == pytest.approx(run.epe, rel=1e-12)
     ause = run.rows.group_by("corruption", "severity").agg(pl.col("ause").mean())
     of_corruptions = [ause.filter(corruption=name)["ause"].mean() for name in FAST]
     assert average.ause == pytest.approx(np.mean(of_corruptions), rel=1e-12)

@@ -46,7 +46,7 @@ def whole(tmp_path_factory, real_pictures):
 
 def test_rows_summary_and_report_are_there(whole):
     assert whole.rows.height == 1 + len(FAST) * 2
-    assert whole.summary.complete
+    assert whole.measured.complete
     assert json.loads((whole.path / "summary.json").read_text())["cre"] == whole.cre
     assert "contrast" in (whole.path / "report.html").read_text()
     assert not list((whole.path / "clean").iterdir()), "clean flows of finished samples are deleted"
@@ -245,7 +245,7 @@ def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
 
 def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):
     run = rf.evaluate(_trouble("nan"), output=tmp_path / "run", allow_invalid=True, **SMALLEST)
-    assert run.summary.n_invalid == 2
+    assert run.measured.n_invalid == 2
     assert run.rows["n_all"].to_list() == [HEIGHT * WIDTH - 1] * 2
 
 

@@ -61,9 +61,9 @@ def test_index_of_examples_names_the_existing_files(drawn):
     worst, median = record["panels"]
     assert (worst["kind"], median["kind"]) == ("worst", "median")
     cre = {
-        (name, severity): drawn.summary.corruptions[name].by_severity["cre"][index]
+        (name, severity): drawn.mean("cre", name, severity)
         for name in CELLS["corruptions"]
-        for index, severity in enumerate(CELLS["severities"])
+        for severity in CELLS["severities"]
     }
     assert worst["cre"] == pytest.approx(max(cre.values()), abs=1e-12)
     assert median["cre"] == pytest.approx(sorted(cre.values())[1], abs=1e-12)
@@ -130,7 +130,7 @@ def test_interrupted_drawing_leaves_the_rows_and_no_partial_folder(tmp_path, mon
         rf.evaluate(DIS, output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[2])
     assert not (tmp_path / "run" / "examples").exists()
     assert not list((tmp_path / "run").rglob(".partial-*"))
-    assert rf.Result(tmp_path / "run").summary.complete
+    assert rf.Result(tmp_path / "run").measured.complete
     assert (tmp_path / "run" / "summary.json").exists()
 
 
@@ -147,7 +147,7 @@ def test_examples_of_a_model_that_predicts_differently_are_refused(tmp_path, sma
     with pytest.warns(UserWarning, match="could not be drawn: the model predicts a different flow than in the run"):
         run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
     assert not (run.path / "examples").exists()
-    assert run.summary.complete
+    assert run.measured.complete
 
 
 def test_run_without_a_valid_source_cannot_be_set_up_again(tmp_path, small):

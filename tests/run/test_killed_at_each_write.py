@@ -24,7 +24,7 @@ def test_run_killed_at_every_write_resumes_to_the_same_rows(tmp_path):
         undone += not (folder / "summary.json").exists()
         run = script.run(folder)
         assert run.rows.equals(whole), folder.name
-        assert run.summary.complete
+        assert run.measured.complete
         assert [shard_name(path) for path in list_shards(folder / "rows")] == ["pack"], folder.name
         assert not list((folder / "clean").iterdir()), folder.name
         assert not list(folder.rglob(".partial-*")), folder.name

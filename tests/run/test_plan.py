@@ -70,7 +70,7 @@ def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_
     run = evaluate(ZeroFlow(), corruptions=["contrast"], severities=[5], **options)
     assert run.left_out == {}
     assert load_run(tmp_path / "run").left_out == {"saturate": (5,)}
-    assert run.summary.complete
+    assert run.measured.complete
 
 
 def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):

@@ -86,7 +86,7 @@ def test_frames_without_files_are_compared_by_content(tmp_path, severities):
     changed.error = 1.0
     with pytest.raises(RunError, match="sample '0' has different ground truth than when this run measured it"):
         _run_drawn(tmp_path, changed, severities)
-    assert _run_drawn(tmp_path, Drawn(0, 1), severities).summary.complete
+    assert _run_drawn(tmp_path, Drawn(0, 1), severities).measured.complete
 
 
 def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):

@@ -96,16 +96,13 @@ def expected() -> dict[str, float]:
 
 
 def test_rcre_is_how_far_the_flow_moves(run, expected):
-    summary = run.summary
-    assert list(summary.corruptions) == ["robustspring_fog", "robustspring_zoom_blur"]
+    assert run.measured.corruptions == {"robustspring_fog": [1], "robustspring_zoom_blur": [1]}
     for own, value in expected.items():
-        scores = summary.corruptions[f"robustspring_{own}"]
-        assert scores.rcre == pytest.approx(value, rel=1e-6)
-        assert scores.severities == [1]
-        assert scores.epe is None
-    assert summary.rcre == pytest.approx(np.mean(list(expected.values())), rel=1e-6)
-    assert summary.families["weather"].rcre == summary.corruptions["robustspring_fog"].rcre
-    assert summary.samples == 4 * sum(count - 1 for count in SEQUENCES.values()) == 12
+        assert run.mean("rcre", f"robustspring_{own}") == pytest.approx(value, rel=1e-6)
+        assert run.mean("epe", f"robustspring_{own}") is None
+    assert run.rcre == pytest.approx(np.mean(list(expected.values())), rel=1e-6)
+    assert run.mean("rcre", "weather") == run.mean("rcre", "robustspring_fog")
+    assert run.measured.samples == 4 * sum(count - 1 for count in SEQUENCES.values()) == 12
     assert set(run.rows["group"]) == set(SEQUENCES)
 
 
@@ -143,7 +140,7 @@ def test_run_on_robustspring_is_shown_in_tables_and_pages(run):
 def test_second_call_on_robustspring_computes_nothing_again(run, root):
     before = {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()}
     again = evaluate("farneback", "robustspring", root, run.path, examples=False)
-    assert again.summary == run.summary
+    assert again.means == run.means
     assert {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()} == before
 
 

@@ -59,7 +59,7 @@ def summaries(monkeypatch):
 def test_unchanged_run_is_not_summarised_again(folder, summaries):
     files = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.rglob("*") if path.is_file()}
     again = rf.evaluate(MODEL, output=folder, corruptions=["contrast", "high_light"], severities=[1])
-    assert again.summary == rf.load_run(folder).summarize("image")
+    assert again.means == rf.load_run(folder).average().means
     assert len(summaries) == 1, "the one here"
     for name in ("report.html", "summary.json"):
         assert files[folder / name] == ((folder / name).read_bytes(), (folder / name).stat().st_mtime_ns)
@@ -72,14 +72,10 @@ def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
     rf.evaluate(MODEL, output=folder, corruptions=names, severities=[1])
     summaries.clear()
     run = rf.load_run(folder)
-    stored, computed = run.summary, run.summarize()
+    computed = run.average()
+    assert run.averages == computed
     assert len(summaries) == 1, "the first one was kept"
-    for part in ("corruptions", "families", "regions"):
-        assert list(getattr(stored, part)) == list(getattr(computed, part)), part
-    assert list(stored.corruptions) == ["contrast", "high_light", "fog", "impulse_noise", "contrast+pixelate"]
-    assert stored == computed
-    for name in ("epe_clean", "epe", "cre", "crer", "rcre"):
-        assert getattr(run, name) == getattr(computed, name)
+    assert list(run.measured.corruptions) == ["contrast", "high_light", "fog", "impulse_noise", "contrast+pixelate"]
 
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
@@ -140,7 +136,7 @@ EDITS = {
 def _page_values(run):
     """Everything that pages request from a run."""
     reasons, ends = exclusion_reasons(run), interval_ends(run, beside_published=True)
-    return sample_set(run), measured_in_words([run]), reasons, ends, run.summary
+    return sample_set(run), measured_in_words([run]), reasons, ends, run.means, run.measured
 
 
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
@@ -156,7 +152,6 @@ def test_stored_summary_equals_a_computed_one(folder, tmp_path, edit):
     run.write_means()
     computed.write_means()
     assert (folder / "summary.json").read_bytes() == (bare / "summary.json").read_bytes()
-    assert rf.load_run(folder)._stored_means() == computed.summary
 
 
 def test_stored_summary_is_read_without_the_rows(folder, monkeypatch):
@@ -190,7 +185,7 @@ def test_means_written_by_another_process_meanwhile_are_not_used(folder, monkeyp
     )  # the other process replaces the file as soon as it is written
     run = rf.load_run(folder)
     run.write_means()
-    assert rf.load_run(folder).summary == run.summarize()
+    assert rf.load_run(folder).means == run.average().means
 
 
 def test_read_only_run_folder_stores_no_summary(folder, monkeypatch):
@@ -215,7 +210,7 @@ def test_the_digest_of_a_folder_is_of_its_shards(folder):
     shard.write_bytes(data)
     assert RunFolder(folder).digest() != whole
     with pytest.raises(RunError, match="damaged"):
-        _ = rf.load_run(folder).summary
+        _ = rf.load_run(folder).means
 
 
 def test_package_file_deleted_while_listed_is_ignored(monkeypatch):

@@ -181,10 +181,10 @@ def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, 
         each = np.array([model.flows[2 * number + 1] for model in models], np.float64)
         assert spread_sum == pytest.approx(np.sqrt(each.var(axis=0, ddof=1).sum(axis=-1)).sum(), rel=1e-6)
     assert drawn.rows.filter(corruption="clean")["spread_sum"].to_list() == [0.0, 0.0]
-    assert drawn.summary.spread == pytest.approx((noisy["spread_sum"] / noisy["n_all"]).mean(), rel=1e-12)
-    assert drawn.summary.spread > 0
+    assert drawn.mean("spread") == pytest.approx((noisy["spread_sum"] / noisy["n_all"]).mean(), rel=1e-12)
+    assert drawn.mean("spread") > 0
     assert "the flow's standard deviation over 3 draws is" in phantom_motion(drawn)
-    assert runs[0].summary.spread is None
+    assert runs[0].mean("spread") is None
     title = "Standard deviation over draws (px) by severity"
     assert [title in render_site(run_content(run)) for run in (drawn, runs[0])] == [True, False]
     if kind is Pairs:

@@ -7,9 +7,8 @@ from math import fsum
 
 from robustflow.corruptions import FAMILIES, SEVERITIES
 from robustflow.corruptions.registry import CLIP
-from robustflow.run.means import family_means
 from robustflow.stats.published.tables import published_results
-from robustflow.stats.results import setting_words
+from robustflow.stats.results import family_means, setting_words
 
 from .demonstration import Numbers
 from .tables import table

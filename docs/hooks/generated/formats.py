@@ -13,61 +13,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from robustflow.metrics import regions, rows, summary
+from robustflow.metrics import measures, regions, rows
+from robustflow.run import summary
 from robustflow.run.records import contents
 
 from .tables import table
-
-_COLUMNS = {
-    "sample": "The sample's key, the same on every machine.",
-    "group": "Name shared by samples that are not independent (one video); otherwise the key itself.",
-    "corruption": "Name of the corruption, or `clean`.",
-    "severity": "1 to 5; 0 in the clean row.",
-    "frames_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given.",
-    "truth_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors.",
-    "height": "Height of the frames, pixels.",
-    "width": "Width of the frames, pixels.",
-    "truth": "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content.",
-    "n_invalid": "Pixels at which this row's prediction is not finite.",
-    "n_all": "Usable pixels.",
-    "rcre_all_sum": "Distance from the clean flow, summed over `n_all`, pixels.",
-    "pred_magnitude_sum": "Length of the predicted flow, summed over `n_all`, pixels.",
-    "n_photometric": "Pixels whose target according to the flow is inside the frame.",
-    "photometric_sum": "Difference between clean frame 1 and warped clean frame 2 over `n_photometric`, grey levels.",
-    "photometric_still_sum": "The same for zero flow, over the same pixels, grey levels.",
-    "n_valid": "Usable pixels with ground truth.",
-    "epe_sum": "End-point error, summed over `n_valid`, pixels.",
-    "rcre_sum": "Distance from the clean flow, summed over `n_valid`, pixels.",
-    "magnitude_sum": "Length of the true flow, summed over `n_valid`, pixels.",
-    "fl_count": "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length.",
-    "px1_count": "Pixels of `n_valid` with an error above 1 px.",
-    "px3_count": "Pixels of `n_valid` with an error above 3 px.",
-    "px5_count": "Pixels of `n_valid` with an error above 5 px.",
-    "wauc_sum": "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel.",
-    "attack_linf": "Rows of attacks only: largest change of a value in the 8-bit frames, grey levels.",
-    "attack_rms": "Rows of attacks only: root mean square of the change of the 8-bit frames, grey levels.",
-    "attack_capped_sum": "Rows of attacks only: error, capped at the frame's diagonal, summed over `n_valid`, pixels.",
-    "attack_median": "Rows of attacks only: median error over `n_valid`, pixels.",
-    "attack_way_gone": "Rows of attacks only: share of the way from the clean flow to the attack's target.",
-    "attack_late_gain": "Rows of attacks only: gain of the last quarter of the evaluations, in units of the loss.",
-    "attack_start_spread": "Rows of attacks only: lead of the best start over the worst one, in units of the loss.",
-    "attack_evaluations": "Rows of attacks only: number of flows that the attack requested from the model.",
-    "attack_warnings": "Rows of attacks only: reasons why the row is doubtful, separated by commas.",
-    "ause": "Runs with a confidence: area between its sparsification curve and the oracle's, pixels.",
-    "confidence_spearman": "Runs with a confidence: rank correlation of confidence and error; -1 is best.",
-    "rejected_count": "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects.",
-    **{
-        f"{curve}_at_{share}": f"Runs with a confidence: mean error of the {share} % {of} pixels, pixels."
-        for curve, of in (("error", "most confident"), ("oracle", "best"))
-        for share in rows.COVERAGES
-    },
-    "spread_sum": "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels.",
-    "n_truth": "Pixels with ground truth, predicted or not.",
-    "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
-}
-"""Contents of each column; columns of a region contain the same within it. A column without an entry
-fails the build.
-"""
 
 
 def files() -> dict[str, str]:
@@ -83,13 +33,9 @@ def files() -> dict[str, str]:
 def _rows() -> str:
     doc = inspect.getdoc(rows) or ""
     listed = []
-    for name, dtype in rows.ROW_SCHEMA.items():
+    for name, column in rows.COLUMNS.items():
         region = next((r for r in regions.REGIONS if name.endswith(f"_{r}")), "")
-        whole = name.removesuffix(f"_{region}") if region else name
-        meaning = "Pixels of `n_valid` in the region." if whole == "n" else _COLUMNS[whole]
-        if region and whole != "n":
-            meaning = meaning.replace("`n_valid`", f"`n_{region}`")
-        listed.append((f"`{name}`", dtype.__name__, region and f"`{region}`", meaning))
+        listed.append((f"`{name}`", column.kind.__name__, region and f"`{region}`", column.meaning))
     return "\n\n".join(
         [
             "# Rows",
@@ -106,22 +52,31 @@ def _rows() -> str:
 
 
 def _summary() -> str:
+    metrics = [(f"`{name}`", *_in_words(name)) for name in measures.METRICS]
     parts = [
         "# summary.json",
-        f"The means of a run, version {summary.SUMMARY_VERSION}. In Python: `Result.summary` (as objects) and "
+        f"The means of a run, version {summary.SUMMARY_VERSION}. In Python: `Result.frame` (one table) and "
         "`Result.document()` (as in the file).",
-        "The file contains the fields of the first table below and, in addition, `pooled` (the same means over the "
-        "pixels of all images at once), the fields that identify the run, and its setting.",
+        table(("field", "unit", "meaning"), metrics),
+        "These fields are means over the corruptions in `averaged_over`. The same fields appear in `clean`, in each "
+        "entry of `corruptions`, `families` and `regions`, and in `paper`, the means over exactly the paper's "
+        "corruptions. An entry of `corruptions` also has `family`, `severities`, and `by_severity`, a list for each "
+        "metric; an entry of `regions` has `share`, the percentage of the valid pixels, `epe_clean` and `fl_clean`. "
+        "`pooled` contains all of this over the pixels of all images at once. `epe_clean`, `clean_flow_length` and "
+        "`photometric_still` are means over the clean frames; `version`, `row_schema`, `averaging`, `run` and "
+        "`setting` identify the run.",
     ]
-    for model in (
-        summary.Summary,
-        summary.CorruptionScores,
-        summary.Scores,
-        summary.RegionScores,
-        summary.MissingCells,
-    ):
+    for model in (summary.Measured, summary.MissingCells):
         parts += _model(model)
     return "\n\n".join(parts)
+
+
+def _in_words(metric: str) -> tuple[str, str]:
+    """The unit of a metric and what it is."""
+    if metric == "crer":
+        return "", "CREr: mean CRE / mean clean EPE"
+    one = measures.MEASURES[metric]
+    return one.unit, ": ".join(filter(None, (one.label, one.explanation)))
 
 
 def _manifest() -> str:

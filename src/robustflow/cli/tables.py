@@ -17,7 +17,9 @@ from ..core.errors import UsageError, unknown_name
 from ..core.files import write_bytes
 from ..core.text import counted, joined, plain
 from ..data.benchmarks.facts import sample_noun, truth_remark
-from ..metrics.summary import METRICS, Scores
+from ..metrics.means import AVERAGE, PAPER
+from ..metrics.measures import METRICS
+from ..metrics.rows import CLEAN
 from ..report.attack_table import attack_table
 from ..report.confidence_table import confidence_table
 from ..report.render import render, renderer
@@ -45,7 +47,7 @@ def as_json_text(results: Sequence[Run]) -> str:
             "benchmark": each.benchmark,
             "folder": str(each.path),
             "summary": each.document(),
-            **({"attacks": [score.model_dump() for score in attack_scores(each)]} if each.attacks else {}),
+            **({"attacks": attack_scores(each)} if each.attacks else {}),
         }
         for each in results
     ]
@@ -57,12 +59,12 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     page; with `with_seed`, print the seed even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
-    summary, whose = result.summary, _heading(result, with_seed)
+    measured, whose = result.measured, _heading(result, with_seed)
     console = _console()
     attacked = attack_table(result) if metric == "all" else None
     confidence = confidence_table(result) if metric == "all" else None
-    if metric == "all" and (summary.corruptions or attacked is None):
-        pairs = counted(summary.samples, sample_noun(result.benchmark))
+    if metric == "all" and (measured.corruptions or attacked is None):
+        pairs = counted(measured.samples, sample_noun(result.benchmark))
         print(for_stdout(corruptions_table(result, f"{whose}, {pairs}")), end="")
     elif metric != "all":
         print(for_stdout(severities_table(result, metric, f"{whose}, {metric}")), end="")
@@ -73,7 +75,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         console.print(f"The means are over corruptions measured on unlike conditions: {UNEVEN}.")
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom, None)}\n{PHANTOM}")
-    if moved := [plain(name) for name in summary.without_truth()]:
+    if moved := [plain(name) for name in result.averages.without_truth]:
         leave = "leaves" if len(moved) == 1 else "leave"
         console.print(f"{joined(moved)} {leave} no ground truth: RCRE only, and no mean includes it beside others.")
     if attacked is not None:
@@ -86,10 +88,12 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if reasons := exclusion_reasons(result):
         sentence = f"Not a measure of robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None))
-    if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
-        line = f"mean over the paper's {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
-        console.print(line)
-    missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
+    if measured.paper_over and set(measured.averaged_over) != set(measured.paper_over):
+        number = len(measured.paper_over)
+        console.print(f"mean over the paper's {number} corruptions: {_means(result, PAPER)}")
+    missing, unmeasured = (
+        sum(len(unit.samples) for unit in units) for units in (measured.missing, measured.unmeasured)
+    )
     _print_conclusions(console, run_results([result]))
     if missing:
         cells = "row is" if missing == 1 else "rows are"
@@ -97,8 +101,8 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if unmeasured:
         have = "row has" if unmeasured == 1 else "rows have"
         console.print(f"Incomplete: {unmeasured} {have} no valid pixel; the means are over the others.")
-    if summary.n_invalid:
-        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
+    if measured.n_invalid:
+        console.print(f"{measured.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
     for warning in dict.fromkeys(text for clip in result.manifest.clips for text in clip.warnings):
         console.print(f"Warning: {plain(warning, None)}")
     if result.left_out:
@@ -178,17 +182,19 @@ def _heading(result: Run, with_seed: bool) -> str:
 
 
 def _sentence(result: Run) -> str:
-    summary = result.summary
-    clean = f"clean EPE {number_text(summary.epe_clean)} px"
-    if summary.rcre is None:
-        return "nothing could be measured" if summary.epe_clean is None else clean
-    if summary.epe_clean is None:
-        length = f"; on clean frames, the mean length of the flow is {number_text(summary.clean_flow_length)} px"
-        return f"RCRE {number_text(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
+    clean = f"clean EPE {number_text(result.epe_clean)} px"
+    if result.rcre is None:
+        return "nothing could be measured" if result.epe_clean is None else clean
+    if result.epe_clean is None:
+        length = (
+            f"; on clean frames, the mean length of the flow is {number_text(result.mean('flow_length', CLEAN))} px"
+        )
+        return f"RCRE {number_text(result.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
     truth = truth_remark(result.manifest.identity.frames.protocol)
-    return f"{clean}, {_means(summary)}{f'; {truth}' if truth else ''}"
+    return f"{clean}, {_means(result, AVERAGE)}{f'; {truth}' if truth else ''}"
 
 
-def _means(scores: Scores) -> str:
-    each = ", ".join(f"{METRIC_LABELS[m]} {number_text(getattr(scores, m))}" for m in ("epe", "cre", "crer", "rcre"))
-    return each if scores.coverage in (None, 1.0) else f"{each}, coverage {number_text(scores.coverage)}"
+def _means(run: Run, condition: str) -> str:
+    each = (f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}" for m in ("epe", "cre", "crer", "rcre"))
+    coverage = run.mean("coverage", condition)
+    return ", ".join(each) + ("" if coverage in (None, 1.0) else f", coverage {number_text(coverage)}")

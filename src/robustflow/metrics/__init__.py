@@ -1,26 +1,23 @@
-"""Compute error sums from flows, and rows from these sums; `robustflow.run.aggregate` computes means from the rows."""
+"""Sums of one image, rows of these sums, and means over rows; `measures` declares every measure."""
 
 from .confidence import Sparsification, ause, confidence_correlation, error_at, forward_backward, sparsification
 from .error_maps import cre, crer, epe_map
+from .measures import MEASURES, METRICS, Measure
 from .of_arrays import epe, fl_all, rcre
 from .regions import REGIONS, Regions
 from .rows import CLEAN, ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, measure, rows_frame
-from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary
 
 __all__ = [
     "CLEAN",
+    "MEASURES",
     "METRICS",
     "REGIONS",
     "ROW_KEY",
     "ROW_SCHEMA",
     "ROW_SCHEMA_VERSION",
-    "Averaging",
-    "CorruptionScores",
-    "RegionScores",
+    "Measure",
     "Regions",
-    "Scores",
     "Sparsification",
-    "Summary",
     "ause",
     "confidence_correlation",
     "cre",

@@ -1,65 +1,37 @@
-"""Compute the row for one (sample, corruption, severity): sums and counts.
+"""The columns of the rows, and the row of one (sample, corruption, severity): counts, and sums over pixels.
 
 All reported results are computed from rows, so a different average, a region or a confidence interval does not require
 a second run. CRE is not stored: it is the difference between two errors over the same pixels, `epe_sum` and
 `clean_epe_sum`.
 
-Definition of the columns. *Usable* pixels are those where both the prediction and the model's prediction on the clean
-frames are finite (for a model that works correctly, all pixels).
-
-- `truth` = what the corruption leaves of the ground truth (`Corruption.truth`); with "none", everything that needs
-  ground truth is null.
-- `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `clean_epe_sum`, `rcre_sum`,
-  `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. All of these are null if the sample has no ground truth.
-- `n_truth` = pixels with valid ground truth, usable or not; `n_valid / n_truth` is the coverage. Null without ground
-  truth.
-- `clean_epe_sum` = the clean flow's end-point error, summed over the same pixels as `epe_sum`.
-- `n_<r>` = pixels of `n_valid` in region r; the denominator of that region's sums. Null if the sample has no such
-  region (no ground truth, no occlusion map); 0 if the region is empty.
-- `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
-- `attack_linf`, `attack_rms` = norms of the attack's perturbation of the 8-bit frames, in grey levels;
-  `attack_capped_sum` = the error, clipped to the frame's diagonal, summed over the pixels of `n_valid`; `attack_median`
-  = the median error over these pixels, in pixels; `attack_way_gone` = fraction of the distance from the clean flow to
-  the target that the attack covered, null without a target; `attack_late_gain` = how much the last quarter of the
-  evaluations of the best start raised its score, in units of the attack's loss, null for fewer than eight evaluations;
-  `attack_start_spread` = difference between the scores of the best and the worst start, null with a single start (the
-  row is that of the best start, the worst case for the model); `attack_evaluations` = number of flows that the attack
-  computed; `attack_warnings` = warnings about the attack (`robustflow.attacks.result.WARNINGS`), separated by commas,
-  null if there are none. All nine are null except in the rows of attacks.
-- `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = quality of the confidence over the pixels of `n_valid`
-  (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean error in
-  pixels of the 90, 80, ... 10 % most confident or most accurate pixels. `rejected_count` = pixels of `n_all` that fail
-  the forward-backward check. Null in a run without a confidence, or if its confidence source does not define it.
-- `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`, in
-  pixels; null in a run with a single draw.
-- `photometric_sum` = photometric error of the flow, |frame 1 - frame 2 at the pixel's target| (see `photometric`), in
-  grey levels, summed over the `n_photometric` pixels whose target is inside the frame. `photometric_still_sum` = the
-  same for zero flow over the same pixels. All are measured on the *clean* frames, also for the flow on corrupted ones.
-- `n_invalid` = pixels whose prediction is not finite, out of all height x width pixels.
+All sums are computed in one pass over the pixels. Each adds its pixels sequentially in row-major order, in float64, and
+uses only +, -, x, / and square roots, which are exactly rounded, so it is bit-identical on every machine.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import polars as pl
 
+from ..core.compiled import njit_late, types
 from ..core.errors import DataError
 from ..core.types import Flow, Sample
-from .error_maps import flow_array
+from .error_maps import ERRORS_TYPE, FLOW_TYPE, WAUC_UNIT, dense, flow_array, flow_pair, is_fl_outlier, wauc_points
 from .photometric import photometric
-from .regions import REGIONS, Regions
-from .row_sums import row_sums
+from .regions import LABELS, LABELS_TYPE, MEMBERS, OUTSIDE, REGIONS, Regions
+
+CLEAN = "clean"
+"""Corruption name in the rows of clean frames; their severity is 0."""
 
 ROW_SCHEMA_VERSION = 8
 """Version of the row schema, incremented when a column is added or removed, or changes its meaning; part of a run's
 identity. Rows with a different version are not read.
 """
-
-CLEAN = "clean"
-"""Corruption name in the rows of clean frames; their severity is 0."""
 
 ROW_KEY = ("sample", "corruption", "severity")
 """Columns that together identify a row within a run."""
@@ -69,71 +41,131 @@ COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
 pixels.
 """
 
-_NUMBER: type[pl.DataType] = pl.Float64
-ON_REQUEST: dict[str, type[pl.DataType]] = {
-    "ause": _NUMBER,
-    "confidence_spearman": _NUMBER,
-    "rejected_count": pl.Int64,
-    **{f"{curve}_at_{share}": _NUMBER for curve in ("error", "oracle") for share in COVERAGES},
-    "spread_sum": _NUMBER,
-}
-"""Columns that are null except in runs with a confidence or with several draws."""
 
-ROW_SCHEMA: dict[str, type[pl.DataType]] = {
-    "sample": pl.String,
-    "group": pl.String,
-    "corruption": pl.String,
-    "severity": pl.Int64,
-    "truth": pl.String,
-    "frames_digest": pl.String,
-    "truth_digest": pl.String,
-    "height": pl.Int64,
-    "width": pl.Int64,
-    "n_invalid": pl.Int64,
-    "n_all": pl.Int64,
-    "rcre_all_sum": pl.Float64,
-    "pred_magnitude_sum": pl.Float64,
-    "n_photometric": pl.Int64,
-    "photometric_sum": pl.Float64,
-    "photometric_still_sum": pl.Float64,
-    "n_truth": pl.Int64,
-    "n_valid": pl.Int64,
-    "epe_sum": pl.Float64,
-    "clean_epe_sum": pl.Float64,
-    "rcre_sum": pl.Float64,
-    "magnitude_sum": pl.Float64,
-    "fl_count": pl.Int64,
-    "px1_count": pl.Int64,
-    "px3_count": pl.Int64,
-    "px5_count": pl.Int64,
-    "wauc_sum": pl.Float64,
-    "attack_linf": pl.Float64,
-    "attack_rms": pl.Float64,
-    "attack_capped_sum": pl.Float64,
-    "attack_median": pl.Float64,
-    "attack_way_gone": pl.Float64,
-    "attack_late_gain": pl.Float64,
-    "attack_start_spread": pl.Float64,
-    "attack_evaluations": pl.Int64,
-    "attack_warnings": pl.String,
-} | {
-    f"{column}_{region}": dtype
-    for region in REGIONS
-    for column, dtype in (
-        ("n", pl.Int64),
-        ("epe_sum", pl.Float64),
-        ("clean_epe_sum", pl.Float64),
-        ("rcre_sum", pl.Float64),
-        ("fl_count", pl.Int64),
-    )
+class Column(NamedTuple):
+    """A column of the rows: its type, for a sum the count of its pixels, and its meaning."""
+
+    kind: type[pl.DataType]
+    count: str
+    meaning: str
+    signed: bool = False
+
+
+_TEXT, _COUNT, _NUMBER = pl.String, pl.Int64, pl.Float64
+
+COLUMNS: dict[str, Column] = {
+    "sample": Column(_TEXT, "", "The sample's key, the same on every machine."),
+    "group": Column(
+        _TEXT, "", "Name shared by samples that are not independent (one video); otherwise the key itself."
+    ),
+    "corruption": Column(_TEXT, "", "Name of the corruption, or `clean`."),
+    "severity": Column(_COUNT, "", "1 to 5; 0 in the clean row."),
+    "truth": Column(
+        _TEXT, "", "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content."
+    ),
+    "frames_digest": Column(
+        _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given."
+    ),
+    "truth_digest": Column(
+        _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors."
+    ),
+    "height": Column(_COUNT, "", "Height of the frames, pixels."),
+    "width": Column(_COUNT, "", "Width of the frames, pixels."),
+    "n_invalid": Column(_COUNT, "", "Pixels at which this row's prediction is not finite."),
+    "n_all": Column(_COUNT, "", "Usable pixels."),
+    "rcre_all_sum": Column(_NUMBER, "n_all", "Distance from the clean flow, summed over `n_all`, pixels."),
+    "pred_magnitude_sum": Column(_NUMBER, "n_all", "Length of the predicted flow, summed over `n_all`, pixels."),
+    "n_photometric": Column(_COUNT, "", "Pixels whose target according to the flow is inside the frame."),
+    "photometric_sum": Column(
+        _NUMBER,
+        "n_photometric",
+        "Difference between clean frame 1 and warped clean frame 2 over `n_photometric`, grey levels.",
+    ),
+    "photometric_still_sum": Column(
+        _NUMBER, "n_photometric", "The same for zero flow, over the same pixels, grey levels."
+    ),
+    "n_truth": Column(_COUNT, "n_valid", "Pixels with ground truth, predicted or not."),
+    "n_valid": Column(_COUNT, "", "Usable pixels with ground truth."),
+    "epe_sum": Column(_NUMBER, "n_valid", "End-point error, summed over `n_valid`, pixels."),
+    "clean_epe_sum": Column(
+        _NUMBER, "n_valid", "Error of the clean prediction, summed over the same `n_valid` pixels, pixels."
+    ),
+    "rcre_sum": Column(_NUMBER, "n_valid", "Distance from the clean flow, summed over `n_valid`, pixels."),
+    "magnitude_sum": Column(_NUMBER, "n_valid", "Length of the true flow, summed over `n_valid`, pixels."),
+    "fl_count": Column(
+        _COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length."
+    ),
+    "px1_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 1 px."),
+    "px3_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px."),
+    "px5_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 5 px."),
+    "wauc_sum": Column(
+        _NUMBER, "n_valid", "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel."
+    ),
+    "attack_linf": Column(
+        _NUMBER, "", "Rows of attacks only: largest change of a value in the 8-bit frames, grey levels."
+    ),
+    "attack_rms": Column(
+        _NUMBER, "", "Rows of attacks only: root mean square of the change of the 8-bit frames, grey levels."
+    ),
+    "attack_capped_sum": Column(
+        _NUMBER, "", "Rows of attacks only: error, capped at the frame's diagonal, summed over `n_valid`, pixels."
+    ),
+    "attack_median": Column(_NUMBER, "", "Rows of attacks only: median error over `n_valid`, pixels."),
+    "attack_way_gone": Column(
+        _NUMBER, "", "Rows of attacks only: share of the way from the clean flow to the attack's target.", signed=True
+    ),
+    "attack_late_gain": Column(
+        _NUMBER, "", "Rows of attacks only: gain of the last quarter of the evaluations, in units of the loss."
+    ),
+    "attack_start_spread": Column(
+        _NUMBER, "", "Rows of attacks only: lead of the best start over the worst one, in units of the loss."
+    ),
+    "attack_evaluations": Column(
+        _COUNT, "", "Rows of attacks only: number of flows that the attack requested from the model."
+    ),
+    "attack_warnings": Column(_TEXT, "", "Rows of attacks only: reasons why the row is doubtful, separated by commas."),
+    **{
+        f"{name}_{region}": Column(kind, f"n_{region}" if name != "n" else "", f"{meaning} in the region.")
+        for region in REGIONS
+        for name, kind, meaning in (
+            ("n", _COUNT, "Pixels of `n_valid`"),
+            ("epe_sum", _NUMBER, "End-point error, summed over the pixels"),
+            ("clean_epe_sum", _NUMBER, "Error of the clean prediction, summed over the pixels"),
+            ("rcre_sum", _NUMBER, "Distance from the clean flow, summed over the pixels"),
+            ("fl_count", _COUNT, "Pixels with an error above 3 px and above 5 % of the true length"),
+        )
+    },
+    "ause": Column(
+        _NUMBER, "", "Runs with a confidence: area between its sparsification curve and the oracle's, pixels."
+    ),
+    "confidence_spearman": Column(
+        _NUMBER, "", "Runs with a confidence: rank correlation of confidence and error; -1 is best.", signed=True
+    ),
+    "rejected_count": Column(
+        _COUNT, "", "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects."
+    ),
+    **{
+        f"{curve}_at_{share}": Column(_NUMBER, "", f"Runs with a confidence: mean error of the {share} % {of} pixels.")
+        for curve, of in (("error", "most confident"), ("oracle", "best"))
+        for share in COVERAGES
+    },
+    "spread_sum": Column(
+        _NUMBER, "", "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels."
+    ),
 }
-ROW_SCHEMA |= ON_REQUEST
+"""The columns of the rows, in order. *Usable* pixels are those where both the prediction and the prediction on the
+clean frames are finite. What needs ground truth is null without it, or if the corruption leaves none; what is measured
+on request is null in other runs; the photometric sums are over the *clean* frames, also for the flow on corrupted ones.
+"""
+
+SIGNED = tuple(name for name, column in COLUMNS.items() if column.signed)
+"""Columns that may be negative."""
+
+ROW_SCHEMA: dict[str, type[pl.DataType]] = {name: column.kind for name, column in COLUMNS.items()}
 """Columns of the rows and their types, in order. Sums are in pixels, except `wauc_sum` (1 per pixel without error) and
 the photometric sums (grey levels).
 """
 
-SIGNED = ("confidence_spearman",)
-"""Columns that may be negative."""
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
 """Counts and sums that exist for a sample without ground truth."""
@@ -215,3 +247,106 @@ def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
     0
     """
     return pl.DataFrame(list(rows), schema=ROW_SCHEMA, strict=True, orient="row")
+
+
+_COUNTS = ("n_invalid", "n_all", "n_valid", "fl_count", "px1_count", "px3_count", "px5_count")
+_ERRORS = ("epe", "rcre", "clean_epe")
+_TOTALS = ("rcre_all_sum", "pred_magnitude_sum", "epe_sum", "rcre_sum", "magnitude_sum", "clean_epe_sum")
+
+
+class RowSums(NamedTuple):
+    """Sums over all pixels and over the pixels of each label."""
+
+    whole: dict[str, int | float]
+    label_counts: npt.NDArray[np.int64]
+    label_totals: npt.NDArray[np.float64]
+
+    def region(self, name: str) -> dict[str, int | float]:
+        """Return the sums of a region, keyed by column name without the region name."""
+        labels = MEMBERS[name]
+        counts, totals = self.label_counts[:, labels], self.label_totals[:, labels]
+        sums: dict[str, int | float] = dict(zip(("n", "fl_count"), counts.sum(axis=1).tolist(), strict=True))
+        return sums | {f"{column}_sum": math.fsum(row) for column, row in zip(_ERRORS, totals, strict=True)}
+
+
+def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | None) -> RowSums:
+    """Compute the sums of one row."""
+    a, b = flow_pair(pred, clean)
+    if truth is None or regions is None:
+        labels = np.full(a.shape[:2], OUTSIDE, np.uint8)
+        arrays = (*dense(a, b, labels), np.empty((0, 0, 2), np.float32), np.empty((0, 0)))  # never read
+    else:
+        arrays = dense(a, b, regions.labels, flow_array(truth), regions.magnitude)
+    counts, totals = np.empty(len(_COUNTS) + 1, np.int64), np.empty(len(_TOTALS))
+    label_counts, label_totals = np.zeros((2, LABELS), np.int64), np.zeros((3, LABELS))
+    _sums(*arrays, counts, totals, label_counts, label_totals)
+    *counted, points = counts.tolist()
+    whole: dict[str, int | float] = dict(zip(_COUNTS, counted, strict=True))
+    whole |= zip(_TOTALS, totals.tolist(), strict=True)
+    whole["wauc_sum"] = points / WAUC_UNIT
+    return RowSums(whole, label_counts, label_totals)
+
+
+@njit_late(
+    types.void(
+        *(FLOW_TYPE, FLOW_TYPE, LABELS_TYPE, FLOW_TYPE, ERRORS_TYPE),
+        *(types.int64[::1], types.float64[::1], types.int64[:, ::1], types.float64[:, ::1]),
+    ),
+    cache=True,
+)
+def _sums(
+    pred: Any,
+    clean: Any,
+    labels: Any,
+    truth: Any,
+    magnitude: Any,
+    counts: Any,
+    totals: Any,
+    label_counts: Any,
+    label_totals: Any,
+) -> None:
+    n_invalid, n_all, n_valid, fl, px1, px3, px5, points = 0, 0, 0, 0, 0, 0, 0, 0
+    moved_all, length_all, errors, moved_valid, magnitudes, before_all = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            u, v = np.float64(pred[y, x, 0]), np.float64(pred[y, x, 1])
+            length_square = u * u + v * v
+            if not math.isfinite(length_square):
+                n_invalid += 1
+            clean_u, clean_v = np.float64(clean[y, x, 0]), np.float64(clean[y, x, 1])
+            du, dv = u - clean_u, v - clean_v
+            moved_square = du * du + dv * dv
+            if not math.isfinite(moved_square):
+                continue
+            moved = math.sqrt(moved_square)
+            n_all += 1
+            moved_all += moved
+            length_all += math.sqrt(length_square)
+            label = labels[y, x]
+            if label == OUTSIDE:
+                continue
+            true_u, true_v = np.float64(truth[y, x, 0]), np.float64(truth[y, x, 1])
+            du, dv = u - true_u, v - true_v
+            error = math.sqrt(du * du + dv * dv)
+            du, dv = clean_u - true_u, clean_v - true_v
+            before = math.sqrt(du * du + dv * dv)
+            outlier = is_fl_outlier(error, magnitude[y, x])
+            n_valid += 1
+            fl += outlier
+            px1 += error > 1.0
+            px3 += error > 3.0
+            px5 += error > 5.0
+            points += wauc_points(error)
+            errors += error
+            moved_valid += moved
+            magnitudes += magnitude[y, x]
+            before_all += before
+            label_counts[0, label] += 1
+            label_counts[1, label] += outlier
+            label_totals[0, label] += error
+            label_totals[1, label] += moved
+            label_totals[2, label] += before
+    counts[0], counts[1], counts[2], counts[3] = n_invalid, n_all, n_valid, fl
+    counts[4], counts[5], counts[6], counts[7] = px1, px3, px5, points
+    totals[0], totals[1], totals[2] = moved_all, length_all, errors
+    totals[3], totals[4], totals[5] = moved_valid, magnitudes, before_all

@@ -48,7 +48,7 @@ class SideBySide:
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """Compare a variant's run with the published values over the same corruptions."""
-    measured = [name for name in run.summary.corruptions if name in _in_paper(artefact)]
+    measured = [name for name in run.measured.corruptions if name in _in_paper(artefact)]
     here = _values_over(run_results([run], beside_published=True)[0], measured)
     levels = run.manifest.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting

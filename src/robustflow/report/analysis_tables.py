@@ -96,11 +96,10 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     named = named_runs(runs)
     for name, run in named.items():
         lines = []
-        for part in error_parts(run.summary):
-            scores = part.scores
-            numbers = (part.share, part.contribution, scores.cre, scores.crer, scores.rcre, part.broken, None)
+        for part in error_parts(run.averages):
+            numbers = (part.share, part.contribution, part.cre, part.crer, part.rcre, part.broken, None)
             lines.append(Line.of_numbers(part.label, numbers))
-        for corruption, slope in severity_slopes(run.summary, "rcre").items():
+        for corruption, slope in severity_slopes(run.averages, "rcre").items():
             lines.append(Line.of_numbers(long_label(corruption), [None] * 6 + [slope]))
         sections.append(Section(name, tuple(lines)))
     explained = (

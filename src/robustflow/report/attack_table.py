@@ -9,8 +9,15 @@ from ..attacks.result import EXPLAINED
 from ..core.errors import RunError, UsageError
 from ..core.text import counted, joined, plain
 from ..run.run import Run
-from ..stats.attack_ranks import Prediction, predictions
-from ..stats.attacks import AttackScore, CurvePoint, attack_scores, budget_at_double, security_curves
+from ..stats.attacks import (
+    AttackScore,
+    CurvePoint,
+    Prediction,
+    attack_scores,
+    budget_at_double,
+    predictions,
+    security_curves,
+)
 from ..stats.ranking import LEAST_MODELS
 from ..stats.results import METRIC_LABELS
 from ..stats.run_results import named_runs
@@ -36,6 +43,10 @@ _COLUMNS = (
     "RMS",
     "flows",
     "time (s)",
+)
+_VALUES = (
+    *("epe", "cre", "crer", "rcre", "px1", "px3", "px5", "fl"),
+    *("median", "capped", "gain", "way_gone", "late_gain", "start_spread"),
 )
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
@@ -86,7 +97,7 @@ def attack_table(run: Run) -> Table | None:
     sections = [
         Section(title, lines)
         for norm, title in _NORMS.items()
-        if (lines := tuple(_line(score) for score in scores if score.norm == norm))
+        if (lines := tuple(_line(score) for score in scores if score["norm"] == norm))
     ]
     remarks = filter(None, (_REMARK, _doubled(scores, run.epe_clean)))
     table = Table(
@@ -97,7 +108,7 @@ def attack_table(run: Run) -> Table | None:
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
     """Return a sentence with the budget at which each attack doubles the error."""
-    norms = {score.attack: score.norm for score in scores}
+    norms = {score["attack"]: score["norm"] for score in scores}
     known = {name: budget_at_double(scores, name, clean) for name in norms}
     each = [
         f"{name} {budget:.2g}{' %' if norms[name] == 'area' else ''}"
@@ -112,18 +123,20 @@ def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
 
 
 def _line(score: AttackScore) -> Line:
-    errors = (score.epe, score.cre, score.crer, score.rcre, score.px1, score.px3, score.px5, score.fl)
-    values = (*errors, score.median, score.capped, score.gain, score.way_gone, score.late_gain, score.start_spread)
-    reached, seconds = (f"{score.linf:.4g}", f"{score.rms:.4g}"), number_text(score.seconds, None)
+    values = (score[name] for name in _VALUES)
+    reached = (f"{score['linf'] or 0.0:.4g}", f"{score['rms'] or 0.0:.4g}")
+    seconds = number_text(score["seconds"], None)
     texts = (
-        f"{score.budget:g}",
+        f"{score['budget']:g}",
         *(number_text(value, None) for value in values),
         *reached,
-        f"{score.evaluations:.0f}",
+        f"{score['evaluations'] or 0.0:.0f}",
         seconds,
     )
-    note = "; ".join(f"{explained(key)} ({count} of {score.samples} pairs)" for key, count in score.warnings.items())
-    return Line.of(f"{score.attack} {score.severity}", texts, note)
+    note = "; ".join(
+        f"{explained(key)} ({count} of {score['samples']} pairs)" for key, count in score["warnings"].items()
+    )
+    return Line.of(f"{score['attack']} {score['severity']}", texts, note)
 
 
 def explained(warning: str) -> str:

@@ -26,7 +26,6 @@ from ..core.files import json_bytes, read_bounded
 from ..core.text import counted, file_name, plain
 from ..data.benchmarks import benchmark_facts
 from ..metrics.rows import ROW_SCHEMA
-from ..metrics.summary import has_gaps
 from ..run.records.contents import rows_to_text
 from ..run.records.read import Reader
 from ..run.run import Run
@@ -67,7 +66,7 @@ class RunFacts:
     @cached_property
     def warnings(self) -> list[str]:
         """Caveats that a reader needs to know before comparing the numbers."""
-        run, summary, out = self.run, self.run.summary, []
+        run, out = self.run, []
         if run.setting not in ("OOD", "knowledge"):
             setting = run_setting(run)
             out.append(
@@ -77,15 +76,17 @@ class RunFacts:
             out.append(f"This is {note}.")
         if reasons := exclusion_reasons(run):
             out.append(f"Not ranked, because {' and '.join(reasons)}.")
-        if not summary.complete:
+        if not run.measured.complete:
             out.append("The run is incomplete: some rows are missing or have no valid pixels.")
-        if has_gaps(summary):
+        if run.averages.has_gaps:
             out.append(
-                f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are computed over "
-                "these pixels."
+                f"The model predicted {100 * (run.mean('coverage') or 0):.1f} % of the pixels; errors are computed "
+                "over these pixels."
             )
         if self.means and not any(mean.interval for mean in self.means):
-            out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}), or one decides the means.")
+            out.append(
+                f"No intervals: too few pairs for a bootstrap ({run.measured.samples}), or one decides the means."
+            )
         return [plain(each, None) for each in out]
 
     @property

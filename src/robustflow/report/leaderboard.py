@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
-from ..run.means import family_means
 from ..stats.best import Compared, best_of_columns
 from ..stats.cost_ranks import printed_cost_ranks
 from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
@@ -21,6 +20,7 @@ from ..stats.results import (
     SETTING_EXPLANATIONS,
     SETTING_LABELS,
     benchmark_label,
+    family_means,
     long_label,
     setting_words,
     short_label,

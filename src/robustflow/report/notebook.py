@@ -20,7 +20,7 @@ from markupsafe import Markup
 from ..core.errors import UsageError, unknown_name
 from ..run.comparable import common_to, differences
 from ..stats.anatomy import displacements_of
-from ..stats.results import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
+from ..stats.results import AVERAGE, FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
 from ..stats.run_results import comparison_note, named_runs, run_results, run_setting
 from .render import render
 from .table import Column, Line, Section, Table
@@ -78,13 +78,14 @@ def result_html(run: Run) -> str:
 
 def result_table(run: Run) -> Table:
     """Tabulate the means of a run, overall and by corruption class."""
-    summary = run.summary
-    metrics = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
-    metrics = metrics[:-1] if summary.epe is not None else metrics  # the photometric error replaces a missing EPE
+    metrics = [metric for metric in METRIC_LABELS if run.mean(metric) is not None]
+    metrics = metrics[:-1] if run.epe is not None else metrics  # the photometric error replaces a missing EPE
     columns = [Column(metric_label(metric)) for metric in metrics]
-    scores = [("all", summary), *((FAMILY_LABELS[name], of) for name, of in summary.families.items())]
-    lines = [Line.of_numbers(label, (getattr(of, metric) for metric in metrics)) for label, of in scores]
-    remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
+    known = {AVERAGE: "all"} | {
+        name: label for name, label in FAMILY_LABELS.items() if run.mean("rcre", name) is not None
+    }
+    lines = [Line.of_numbers(label, (run.mean(metric, of) for metric in metrics)) for of, label in known.items()]
+    remarks = [f"clean EPE {run.epe_clean:.2f} px"] if run.epe_clean is not None else []
     remarks += [note] if (note := comparison_note(run)) else []
     benchmark = benchmark_words(run.benchmark)
     title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark}"

@@ -15,7 +15,6 @@ from ..core.text import joined
 from ..corruptions.registry import ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
-from ..metrics.summary import has_gaps
 from ..stats.best import Compared, best_of_columns
 from ..stats.conditions import SeedGroup
 from ..stats.exclusion import PHANTOM
@@ -151,23 +150,22 @@ _WITHOUT_TRUTH = ("clean flow (px)", "clean photometric error (grey levels)", "o
 
 def corruptions_table(run: Run, title: str) -> Table:
     """Tabulate the means of a run for each corruption, and its EPE (RCRE without ground truth) at each severity."""
-    summary = run.summary
+    corruptions = run.measured.corruptions
     shown = [
         metric
         for metric in ("epe", "cre", "crer", "rcre")
-        if any(getattr(scores, metric) is not None for scores in summary.corruptions.values())
+        if any(run.mean(metric, name) is not None for name in corruptions)
     ]
-    at_each, levels = "epe" if "epe" in shown else "rcre", summary.severities()
+    at_each, levels = "epe" if "epe" in shown else "rcre", run.measured.severities
     shown += ["photometric"] * (at_each == "rcre")
-    shown += ["coverage"] * has_gaps(summary) + ["spread"] * (summary.spread is not None)
+    shown += ["coverage"] * run.averages.has_gaps + ["spread"] * (run.mean("spread") is not None)
     columns = [Column(METRIC_LABELS.get(metric, metric)) for metric in shown]
     columns += [Column(f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level)) for level in levels]
     lines = []
-    for corruption, scores in summary.corruptions.items():
-        values = dict(zip(scores.severities, scores.by_severity[at_each], strict=True))
-        means = (getattr(scores, metric) for metric in shown)
-        lines.append(Line.of_numbers(corruption, (*means, *map(values.get, levels))))
-    texts = (number_text(getattr(summary, metric)) for metric in shown)
+    for name in corruptions:
+        means = (run.mean(metric, name) for metric in shown)
+        lines.append(Line.of_numbers(name, (*means, *(run.mean(at_each, name, level) for level in levels))))
+    texts = (number_text(run.mean(metric)) for metric in shown)
     sections = (*_by_family(lines), Section("All", (Line.of("mean", (*texts, *[""] * len(levels))),)))
     return Table("corruptions", title, tuple(columns), sections, row_header="Corruption")
 
@@ -187,9 +185,9 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
     without_truth = all(line.number("epe", CLEAN) is None for line in results)
     lines, values = [], {}
     for line in results:
-        summary = line.run.summary if line.run and without_truth else None
-        clean = (summary.clean_flow_length, summary.clean.photometric, summary.photometric_still) if summary else ()
-        values[line.key] = [*(line.number(*key) for key in MEANS), *(clean or [None] * len(_WITHOUT_TRUTH))]
+        run = line.run if without_truth else None
+        clean = [run.mean(name, CLEAN) if run else None for name in ("flow_length", "photometric", "photometric_still")]
+        values[line.key] = [*(line.number(*key) for key in MEANS), *clean]
         lines.append(Line.of_numbers(line.name, values[line.key], full_note(line)))
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
     columns = map(Column, (*MEANS.values(), *_WITHOUT_TRUTH))

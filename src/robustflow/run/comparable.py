@@ -22,7 +22,6 @@ from ..core.text import counted, first_of, joined, plain
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import truth_remark
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..metrics.summary import has_gaps
 from .cells import UNEVEN
 from .config import FrameOptions, option_of
 from .run import Run
@@ -43,7 +42,7 @@ def sample_set(run: Run) -> str:
 
     def made() -> str:
         _clean_cells(run)  # cached now, from the same rows, because describing a difference needs these values
-        missing = [unit.model_dump() for unit in run.summary.missing]
+        missing = [unit.model_dump() for unit in run.measured.missing]
         return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
 
     return run.cached_value("sample_set", str, made)
@@ -141,9 +140,9 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     if words := differences(runs):
         remarks.append(f"The runs differ: {words}.")
     remarks += [
-        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors cover only these pixels."
+        f"{name} predicted {100 * (run.mean('coverage') or 0):.1f} % of the pixels; its errors cover only these pixels."
         for name, run in runs.items()
-        if has_gaps(run.summary)
+        if run.averages.has_gaps
     ]
     return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
 
@@ -199,7 +198,7 @@ def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
     """Describe what each of several runs measured, part by part; the most informative parts come first."""
     clean = [_clean_cells(run) for run in runs]
     shared = sorted(set.intersection(*(set(one) for one in clean)))
-    named = [set(run.summary.corruptions) for run in runs]
+    named = [set(run.measured.corruptions) for run in runs]
     everywhere = set.intersection(*named)
     out = []
     for run, cells, names in zip(runs, clean, named, strict=True):
@@ -215,10 +214,10 @@ def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
         else:
             more = sorted(names - everywhere)
             words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
-        levels = run.summary.severities() or run.manifest.severities  # a run of attacks alone has no means
+        levels = run.measured.severities or run.manifest.severities  # a run of attacks alone has no means
         words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
         words["severities"] += f" ({UNEVEN})" if run.manifest.uneven else ""
-        words["complete"] = "every planned row" if run.summary.complete else "rows missing"
+        words["complete"] = "every planned row" if run.measured.complete else "rows missing"
         out.append({name: plain(value, 120) for name, value in words.items()})
     return out
 

@@ -27,8 +27,8 @@ import polars as pl
 from ..core.files import TEMPORARY
 from ..corruptions.registry import ordered
 from ..metrics.error_maps import cre as cre_of
+from ..metrics.means import averaged_rows
 from ..metrics.rows import CLEAN, ROW_KEY
-from .means import averaged_rows
 from .run import Run
 
 Kind = Literal["worst", "median"]

@@ -35,7 +35,7 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 
 def write_examples(run: Run, setup: Setup) -> bool:
     """Draw the examples of a complete run into its folder, unless they already exist."""
-    if run.summary.missing:
+    if run.measured.missing:
         raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
     if listed is None:

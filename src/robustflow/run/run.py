@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from itertools import chain
@@ -15,17 +14,19 @@ import polars as pl
 from ..core.errors import RobustFlowError, RunError, unknown_name
 from ..core.files import json_bytes
 from ..core.text import counted, plain, text_cell
+from ..corruptions.registry import family_of, ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import sample_noun, truth_remark
+from ..metrics.means import AVERAGE, Averaging, Means
+from ..metrics.measures import METRICS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
-from ..metrics.summary import Averaging, Summary
 from ..models.catalog import methods
-from .aggregate import summarize, summary_in_order
 from .cells import UNEVEN, Cell
 from .identity import Provenance
 from .manifest import Manifest
 from .staleness import CachedValues, is_current, source_digest, write_made
 from .store import RunFolder
+from .summary import Averages, Measured, summarize
 
 SUMMARY = "summary.json"
 
@@ -83,12 +84,40 @@ class Run:
         self.__dict__.pop("rows", None)
 
     @cached_property
-    def summary(self) -> Summary:
-        """Return the means over the corruptions of this run, the paper's means, and the missing cells."""
-        return self._stored_means() or self._means
+    def averages(self) -> Averages:
+        """Return the means over the corruptions of this run, and what they cover."""
+        stored = self.cached_value("means", list[tuple[str, str, int | None, float]], self._means_as_list)
+        measured = Measured.model_validate(
+            self.cached_value("measured", dict[str, Any], lambda: self._computed.measured.model_dump())
+        )
+        in_order = {name: measured.corruptions[name] for name in ordered(measured.corruptions)}  # JSON sorts keys
+        means = {(measure, condition, severity): value for measure, condition, severity, value in stored}
+        return Averages(means, measured.model_copy(update={"corruptions": in_order}))
 
-    def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Return means averaged as in the paper ("image"), or over the pixels of all images together ("pixel")."""
+    @property
+    def means(self) -> Means:
+        """Return the means over the corruptions of this run: (measure, condition, severity) -> value."""
+        return self.averages.means
+
+    @property
+    def measured(self) -> Measured:
+        """Return what the rows of this run contain: missing cells, and the corruptions that the means cover."""
+        return self.averages.measured
+
+    def mean(self, measure: str, condition: str = AVERAGE, severity: int | None = None) -> float | None:
+        """Return a mean of this run; None if nothing was measured.
+
+        Args:
+            measure: name of a measure, such as "cre" (`robustflow.metrics.MEASURES`, and "crer").
+            condition: "average", "clean", a corruption, a family, a region of the image, or "paper": the mean over
+                exactly the paper's corruptions, if all of them were run.
+            severity: a severity, or None for the mean over severities.
+        """
+        return self.averages.mean(measure, condition, severity)
+
+    def average(self, averaging: Averaging = "image") -> Averages:
+        """Compute the means from the rows, averaged as in the paper ("image"), or over the pixels of all images
+        together ("pixel")."""
         paper = benchmark_facts(self.benchmark).paper_corruptions
         if "rows" not in self.__dict__:
             _ = self.rows_digest  # computed before the rows are read, as in `_every_row`
@@ -102,27 +131,27 @@ class Run:
     @property
     def epe_clean(self) -> float | None:
         """Return the mean end-point error on the clean frames, in pixels; None without ground truth."""
-        return self.summary.epe_clean
+        return self.mean("epe", CLEAN)
 
     @property
     def epe(self) -> float | None:
         """Return the mean end-point error over severities and corruptions, in pixels; None without ground truth."""
-        return self.summary.epe
+        return self.mean("epe")
 
     @property
     def cre(self) -> float | None:
         """Return the Corruption Robustness Error in pixels (paper Eq. 1); None without ground truth."""
-        return self.summary.cre
+        return self.mean("cre")
 
     @property
     def crer(self) -> float | None:
         """Return the Corruption Robustness Error ratio, CRE / clean EPE (paper Eq. 2); None without ground truth."""
-        return self.summary.crer
+        return self.mean("crer")
 
     @property
     def rcre(self) -> float | None:
         """Return the Relative Corruption Robustness Error in pixels (paper Eq. 3)."""
-        return self.summary.rcre
+        return self.mean("rcre")
 
     @property
     def name(self) -> str:
@@ -151,8 +180,25 @@ class Run:
         return self.manifest.judged().provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
-        """Return a table of one metric, corruption x severity, in the paper's order."""
-        return self.summary.table(metric)
+        """Return one metric as a table with one row per corruption, in the paper's order.
+
+        Returns:
+            A table with the columns `corruption`, `family`, one for each severity ("1" ... "5"), and `mean`; null where
+            nothing was measured.
+
+        Raises:
+            UsageError: the metric is unknown.
+        """
+        if metric not in METRICS:
+            raise unknown_name("metric", metric, METRICS)
+        levels: list[int | None] = [*self.measured.severities, None]
+        schema: dict[str, type[pl.DataType]] = {"corruption": pl.String, "family": pl.String}
+        schema |= {"mean" if level is None else str(level): pl.Float64 for level in levels}
+        lines = [
+            (name, family_of(name), *(self.mean(metric, name, level) for level in levels))
+            for name in self.measured.corruptions
+        ]
+        return pl.DataFrame(lines, schema=schema, orient="row")
 
     @property
     def left_out(self) -> dict[str, tuple[int, ...]]:
@@ -164,8 +210,8 @@ class Run:
         """Return the content of `summary.json`: means by the paper's averaging, pooled means, the run, and its setting.
         Always computed from the rows."""
         return {
-            **self._means.model_dump(),
-            "pooled": self.summarize("pixel").model_dump(),
+            **self._computed.document("image"),
+            "pooled": self.average("pixel").document("pixel"),
             "run": self.manifest.identity_digest,
             "setting": self.setting,
         }
@@ -181,6 +227,8 @@ class Run:
             Run(self.path).write_means()
         elif not is_current(self.path, SUMMARY, self._source):
             write_made(self.path, SUMMARY, json_bytes(self.document()), self._source)
+            _ = self.averages
+            self._cached.write()
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
         """Return a value that is costly to compute, from the cache if the cached value was computed from the same
@@ -208,21 +256,15 @@ class Run:
         return CachedValues(self.path, self._source)
 
     @cached_property
-    def _means(self) -> Summary:
-        return self.summarize("image")
+    def _computed(self) -> Averages:
+        return self.average()
+
+    def _means_as_list(self) -> list[tuple[str, str, int | None, float]]:
+        return [(*key, value) for key, value in self._computed.means.items()]
 
     @cached_property
     def _source(self) -> str:
         return source_digest(self.path, self.rows_digest, self.manifest, beside=False)
-
-    def _stored_means(self) -> Summary | None:
-        if not is_current(self.path, SUMMARY, self._source):
-            return None
-        try:
-            document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-            return summary_in_order(Summary.model_validate({name: document[name] for name in Summary.model_fields}))
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            return None
 
     def planned(self) -> list[Cell]:
         """Return every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
@@ -247,14 +289,13 @@ def _lines(run: Run) -> list[str]:
             ("CRE", run.cre, " px"),
             ("CREr", run.crer, ""),
             ("RCRE", run.rcre, " px"),
-            ("clean flow", None if run.epe_clean is not None else run.summary.clean_flow_length, " px long"),
-            ("photometric error", None if run.epe_clean is not None else run.summary.photometric, " grey levels"),
+            ("clean flow", None if run.epe_clean is not None else run.mean("flow_length", CLEAN), " px long"),
+            ("photometric error", None if run.epe_clean is not None else run.mean("photometric"), " grey levels"),
         )
         if value is not None
     ]
-    summary = run.summary
-    complete = "" if summary.complete else "not complete: "
-    over = ", ".join(map(plain, summary.averaged_over)) or "nothing yet"
+    complete = "" if run.measured.complete else "not complete: "
+    over = ", ".join(map(plain, run.measured.averaged_over)) or "nothing yet"
     over += f" ({UNEVEN})" if run.manifest.uneven else ""
     return [head, ", ".join(means) or "nothing measured", f"{complete}mean over {over}", plain(str(run.path), None)]
 

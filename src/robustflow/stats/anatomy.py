@@ -16,10 +16,11 @@ import polars as pl
 
 from ..core.text import counted, plain
 from ..corruptions.registry import MEMBERS
-from ..metrics.summary import Scores, Summary, has_gaps
+from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.costs import GROUND_TRUTH, DisplacementFile, read_displacement
 from ..run.run import Run
+from ..run.summary import Averages
 from .results import benchmark_label
 
 REGION_LABELS = {
@@ -41,41 +42,51 @@ class ErrorPart:
     label: str
     share: float | None
     contribution: float | None
-    scores: Scores
+    cre: float | None
+    crer: float | None
+    rcre: float | None
     broken: float | None
 
 
-def error_parts(summary: Summary) -> list[ErrorPart]:
+def error_parts(run: Averages) -> list[ErrorPart]:
     """Return the parts of the error: image regions in the order of `metrics.regions.REGIONS`, then families."""
-    whole = summary.complete and not has_gaps(summary)
+    whole = run.measured.complete and not run.has_gaps
+    averaged = run.measured.averaged_over
 
-    def broken(after: float | None, before: float | None) -> float | None:
-        return after - before if whole and after is not None and before is not None else None
-
-    parts = [
-        ErrorPart(REGION_LABELS[region], of.share, None, of, broken(of.fl, of.fl_clean))
-        for region, of in summary.regions.items()
-    ]
-    averaged = summary.averaged_over
-    for family, scores in summary.families.items():
-        count = sum(name in averaged for name in MEMBERS[family])
-        contribution = None if scores.cre is None else scores.cre * count / len(averaged)
-        parts.append(
-            ErrorPart(f"{family} corruptions", None, contribution, scores, broken(scores.fl, summary.clean.fl))
+    def part(label: str, of: str, clean_fl: float | None, adds: float | None = None) -> ErrorPart:
+        fl = run.mean("fl", of)
+        broken = fl - clean_fl if whole and fl is not None and clean_fl is not None else None
+        return ErrorPart(
+            label,
+            run.mean("share", of),
+            adds,
+            run.mean("cre", of),
+            run.mean("crer", of),
+            run.mean("rcre", of),
+            broken,
         )
+
+    conditions = {condition for _, condition, _ in run.means}
+    parts = [
+        part(REGION_LABELS[name], name, run.mean("fl_clean", name)) for name in REGION_LABELS if name in conditions
+    ]
+    for family, members in MEMBERS.items():
+        if family in conditions:
+            cre = run.mean("cre", family)
+            adds = None if cre is None else cre * sum(name in averaged for name in members) / len(averaged)
+            parts.append(part(f"{family} corruptions", family, run.mean("fl", CLEAN), adds))
     return parts
 
 
-def severity_slopes(summary: Summary, metric: str) -> dict[str, float]:
+def severity_slopes(run: Averages, metric: str) -> dict[str, float]:
     """Fit how a metric grows with severity: corruption -> least-squares slope, in the metric's unit per severity level.
     Corruptions with fewer than two severities are left out."""
     slopes = {}
-    for name, scores in summary.corruptions.items():
-        pairs = zip(scores.severities, scores.by_severity[metric], strict=True)
-        known = [(level, value) for level, value in pairs if value is not None]
+    for name, levels in run.measured.corruptions.items():
+        known = [(level, value) for level in levels if (value := run.mean(metric, name, level)) is not None]
         if len(known) > 1:
-            levels, values = np.array(known, np.float64).T
-            slopes[name] = float(np.polyfit(levels, values, 1)[0])
+            x, y = np.array(known, np.float64).T
+            slopes[name] = float(np.polyfit(x, y, 1)[0])
     return slopes
 
 

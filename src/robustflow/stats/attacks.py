@@ -1,10 +1,10 @@
-"""Scores of a model under attack: errors, gain over random noise of the same norm, cost, and warnings. Security
-curves: the error of a model as a function of the attack's budget, with intervals.
-"""
+"""Models under attack: errors, gain over random noise of the same norm, warnings, the error as a function of the
+attack's budget, and the rank correlation with robustness to corruptions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,16 @@ import polars as pl
 
 from ..attacks.ball import GREY_LEVELS
 from ..attacks.registry import control_of, norm_of
+from ..attacks.result import EXPLAINED, LOWER_BOUND
+from ..metrics.means import means
+from ..metrics.measures import ATTACK, MEASURES, METRICS
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..metrics.summary import Scores
-from ..run.aggregate import summarize
-from ..run.means import image_mean
+from ..run.comparable import common_to
 from ..run.run import Run
 from ..run.store import RunFolder
+from .exclusion import exclusions
+from .ranking import rank_correlation
+from .run_results import named_runs
 from .uncertainty import intervals
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
@@ -30,31 +34,9 @@ _BEATEN = {
 }
 """Attack -> key in `BESIDE_OTHERS` of the warning given to white-box attacks that are weaker than this attack."""
 
-
-class AttackScore(Scores):
-    """Scores of one attack at one severity: means over images, as for corruptions, and what only attacks have."""
-
-    attack: str
-    severity: int
-    norm: str
-    budget: float
-    samples: int
-    median: float | None
-    capped: float | None
-    way_gone: float | None
-    late_gain: float | None
-    start_spread: float | None
-    gain: float | None = None
-    linf: float
-    rms: float
-    evaluations: float
-    seconds: float | None
-    warnings: dict[str, int]
-
-    @property
-    def strength(self) -> float | None:
-        """The EPE, or the RCRE if there is no ground truth, px."""
-        return self.rcre if self.epe is None else self.epe
+AttackScore = dict[str, Any]
+"""The numbers of one attack at one severity: `attack`, `severity`, `norm`, `budget`, `samples`, the metrics, the
+measures of `ATTACK` without their prefix, `gain` over noise, `seconds` per pair, and `warnings`: key -> pairs."""
 
 
 def attack_scores(run: Run) -> list[AttackScore]:
@@ -63,37 +45,28 @@ def attack_scores(run: Run) -> list[AttackScore]:
     names = [name for name in run.attacks if not rows.filter(corruption=name).is_empty()]
     if not names:
         return []
-    means = summarize(rows, paper=()).corruptions
+    known = means(rows, {}, MEASURES | ATTACK)
     scores = []
     for name in names:
-        of_attack, spent = means[name], _seconds(run, name)
-        for place, severity in enumerate(of_attack.severities):
-            attack_rows = rows.filter(corruption=name, severity=severity)
-            at: dict[str, Any] = {metric: values[place] for metric, values in of_attack.by_severity.items()}
-            warnings = pl.Series(attack_rows["attack_warnings"]).str.split(",").explode().drop_nulls()
-            counts = {text: int((warnings == text).sum()) for text in warnings.unique().sort() if text}
-            norm = norm_of(name)
+        norm, spent = norm_of(name), _seconds(run, name)
+        for severity in rows.filter(corruption=name)["severity"].unique().sort():
+            of_attack = rows.filter(corruption=name, severity=severity)
+            warnings = pl.Series(of_attack["attack_warnings"]).str.split(",").explode().drop_nulls()
             scores.append(
-                AttackScore(
-                    attack=name,
-                    severity=severity,
-                    norm=norm,
-                    budget=GREY_LEVELS[norm][severity - 1],
-                    samples=attack_rows.height,
-                    median=_mean(attack_rows, "attack_median"),
-                    capped=image_mean(attack_rows, "attack_capped_sum", "n_valid"),
-                    way_gone=_mean(attack_rows, "attack_way_gone", 100.0),
-                    late_gain=_mean(attack_rows, "attack_late_gain"),
-                    start_spread=_mean(attack_rows, "attack_start_spread"),
-                    linf=_mean(attack_rows, "attack_linf") or 0.0,
-                    rms=_mean(attack_rows, "attack_rms") or 0.0,
-                    evaluations=_mean(attack_rows, "attack_evaluations") or 0.0,
-                    seconds=spent,
-                    warnings=counts,
-                    **at,
-                )
+                {
+                    **{metric: known.get((metric, name, severity)) for metric in METRICS},
+                    "attack": name,
+                    "severity": severity,
+                    "norm": norm,
+                    "budget": GREY_LEVELS[norm][severity - 1],
+                    "samples": of_attack.height,
+                    **{one.removeprefix("attack_"): known.get((one, name, severity)) for one in ATTACK},
+                    "gain": None,
+                    "seconds": spent,
+                    "warnings": {text: int((warnings == text).sum()) for text in warnings.unique().sort() if text},
+                }
             )
-    return _compared(scores)
+    return compared(scores)
 
 
 def _seconds(run: Run, name: str) -> float | None:
@@ -102,54 +75,55 @@ def _seconds(run: Run, name: str) -> float | None:
     return spent / rows if spent is not None and rows else None
 
 
+def strength(score: AttackScore) -> float | None:
+    """Return the EPE, or the RCRE if there is no ground truth, in pixels."""
+    value: float | None = score["rcre"] if score["epe"] is None else score["epe"]
+    return value
+
+
+def compared(scores: Sequence[AttackScore]) -> list[AttackScore]:
+    """Add the gain over noise and the warnings that depend on the scores of several attacks."""
+    by_cell = {(score["attack"], score["severity"]): strength(score) for score in scores}
+    out = []
+    for score in scores:
+        control, error = control_of(score["attack"]), strength(score)
+        noise = None if control == score["attack"] else by_cell.get((control, score["severity"]))
+        warnings = dict(score["warnings"])
+        if _head(score) in WHITE_BOX and score["way_gone"] is None:
+            stronger = (_head(one) for one in scores if _is_stronger(one, score) and one["way_gone"] is None)
+            warnings |= {_BEATEN[name]: score["samples"] for name in stronger if name in _BEATEN}
+        gain = None if error is None or noise is None else error - noise
+        out.append({**score, "gain": gain, "warnings": warnings})
+    return out
+
+
+def _head(score: AttackScore) -> str:
+    """The name of the attack without its options."""
+    return str(score["attack"]).partition(":")[0]
+
+
+def _is_stronger(one: AttackScore, other: AttackScore) -> bool:
+    """Whether `one` is stronger than `other` at the same budget, in the same frames."""
+    alike = (control_of(one["attack"]), one["severity"]) == (control_of(other["attack"]), other["severity"])
+    first, second = strength(one), strength(other)
+    return alike and first is not None and second is not None and first > second
+
+
 def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:
     """Find the budget in grey levels at which an attack doubles the clean error, interpolated linearly between
     severities.
     """
     if not clean:
         return None
-    before = (0.0, clean)
-    for score in sorted((one for one in scores if one.attack == attack), key=lambda one: one.budget):
-        if score.epe is None:
+    budget, error = 0.0, clean
+    for score in sorted((one for one in scores if one["attack"] == attack), key=lambda one: one["budget"]):
+        if score["epe"] is None:
             return None
-        if score.epe >= 2 * clean:
-            share = (2 * clean - before[1]) / (score.epe - before[1])
-            return before[0] + share * (score.budget - before[0])
-        before = (score.budget, score.epe)
+        if score["epe"] >= 2 * clean:
+            share = (2 * clean - error) / (score["epe"] - error)
+            return float(budget + share * (score["budget"] - budget))
+        budget, error = score["budget"], score["epe"]
     return None
-
-
-def _compared(scores: list[AttackScore]) -> list[AttackScore]:
-    """Add the gain over noise and the warnings that depend on the scores of several attacks."""
-    by_cell = {(score.attack, score.severity): score.strength for score in scores}
-    compared = []
-    for score in scores:
-        noise = by_cell.get((control_of(score.attack), score.severity))
-        known = score.strength is not None and noise is not None and score.attack != control_of(score.attack)
-        gain = score.strength - noise if known else None  # type: ignore[operator]
-        warnings = dict(score.warnings)
-        if _name(score) in WHITE_BOX and score.way_gone is None:
-            stronger = (one for one in scores if _is_stronger(one, score) and one.way_gone is None)
-            warnings |= dict.fromkeys((_BEATEN[_name(one)] for one in stronger if _name(one) in _BEATEN), score.samples)
-        compared.append(score.model_copy(update={"gain": gain, "warnings": warnings}))
-    return compared
-
-
-def _name(score: AttackScore) -> str:
-    """The name of the attack without its options."""
-    return score.attack.partition(":")[0]
-
-
-def _is_stronger(one: AttackScore, other: AttackScore) -> bool:
-    """Whether `one` is stronger than `other` at the same budget, in the same frames."""
-    alike = (control_of(one.attack), one.severity) == (control_of(other.attack), other.severity)
-    return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
-
-
-def _mean(rows: pl.DataFrame, column: str, factor: float = 1.0) -> float | None:
-    """Return the mean of a column over images; None if the column is empty."""
-    value = rows[column].mean()
-    return factor * float(value) if isinstance(value, int | float) else None
 
 
 @dataclass(frozen=True)
@@ -173,23 +147,95 @@ def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     scores = attack_scores(run)
     if not scores:
         return []
-    metric = "rcre" if scores[0].epe is None else "epe"
+    metric = "rcre" if scores[0]["epe"] is None else "epe"
     table = intervals(run.attack_rows, seed=seed, severities=True, metrics=[metric])
     ends = {
-        (corruption, severity): (estimate, low, high)
-        for corruption, severity, estimate, low, high in table.filter(
-            pl.col("severity").is_not_null() | (pl.col("corruption") == CLEAN)
-        )
-        .select("corruption", "severity", "estimate", "low", "high")
-        .iter_rows()
+        (row["corruption"], row["severity"]): (row["estimate"], row["low"], row["high"]) for row in table.to_dicts()
     }
+    # The distance from the clean flow is 0 on the clean frames for any model.
+    clean = ends.get((CLEAN, None), (0.0, None, None))
     points = []
-    for name, norm in dict.fromkeys((score.attack, score.norm) for score in scores):
-        # The distance from the clean flow is 0 on the clean frames for any model.
-        clean = ends.get((CLEAN, None), (0.0, None, None))
+    for name, norm in dict.fromkeys((score["attack"], score["norm"]) for score in scores):
         points.append(CurvePoint(name, norm, 0.0, metric, *clean, warned=False))
-        for score in sorted((one for one in scores if one.attack == name), key=lambda one: one.budget):
-            if (name, score.severity) in ends:
-                here = ends[name, score.severity]
-                points.append(CurvePoint(name, norm, score.budget, metric, *here, warned=bool(score.warnings)))
+        for score in sorted((one for one in scores if one["attack"] == name), key=lambda one: one["budget"]):
+            if (name, score["severity"]) in ends:
+                here = ends[name, score["severity"]]
+                points.append(CurvePoint(name, norm, score["budget"], metric, *here, warned=bool(score["warnings"])))
     return points
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Rank correlation between robustness to one attack and robustness to corruptions, over several models."""
+
+    attack: str
+    severities: tuple[int, ...]
+    metric: str
+    models: tuple[str, ...]
+    left_out: dict[str, str]
+    lower_bounds: tuple[str, ...]
+    rho: float | None
+    interval: tuple[float, float] | None
+    remark: str
+
+
+def predictions(runs: Sequence[Run]) -> list[Prediction]:
+    """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance."""
+    every = named_runs(runs)
+    named = {name: run for name, run in every.items() if run.attacks and run.manifest.corruptions}
+    if len(named) < 2:
+        return []
+    unranked = {name: why for name, why in zip(every, exclusions(runs), strict=True) if why}
+    warned = {
+        name: {(score["attack"], score["severity"]): set(score["warnings"]) for score in attack_scores(run)}
+        for name, run in named.items()
+    }
+    metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
+    common = common_to(named)
+    samples = set.intersection(*(set(rows["sample"]) for rows in common.rows.values()))
+    measure = {metric: MEASURES[metric]}
+    increase = {name: means(rows, {}, measure)[metric, "average", None] for name, rows in common.rows.items()}
+    predicted = []
+    for attack in dict.fromkeys(attack for run in named.values() for attack in run.attacks):
+        attacked = _common_rows(named, attack, samples)
+        if len(attacked) < 2:
+            continue
+        shared = sorted(set(next(iter(attacked.values())).filter(corruption=attack)["severity"]))
+        warnings = {
+            name: {key for level in shared for key in warned[name].get((attack, level), ())} for name in attacked
+        }
+        left_out = {name: unranked[name] for name in attacked if name in unranked}
+        for name, keys in warnings.items():
+            if serious := sorted(keys - set(LOWER_BOUND)):
+                left_out.setdefault(name, "; ".join(EXPLAINED.get(key, key) for key in serious))
+        after = {
+            name: _sum_over(means(rows, {}, measure), metric, attack, shared)
+            for name, rows in attacked.items()
+            if name not in left_out
+        }
+        rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
+        lower = tuple(name for name in after if warnings[name])
+        predicted.append(
+            Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends, common.remark)
+        )
+    return predicted
+
+
+def _sum_over(known: Mapping[Any, float], metric: str, attack: str, severities: Sequence[int]) -> float:
+    return math.fsum(known.get((metric, attack, severity), 0.0) for severity in severities)
+
+
+def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
+    """Return, by model name, the clean rows and the attack's rows that all runs with this attack have in common."""
+    rows = {
+        name: run.attack_rows.filter(pl.col("corruption") == attack, pl.col("sample").is_in(list(samples)))
+        for name, run in runs.items()
+    }
+    rows = {name: of_run for name, of_run in rows.items() if not of_run.is_empty()}
+    for other in list(rows.values()):
+        rows = {name: of_run.join(other, on=["sample", "severity"], how="semi") for name, of_run in rows.items()}
+    return {
+        name: pl.concat([runs[name].attack_rows.filter(corruption=CLEAN), of_run])
+        for name, of_run in rows.items()
+        if not of_run.is_empty()
+    }

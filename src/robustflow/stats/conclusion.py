@@ -30,7 +30,7 @@ def without_truth(run: Run) -> bool:
     """Whether a run used frames without ground truth for which the paper has no results, such as the user's own
     frames."""
     benchmark = run.benchmark
-    return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
+    return not benchmark_facts(benchmark).published and run.epe_clean is None and run.rcre is not None
 
 
 def conclusions(results: Iterable[ModelResult]) -> list[str]:
@@ -57,23 +57,23 @@ def conclusion(results: Sequence[ModelResult]) -> str:
 def _one_run(name: str, run: Run) -> str:
     values = _rcre_by_corruption(run)
     order = sorted(values, key=lambda corruption: -values[corruption])
-    moved = f"{run.summary.rcre:.2f} px on average (RCRE)"
+    moved = f"{run.rcre:.2f} px on average (RCRE)"
     moves = f"On {_evidence(run)}, corruption changes the flow of {plain(name)} by {moved}"
     if len(order) > 1:
         most, least = (
             f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
         )
         moves += f", most under {plain(most)} and least under {plain(least)}"
-    summary = run.summary
     clean = f"on clean frames the flow is {_clean_length(run)} long on average"
-    if summary.photometric is not None and summary.photometric_still is not None:
-        errors = f"{summary.clean.photometric or 0.0:.2f}, under corruption {summary.photometric:.2f} grey levels"
-        clean += f", and its photometric error is {errors} (zero flow: {summary.photometric_still:.2f})"
+    error, still = run.mean("photometric"), run.mean("photometric_still", CLEAN)
+    if error is not None and still is not None:
+        errors = f"{run.mean('photometric', CLEAN) or 0.0:.2f}, under corruption {error:.2f} grey levels"
+        clean += f", and its photometric error is {errors} (zero flow: {still:.2f})"
     return f"{moves}; {clean}; {_certainty(run)}."
 
 
 def _clean_length(run: Run) -> str:
-    length = run.summary.clean_flow_length
+    length = run.mean("flow_length", CLEAN)
     return f"{length or 0.0:.2f} px"
 
 
@@ -89,13 +89,11 @@ def _certainty(run: Run) -> str:
 
 
 def _several_runs(runs: Mapping[str, Run]) -> str:
-    runs = dict(sorted(runs.items(), key=lambda item: (item[1].summary.rcre or 0.0, item[0])))
+    runs = dict(sorted(runs.items(), key=lambda item: (item[1].rcre or 0.0, item[0])))
     (best, best_run), (second, second_run), *_ = ((plain(name), run) for name, run in runs.items())
-    first, other = (
-        f"{run.summary.rcre:.2f} px for a clean flow of {_clean_length(run)}" for run in (best_run, second_run)
-    )
-    if best_run.summary.rcre == second_run.summary.rcre:
-        head = f"the flows of {best} and {second} change equally on average (RCRE {best_run.summary.rcre:.2f} px)"
+    first, other = (f"{run.rcre:.2f} px for a clean flow of {_clean_length(run)}" for run in (best_run, second_run))
+    if best_run.rcre == second_run.rcre:
+        head = f"the flows of {best} and {second} change equally on average (RCRE {best_run.rcre:.2f} px)"
     else:
         head = f"the flow of {best} changes least on average (RCRE {first}; {second} {other})"
     return f"On {_evidence(best_run)}, {head}; {_difference(runs)}."
@@ -155,5 +153,5 @@ def _counts(run: Run) -> tuple[int, int]:
 
 
 def _rcre_by_corruption(run: Run) -> dict[str, float]:
-    of_each = ((name, run.summary.corruptions[name].rcre) for name in run.summary.averaged_over)
+    of_each = ((name, run.mean("rcre", name)) for name in run.measured.averaged_over)
     return {name: rcre for name, rcre in of_each if rcre is not None}

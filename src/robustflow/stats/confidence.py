@@ -8,9 +8,9 @@ from statistics import fmean
 
 import polars as pl
 
-from ..corruptions.registry import family_of
+from ..corruptions.registry import MEMBERS
+from ..metrics.means import averaged_rows
 from ..metrics.rows import CLEAN, COVERAGES
-from ..run.means import averaged_rows, grouped_by_family
 from ..run.run import Run
 from .results import AVERAGE
 
@@ -42,9 +42,8 @@ def _conditions(rows: pl.DataFrame) -> Iterator[tuple[str, int | None, pl.DataFr
     yield CLEAN, None, rows.filter(corruption=CLEAN)
     corrupted = rows.filter(pl.col("corruption") != CLEAN)
     yield AVERAGE, None, averaged_rows(corrupted)
-    for names in grouped_by_family({name: name for name in corrupted["corruption"].unique()}).values():
+    for family, names in MEMBERS.items():
         part = corrupted.filter(pl.col("corruption").is_in(names))
-        family = family_of(names[0]) or ""
         yield family, None, part
         for severity in part["severity"].unique().sort():
             yield family, severity, part.filter(severity=severity)

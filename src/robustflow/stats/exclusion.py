@@ -11,9 +11,10 @@ from statistics import median_low
 import polars as pl
 
 from ..data.benchmarks.facts import is_still
+from ..metrics.means import averaged_rows, clean_mean
+from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
-from ..run.means import averaged_rows, clean_flow_length, clean_mean, image_mean
 from ..run.run import Run
 from .results import NEVER_RANKED, inside, long_label
 
@@ -27,20 +28,20 @@ PHANTOM = (
 def phantom_motion(run: Run) -> str:
     """Describe the phantom motion of a run on still scenes in one sentence; "" for other runs, or if nothing was
     measured."""
-    clean, corrupted = run.summary.epe_clean, run.summary.epe
+    clean, corrupted = run.epe_clean, run.epe
     if not is_still(run.benchmark) or clean is None:
         return ""
     sentence = f"phantom motion: {clean:.3f} px on clean frames"
-    known = {name: scores.epe for name, scores in run.summary.corruptions.items() if scores.epe is not None}
+    known = {name: epe for name in run.measured.corruptions if (epe := run.mean("epe", name)) is not None}
     if corrupted is None or not known:
         return sentence
     sentence += f", {corrupted:.3f} px under corruption"
     most = max(known, key=lambda name: known[name])
     if len(known) > 1 and known[most] > min(known.values()):
         sentence += f", most under {inside(long_label(most))} ({known[most]:.3f} px)"
-    if run.summary.spread is not None:
+    if (spread := run.mean("spread")) is not None:
         draws = run.manifest.identity.measuring.draws
-        sentence += f"; the flow's standard deviation over {draws} draws is {run.summary.spread:.3f} px"
+        sentence += f"; the flow's standard deviation over {draws} draws is {spread:.3f} px"
     return sentence
 
 
@@ -71,8 +72,8 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
     reasons = [list(exclusion_reasons(run)) for run in runs]
     lengths: dict[str, dict[int, float]] = {}
     for index, run in enumerate(runs):
-        length = run.summary.clean_flow_length
-        if length is not None and run.summary.epe_clean is None and not reasons[index]:
+        length = run.mean("flow_length", CLEAN)
+        if length is not None and run.epe_clean is None and not reasons[index]:
             lengths.setdefault(sample_set(run), {})[index] = length
     for of_frames in lengths.values():
         for index, length in of_frames.items():
@@ -96,8 +97,9 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
             else "a flow that misses the motion can hardly get worse"
         )
         reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
-    length, moved = clean_flow_length(rows), _mean_change(rows)
-    error, of_still = (clean_mean(rows, f"photometric_{name}sum", "n_photometric") for name in ("", "still_"))
+    length, moved = clean_mean(rows, CLEAN_MEASURES["flow_length"]), _mean_change(rows)
+    error = clean_mean(rows, MEASURES["photometric"])
+    of_still = clean_mean(rows, CLEAN_MEASURES["photometric_still"])
     if zero_flow_epe(rows) is None and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
         how = "worse" if error > of_still else "hardly better"
         reasons.append(
@@ -122,17 +124,18 @@ def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
 
 def clean_epe(rows: pl.DataFrame) -> float | None:
     """Return the EPE on the clean frames, averaged over images, in pixels; None without ground truth."""
-    return clean_mean(rows, "epe_sum", "n_valid")
+    return clean_mean(rows, MEASURES["epe"])
 
 
 def zero_flow_epe(rows: pl.DataFrame) -> float | None:
     """Return the EPE of a model that predicts zero flow, in pixels: the mean length of the ground-truth flow; None
     without ground truth."""
-    return clean_mean(rows, "magnitude_sum", "n_valid")
+    return clean_mean(rows, CLEAN_MEASURES["zero_flow_epe"])
 
 
 def _mean_change(rows: pl.DataFrame) -> float | None:
     """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
     clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
     corrupted = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
-    return image_mean(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")
+    changed = corrupted.filter(pl.col("frames_digest") != pl.col("_clean"), pl.col("n_all") > 0)
+    return exact_mean((changed["rcre_all_sum"] / changed["n_all"]).to_list()) if changed.height else None

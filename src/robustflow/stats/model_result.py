@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Literal
 from ..core.errors import DataError
 from ..core.text import plain
 from ..core.types import Frozen
-from ..metrics.summary import has_gaps
 from ..run.costs import RunCost, read_cost
-from ..run.means import family_crer
-from .results import AVERAGE, CLEAN, NEVER_RANKED
+from .results import AVERAGE, CLEAN, NEVER_RANKED, family_crer
 from .uncertainty.intervals import IntervalEnds, interval_ends
 
 if TYPE_CHECKING:
@@ -117,17 +115,16 @@ class ModelResult:
         planned rows that are missing are not included."""
         if self.run is None:
             return self.stated_coverage
-        summary = self.run.summary
-        predicted = summary.coverage if has_gaps(summary) else None
-        if not summary.missing:
+        predicted = self.run.mean("coverage") if self.run.averages.has_gaps else None
+        if not self.run.measured.missing:
             return predicted
-        missing = sum(len(cells.samples) for cells in summary.missing)
+        missing = sum(len(cells.samples) for cells in self.run.measured.missing)
         return (1.0 if predicted is None else predicted) * (1 - missing / len(self.run.planned()))
 
     @cached_property
     def pairs(self) -> int | None:
         """The number of pairs in the run."""
-        return self.run.summary.samples if self.run else None
+        return self.run.measured.samples if self.run else None
 
     @cached_property
     def cre(self) -> Mapping[str, float]:

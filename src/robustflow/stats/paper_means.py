@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import polars as pl
 
+from ..metrics.means import AVERAGE, PAPER
 from ..metrics.rows import CLEAN
-from ..metrics.summary import Scores
 from ..run.run import Run
 
 
-def paper_means(run: Run) -> Scores:
-    """Return the averages to show next to published ones: over the paper's corruptions if the run has all of them."""
-    return run.summary.paper or run.summary
+def paper_condition(run: Run) -> str:
+    """Return the condition of the averages to show next to published ones: over the paper's corruptions if the run has
+    all of them."""
+    return PAPER if run.measured.paper_over else AVERAGE
 
 
 def paper_rows(run: Run) -> pl.DataFrame:
-    """Return the rows that `paper_means` averages."""
+    """Return the rows that `paper_condition` names."""
     if not more_than_paper(run):
         return run.rows
-    return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.summary.paper_over]))
+    return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.measured.paper_over]))
 
 
 def more_than_paper(run: Run) -> bool:
     """Whether a run's averages include all of the paper's corruptions and additional ones."""
-    return run.summary.paper is not None and len(run.summary.averaged_over) > len(run.summary.paper_over)
+    measured = run.measured
+    return bool(measured.paper_over) and len(measured.averaged_over) > len(measured.paper_over)

@@ -4,14 +4,16 @@ figures.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ..core.text import plain
-from ..corruptions.registry import FAMILIES, family_of, on_disk
+from ..corruptions.registry import FAMILIES, MEMBERS, family_of, on_disk
 from ..data.benchmarks import benchmark_facts
+from ..metrics.means import AVERAGE, group_means
 from ..metrics.rows import CLEAN
 
 __all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS"]
 
-AVERAGE = "average"
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 """Metrics of results, in pixels except the last, which has no unit."""
 
@@ -60,6 +62,22 @@ _SHORT = {
     "h264_abr": "ABR",
     "bit_error": "Bit error",
 }
+
+
+def family_means(values: Mapping[str, float]) -> dict[str, float]:
+    """Average each family over its measured corruptions.
+
+    >>> family_means({"snow": 2.0, "fog": 1.0})
+    {'weather': 1.5}
+    """
+    return group_means(values, MEMBERS)
+
+
+def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, float]:
+    """Return the CREr of each family: the mean CRE of its measured corruptions, divided by the clean EPE; empty if the
+    clean EPE is 0 or unknown.
+    """
+    return {family: mean / clean for family, mean in family_means(cre).items()} if clean else {}
 
 
 def metric_label(metric: str) -> str:

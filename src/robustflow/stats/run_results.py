@@ -18,7 +18,7 @@ from ..run.cells import UNEVEN
 from ..run.comparable import conditions_of, recipe_in_words, sample_set
 from .exclusion import exclusions
 from .model_result import ModelResult, Value
-from .paper_means import more_than_paper, paper_means
+from .paper_means import more_than_paper, paper_condition
 from .results import AVERAGE, CLEAN, RESULT_METRICS, benchmark_label, benchmark_words, inside, long_label
 
 if TYPE_CHECKING:
@@ -136,12 +136,11 @@ def run_results(
     results = []
     notes = notes or comparison_notes(runs, beside_published)
     for index, (run, name, note) in enumerate(zip(runs, names, notes, strict=True)):
-        summary = run.summary
-        means = paper_means(run) if beside_published else summary
-        numbers = {("epe", CLEAN): summary.epe_clean}
+        average = paper_condition(run) if beside_published else AVERAGE
+        numbers = {("epe", CLEAN): run.epe_clean}
         for metric in RESULT_METRICS:
-            numbers |= {(metric, of): getattr(scores, metric) for of, scores in summary.corruptions.items()}
-            numbers[metric, AVERAGE] = getattr(means, metric)
+            numbers |= {(metric, name): run.mean(metric, name) for name in run.measured.corruptions}
+            numbers[metric, AVERAGE] = run.mean(metric, average)
         digest = run.manifest.identity_digest
         values = {key: Value(float(number), source=digest) for key, number in numbers.items() if number is not None}
         head = (run.benchmark, sample_set(run), run_setting(run), name, note)
@@ -179,11 +178,11 @@ def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> lis
 def comparison_note(run: Run, beside_published: bool = False) -> str:
     """Describe how the measurement differs from what a reader would expect: pairs, corruptions, severities and, on one
     of the paper's benchmarks, the differences from the paper. For `beside_published` see `run_results`."""
-    frames, averaged = run.manifest.identity.frames, run.summary.averaged_over
+    frames, averaged = run.manifest.identity.frames, run.measured.averaged_over
     facts = benchmark_facts(run.benchmark)
-    remarks = [_pairs_note(run.benchmark, run.summary.samples, frames.protocol), truth_remark(frames.protocol)]
+    remarks = [_pairs_note(run.benchmark, run.measured.samples, frames.protocol), truth_remark(frames.protocol)]
     if beside_published and more_than_paper(run):
-        remarks.append(f"average over the paper's {len(run.summary.paper_over)} of {len(averaged)} corruptions")
+        remarks.append(f"average over the paper's {len(run.measured.paper_over)} of {len(averaged)} corruptions")
     elif set(averaged) != set(facts.paper_corruptions):
         names = [inside(long_label(name)) for name in averaged]
         what = joined(names) if 0 < len(names) <= _MOST_NAMED_RUN_RESULTS else counted(len(names), "corruption")
@@ -197,7 +196,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
     remarks.append(estimate_of(run))
     if frames.made_with["severity_scale"] != "paper":
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
-    if not run.summary.complete:
+    if not run.measured.complete:
         remarks.append("not complete")
     return "; ".join(filter(None, remarks))
 

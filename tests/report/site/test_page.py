@@ -126,8 +126,9 @@ def test_a_report_shows_its_run(small_run, report):
     data = data_of(text)
     (model,) = (model for model in data["models"].values() if model["panels"])
     cells = {text for table in model["tables"] for _, texts, *_ in table["lines"] for text in texts.split(" ")}
-    for scores in small_run.summary.corruptions.values():
-        for value in (scores.epe, scores.cre, scores.rcre, *scores.by_severity["rcre"]):
+    for name, levels in small_run.measured.corruptions.items():
+        shown = [small_run.mean(metric, name) for metric in ("epe", "cre", "rcre")]
+        for value in (*shown, *(small_run.mean("rcre", name, level) for level in levels)):
             assert f"{value:.2f}" in cells
     assert small_run.manifest.identity_digest in text
     assert "Predictions" in text

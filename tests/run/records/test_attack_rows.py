@@ -50,7 +50,7 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
     assert any("no check repeats them" in sentence for sentence in found.unproven)
     assert loaded.attack_rows.sort(ROW_KEY).equals(attacked_run.attack_rows.sort(ROW_KEY))
     assert loaded.rows.sort(ROW_KEY).equals(attacked_run.rows.sort(ROW_KEY))
-    assert loaded.summary == attacked_run.summary
+    assert loaded.means == attacked_run.means
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_unfinished_run_is_not_packed(run, tmp_path):
     found = verify(path)
     assert found.ok
     assert not found.facts.complete
-    assert not load_any_run(path).summary.complete
+    assert not load_any_run(path).measured.complete
 
 
 def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
@@ -167,7 +167,7 @@ def test_record_is_accepted_wherever_runs_are_read(run, packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
     loaded = load_any_run(path)
-    assert loaded.summary == run.summary
+    assert loaded.means == run.means
     assert loaded.rows.equals(run.rows)
     strange = evaluate(Strange(), "demo", output=tmp_path / "s", corruptions=["fog"], severities=[1])
     assert load_any_run(pack(strange, tmp_path / "s.robustflow")).name == strange.name

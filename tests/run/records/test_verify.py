@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robustflow.api import evaluate
 from robustflow.core.files import digest_of_value, json_bytes
 from robustflow.core.files import sealed as with_digest
-from robustflow.metrics.rows import ON_REQUEST, ROW_SCHEMA
+from robustflow.metrics.rows import COVERAGES, ROW_SCHEMA
 from robustflow.run.records.container import container_bytes
 from robustflow.run.records.pack import record_bytes
 from robustflow.run.records.verify import VERIFICATION_CHECKS, verify
@@ -165,7 +165,8 @@ _MEASURED = [  # the pair has no occlusion map, the run has no confidence, and t
     if kind is not pl.String
     and not name.endswith(("_noc", "_occ"))
     and not name.startswith("attack_")
-    and name not in ON_REQUEST
+    and not name.endswith(tuple(f"_at_{share}" for share in COVERAGES))
+    and name not in ("ause", "confidence_spearman", "rejected_count", "spread_sum")
 ]
 
 

@@ -92,7 +92,7 @@ def _content(
     for run in runs:
         of_frames.setdefault(sample_set(run), []).append(run)
         if not detailed:
-            _ = run.summary, exclusion_reasons(run), interval_ends(run, corruptions=False, beside_published=with_paper)
+            _ = run.averages, exclusion_reasons(run), interval_ends(run, corruptions=False, beside_published=with_paper)
             run.release_rows()
     note_of_run = dict(zip(map(id, runs), comparison_notes(runs, with_paper), strict=True))
     lines: list[ModelResult] = []

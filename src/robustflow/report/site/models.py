@@ -179,14 +179,14 @@ def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
     """Return whether a run has a table of this metric; the photometric error only has one without ground truth."""
     if metric in METRIC_LABELS and metric != "photometric":
         return bool(line.numbers(metric))
-    return getattr(run.summary, metric) is not None and (metric == "spread" or run.epe_clean is None)
+    return run.mean(metric) is not None and (metric == "spread" or run.epe_clean is None)
 
 
 def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
-    slopes = severity_slopes(run.summary, metric)
+    slopes = severity_slopes(run.averages, metric)
     lines = []
     for row in table.iter_rows(named=True):
         cells = [TableCell(_number(row[level])) for level in levels]

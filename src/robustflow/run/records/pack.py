@@ -80,7 +80,7 @@ def record_bytes(
     """Return the bytes of the file that `record pack` writes."""
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
-    missing = sum(len(units.samples) for units in run.summary.missing)
+    missing = sum(len(units.samples) for units in run.measured.missing)
     missing += sum(len(list(part.attacked())) for part in manifest.planned) - attacked.height
     if missing and not partial:
         raise RunError(

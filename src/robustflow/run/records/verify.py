@@ -57,21 +57,20 @@ class Subject(Frozen):
 
 def subject_of(run: Run, plan: Manifest) -> Subject:
     """Return the subject of a record whose rows and plan were checked."""
-    summary = run.summary
     return Subject(
         model=plain(run.name),
         benchmark=plain(run.benchmark),
         truth=truth_remark(plan.identity.frames.protocol),
-        pairs=summary.samples,
+        pairs=run.measured.samples,
         corruptions=len(plan.corruptions),
         severities=len(plan.severities),
         uneven=plan.uneven,
         setting=run.setting,
-        epe_clean=summary.epe_clean,
-        epe=summary.epe,
-        cre=summary.cre,
-        crer=summary.crer,
-        rcre=summary.rcre,
+        epe_clean=run.epe_clean,
+        epe=run.epe,
+        cre=run.cre,
+        crer=run.crer,
+        rcre=run.rcre,
     )
 
 

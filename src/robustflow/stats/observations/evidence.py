@@ -16,12 +16,11 @@ from ...core.text import first_of
 from ...core.types import FrozenFinite
 from ...corruptions.registry import PAPER_ORDER
 from ...data.benchmarks import benchmark_facts
-from ...run.means import family_crer
 from ..audit.findings import misfits
 from ..cost_ranks import printed_cost_ranks
 from ..model_result import ModelResult
 from ..published.tables import Method, method_of, not_discussed
-from ..results import AVERAGE, CLEAN
+from ..results import AVERAGE, CLEAN, family_crer
 
 ModelInSetting = tuple[str, str]
 """(setting, model)."""

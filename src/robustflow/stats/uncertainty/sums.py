@@ -9,9 +9,8 @@ import polars as pl
 
 from ...core.errors import UsageError, unknown_name
 from ...corruptions.registry import MEMBERS, ordered
+from ...metrics.means import AVERAGE, averaged_corruptions
 from ...metrics.rows import CLEAN
-from ...run.means import averaged_corruptions
-from ..results import AVERAGE
 from .log_scale import ErrorMean
 from .statistic import Array, Mean, Statistic
 

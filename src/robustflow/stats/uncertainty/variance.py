@@ -20,8 +20,8 @@ import numpy as np
 import polars as pl
 
 from ...core.errors import RunError, unknown_name
+from ...metrics.means import averaged_rows
 from ...metrics.rows import CLEAN
-from ...run.means import averaged_rows
 from .sums import image_errors
 
 VARIANCE_SCHEMA: dict[str, Any] = {

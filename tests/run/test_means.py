@@ -1,0 +1,350 @@
+"""Means over images, severities and corruptions: given rows, a naive loop, and independence of the order of rows."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from statistics import fmean
+
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.api import evaluate
+from robustflow.core.errors import RunError, UsageError
+from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
+from robustflow.metrics.means import averaged_corruptions
+from robustflow.metrics.measures import METRICS
+from robustflow.metrics.regions import REGIONS
+from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.run.run import Run
+from robustflow.run.shards import list_shards, read_shards, write_shard
+from robustflow.run.summary import summarize
+from robustflow.testing import ZeroFlow
+from tests.made_rows import rows_frame
+
+from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
+
+
+def numbers(means, condition, *measures, severity=None):
+    """The means of one condition."""
+    return tuple(means.get((measure, condition, severity)) for measure in measures)
+
+
+def test_image_means_equal_hand_computed_values():
+    """Averaging each image first gives (1 + 3 + 8) / 3 for the clean frames, 7 and 11 for fog, and 1 for snow."""
+    means, measured = summarize(rows_frame(THREE_IMAGES))
+    assert numbers(means, "clean", "epe", "cre") == (4.0, None)
+    assert [numbers(means, "fog", "epe", "cre", severity=level) for level in (1, 2)] == [(7.0, 3.0), (11.0, 7.0)]
+    assert numbers(means, "fog", "epe", "cre", "crer", "rcre", "rcre_all") == (9.0, 5.0, 1.25, 6.0, 9.0)
+    assert numbers(means, "snow", "epe", "cre", "crer", "rcre") == (1.0, -3.0, -0.75, 2.0)
+    # Corruptions have equal weight, whatever their number of severities.
+    assert numbers(means, "average", "epe", "cre", "crer", "rcre") == (5.0, 1.0, 0.25, 4.0)
+    assert numbers(means, "weather", "epe", "cre") == (5.0, 1.0)
+    assert measured.complete
+
+
+def test_shares_are_percentages_averaged_like_errors():
+    rows = rows_frame(
+        [
+            row("a", n=10, fl_count=1, px1_count=5, px3_count=3, px5_count=2, wauc_sum=8.0),
+            row("b", n=30, fl_count=30, px1_count=30, px3_count=30, px5_count=30, wauc_sum=0.0),
+            row("c", n=40, fl_count=4, px1_count=12, px3_count=8, px5_count=4, wauc_sum=28.0),
+        ]
+    )
+    shares = numbers(summarize(rows).means, "clean", "fl", "px1", "px3", "px5", "wauc")
+    assert shares == (40.0, 60.0, 50.0, 130 / 3, 50.0)
+    assert numbers(summarize(rows, "pixel").means, "clean", "fl", "wauc") == (43.75, 45.0)
+
+
+def _inside(region, n, epe, rcre=0.0, fl=0):
+    return {
+        f"n_{region}": n,
+        f"epe_sum_{region}": epe * n,
+        f"rcre_sum_{region}": rcre * n,
+        f"fl_count_{region}": fl,
+    }
+
+
+def test_regions_average_over_the_images_that_have_them():
+    rows = [
+        row("a", n=10, **_inside("occ", 4, 2.0)),
+        row("b", n=10, **_inside("occ", 0, 0.0)),
+        row("c", n=10),
+        row("a", "fog", 1, **_inside("occ", 4, 5.0, rcre=4.0, fl=2)),
+        row("b", "fog", 1, n=20, **_inside("occ", 0, 0.0)),  # the share is relative to clean rows
+        row("c", "fog", 1),
+    ]
+    means, _ = summarize(rows_frame(rows))
+    assert {condition for _, condition, _ in means} & {*REGIONS} == {"occ"}
+    assert numbers(means, "occ", "epe_clean", "epe", "cre", "crer", "rcre") == (2.0, 5.0, 3.0, 1.5, 4.0)
+    assert numbers(means, "occ", "fl_clean", "fl", "share") == (0.0, 50.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        *("epe_sum", "rcre_sum", "rcre_all_sum", "clean_epe_sum", "wauc_sum", "n_truth", "n_valid", *COUNTS),
+        *(f"{name}_{region}" for region in REGIONS for name in ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")),
+    ],
+)
+def test_row_that_counts_pixels_and_lacks_their_measure_is_refused(column):
+    whole = row("a")
+    for region in REGIONS:
+        whole |= _inside(region, 5, 2.0)
+    rows = rows_frame([whole]).with_columns(pl.lit(None, ROW_SCHEMA[column]).alias(column))
+    with pytest.raises(RunError, match="'a'"):
+        summarize(rows)
+
+
+REFUSED = [
+    (rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]), "image", RunError, "'b', fog severity 2"),
+    (rows_frame(THREE_IMAGES).drop("n_all"), "image", RunError, "'n_all'"),
+    (rows_frame(THREE_IMAGES), "pixels", UsageError, "image, pixel"),
+]
+
+
+@pytest.mark.parametrize(("rows", "averaging", "error", "culprit"), REFUSED)
+def test_duplicate_rows_and_unknown_averaging_are_refused(rows, averaging, error, culprit):
+    with pytest.raises(error, match=culprit):
+        summarize(rows, averaging)
+
+
+OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
+
+
+def test_run_averages_what_was_requested():
+    rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
+    extra = [row("a", name, 1, epe=101.0 + i) for i, name in enumerate(OTHERS)]
+    (alone, _), (beside, measured) = summarize(rows_frame(rows)), summarize(rows_frame(rows + extra))
+    assert measured.averaged_over == ["fog", *OTHERS]
+    assert numbers(beside, "average", "epe", "cre", "crer") == (77.0, 76.0, 76.0)
+    assert numbers(beside, "weather", *METRICS) == numbers(alone, "weather", *METRICS)
+    assert [beside["cre", name, None] for name in OTHERS] == [100.0, 101.0, 102.0]
+    only, measured = summarize(rows_frame([rows[0], extra[1]]))
+    assert (*numbers(only, "average", "epe", "cre"), measured.averaged_over) == (102.0, 101.0, [OTHERS[1]])
+
+
+def test_mean_over_the_papers_corruptions_needs_all_of_them():
+    paper = [row("a", name, 1, epe=2.0 + i) for i, name in enumerate(IMAGE_PAIR)]
+    clean, elastic = row("a", epe=1.0), row("a", "elastic_transform", 1, epe=100.0)
+    means, measured = summarize(rows_frame([clean, *paper, elastic]))
+    assert means["epe", "average", None] == pytest.approx((20 * 11.5 + 100) / 21)
+    assert (*numbers(means, "paper", "epe", "cre"), measured.paper_over) == (11.5, 10.5, list(IMAGE_PAIR))
+    means, _ = summarize(rows_frame([clean, *paper]))
+    assert numbers(means, "average", *METRICS) == numbers(means, "paper", *METRICS)
+    for rows, all_of in (([clean, *paper[1:], elastic], IMAGE_PAIR), ([clean, *paper], PAPER_ORDER)):
+        means, measured = summarize(rows_frame(rows), paper=all_of)
+        assert (numbers(means, "paper", "epe"), measured.paper_over) == ((None,), [])
+
+
+def test_cre_is_over_the_same_pixels_and_coverage_is_a_mean():
+    """The corrupted flow lacks the 6 worst of 10 pixels; on the other 4 its error doubled, from 1 to 2 px."""
+    clean = row("a", epe=7.0, n_truth=10, clean_epe_sum=70.0)
+    fog = row("a", "fog", 1, n=4, epe=2.0, rcre=2.0, n_truth=10, clean_epe_sum=4.0, n_invalid=12)
+    means, _ = summarize(rows_frame([clean, fog | {"width": 10}]))
+    assert (*numbers(means, "clean", "epe", "coverage"), *numbers(means, "average", "epe", "cre", "coverage")) == (
+        *(7.0, 1.0),
+        *(2.0, 1.0, 0.4),
+    )
+
+
+def test_family_mean_is_over_its_corruptions():
+    for family, names in FAMILIES.items():
+        rows = [row("a", epe=1.0)] + [row("a", name, 1, epe=1.0 + i) for i, name in enumerate(names)]
+        assert summarize(rows_frame(rows)).means["epe", family, None] == pytest.approx(1 + (len(names) - 1) / 2)
+
+
+def test_missing_rows_are_listed_and_cre_is_over_the_same_images():
+    partial = [r for r in THREE_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
+    means, measured = summarize(rows_frame(partial))
+    assert not measured.complete
+    assert [unit.model_dump() for unit in measured.missing] == [{"corruption": "fog", "severity": 1, "samples": ["a"]}]
+    assert measured.corruptions["fog"] == measured.severities == [1, 2]
+    assert [numbers(means, "fog", "epe", "cre", severity=level) for level in (1, 2)] == [(9.5, 4.0), (11.0, 7.0)]
+
+
+def test_missing_clean_row_is_listed():
+    rows = [row("a", epe=1.0), row("a", "fog", 1, epe=3.0), row("b", "fog", 1, epe=9.0, clean_epe_sum=10.0)]
+    means, measured = summarize(rows_frame(rows))
+    assert [(unit.corruption, unit.samples) for unit in measured.missing] == [("clean", ["b"])]
+    assert means["cre", "average", None] == 2.0
+
+
+def test_rows_are_missing_only_if_planned():
+    rows = rows_frame(THREE_IMAGES)
+    planned = list(rows.select("sample", "corruption", "severity").iter_rows())
+    assert summarize(rows, planned=planned).measured.complete
+    means, measured = summarize(rows, planned=[*planned, ("b", "snow", 2), ("a", "snow", 2), ("d", "clean", 0)])
+    assert [(unit.corruption, unit.severity, unit.samples) for unit in measured.missing] == [
+        ("clean", 0, ["d"]),
+        ("snow", 2, ["a", "b"]),
+    ]
+    assert means == summarize(rows).means
+
+
+def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
+    without_flow = row("b", "fog", 1, n=0, n_all=0, n_invalid=60)
+    rows = [row("a", epe=1.0), row("b", epe=3.0), row("a", "fog", 1, epe=2.0), without_flow]
+    means, measured = summarize(rows_frame(rows))
+    assert (measured.complete, measured.n_invalid) == (False, 60)
+    assert [(unit.corruption, unit.samples) for unit in measured.unmeasured] == [("fog", ["b"])]
+    assert numbers(means, "average", "epe", "cre") + numbers(means, "clean", "epe") == (2.0, 1.0, 2.0)
+
+
+def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_unknown():
+    rows = [row("a", **NO_TRUTH), row("a", "fog", 1, n=10, **NO_TRUTH | {"rcre_all_sum": 40.0})]
+    means, measured = summarize(rows_frame(rows))
+    assert measured.complete
+    known = {measure for measure, condition, _ in means if condition == "average"}
+    assert known == {"rcre", "rcre_all", "coverage"}
+    assert numbers(means, "average", *sorted(known)) == (1.0, 2.0, 2.0)
+
+
+@pytest.mark.parametrize(("averaging", "length"), [("image", (2.0 + 5.0) / 2), ("pixel", (200.0 + 50.0) / 110)])
+def test_clean_flow_length_is_over_predicted_pixels_of_clean_rows(averaging, length):
+    rows = [row("a", n_all=100, pred_magnitude_sum=200.0), row("a", "fog", 1, pred_magnitude_sum=9000.0)]
+    rows += [row("b", n_all=10, pred_magnitude_sum=50.0), row("c", n_all=0)]
+    means, _ = summarize(rows_frame(rows), averaging)
+    assert means["flow_length", "clean", None] == pytest.approx(length, rel=1e-12)
+    assert ("flow_length", "fog", None) not in means
+
+
+def test_perfect_clean_flow_has_no_crer_and_empty_rows_have_no_means():
+    means, _ = summarize(rows_frame([row("a", epe=0.0), row("a", "fog", 1, epe=2.0)]))
+    assert numbers(means, "average", "cre", "crer") == (2.0, None)
+    means, measured = summarize(rows_frame([]))
+    assert (means, measured.samples, measured.corruptions) == ({}, 0, {})
+
+
+sums = st.floats(0, 1e6)
+
+
+@st.composite
+def runs(draw):
+    """Rows of a run in which anything may be missing, including ground truth or all measured pixels."""
+    samples = draw(st.lists(st.sampled_from("abcdef"), min_size=1, unique=True))
+    truth = {sample: draw(st.booleans()) for sample in samples}
+    rows = []
+    for sample, (corruption, severity) in itertools.product(
+        samples, [("clean", 0), ("fog", 1), ("fog", 2), ("snow", 5), ("elastic_transform", 1)]
+    ):
+        if draw(st.integers(0, 9)) == 0:
+            continue
+        n = draw(st.integers(0, 50))
+        counts = {name: draw(st.integers(0, n)) for name in COUNTS}
+        n_occ = draw(st.integers(0, n))
+        occ = {name: draw(sums) for name in ("epe_sum_occ", "rcre_sum_occ", "clean_epe_sum_occ")}
+        occ |= {"n_occ": n_occ, "fl_count_occ": n_occ // 2}
+        values = {name: draw(sums) for name in ("epe_sum", "clean_epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")}
+        values["n_truth"] = n + draw(st.integers(0, 9))
+        r = row(sample, corruption, severity, n, **counts | values | occ)
+        rows.append(r if truth[sample] else r | NO_TRUTH | dict.fromkeys(occ))
+    return rows
+
+
+@settings(max_examples=25)
+@given(runs(), st.sampled_from(["image", "pixel"]), st.randoms(use_true_random=False))
+def test_neither_the_order_of_rows_nor_reading_a_column_at_a_time_changes_a_bit(rows, averaging, rng: random.Random):
+    shuffled = rng.sample(rows, len(rows))
+    expected = summarize(rows_frame(rows), averaging)
+    halves = pl.concat([rows_frame(shuffled[::2]), rows_frame(shuffled[1::2])])
+    assert summarize(halves, averaging) == expected
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robustflow.metrics.means._FEW_ROWS", -1)
+        assert summarize(rows_frame(shuffled).lazy(), averaging) == expected
+
+
+def _naive_mean(pairs, averaging):
+    """The mean from (sum, count) per image."""
+    pairs = [(total, n) for total, n in pairs if n]
+    if not pairs:
+        return None
+    if averaging == "image":
+        return sum(total / n for total, n in pairs) / len(pairs)
+    return sum(total for total, _ in pairs) / sum(n for _, n in pairs)
+
+
+def _naive_scores(rows, averaging, total="epe_sum", moved="rcre_sum", count="n_valid"):
+    """EPE, CRE and RCRE of every setting, computed directly from the definitions."""
+    by_key = {(r["sample"], r["corruption"], r["severity"]): r for r in rows}
+    out = {}
+    for corruption, severity in sorted({(c, s) for _, c, s in by_key}):
+        found = {sample: r for (sample, c, s), r in by_key.items() if (c, s) == (corruption, severity)}
+        both = [
+            (found[s], by_key[s, "clean", 0])
+            for s in found
+            if found[s][count] and by_key.get((s, "clean", 0), {}).get(count)
+        ]
+        after = _naive_mean([(r[total], r[count]) for r, _ in both], averaging)
+        before = _naive_mean([(r[f"clean_{total}"], r[count]) for r, _ in both], averaging)
+        anywhere = [
+            (r["rcre_all_sum"], r["n_all"]) if count == "n_valid" and r[count] is None else (r[moved], r[count])
+            for r in found.values()
+        ]
+        out[corruption, severity] = {
+            "epe": _naive_mean([(r[total], r[count]) for r in found.values()], averaging),
+            "cre": None if after is None else after - before,
+            "rcre": _naive_mean(anywhere, averaging),
+        }
+    return out
+
+
+def _mean(values):
+    known = [value for value in values if value is not None]
+    return pytest.approx(fmean(known), rel=1e-9, abs=1e-6) if known else None
+
+
+@settings(max_examples=40)
+@given(runs(), st.sampled_from(["image", "pixel"]))
+def test_means_equal_the_naive_loop(rows, averaging):
+    frame = rows_frame(rows)
+    means, measured = summarize(frame, averaging)
+    assert set(measured.averaged_over) == averaged_corruptions(frame)
+    expected = _naive_scores(rows, averaging)
+    inside = _naive_scores(rows, averaging, "epe_sum_occ", "rcre_sum_occ", "n_occ")
+    assert means.get(("epe", "clean", None)) == _mean([expected.get(("clean", 0), {}).get("epe")])
+    has_region = any(condition == "occ" for _, condition, _ in means)
+    if has_region:
+        assert means.get(("epe_clean", "occ", None)) == _mean([inside.get(("clean", 0), {}).get("epe")])
+    for metric in ("epe", "cre", "rcre"):
+        for name, levels in measured.corruptions.items():
+            values = [expected[name, level][metric] for level in levels]
+            assert [means.get((metric, name, level)) for level in levels] == [_mean([value]) for value in values]
+            assert means.get((metric, name, None)) == _mean(values)
+        parts = [means.get((metric, name, None)) for name in measured.averaged_over]
+        assert means.get((metric, "average", None)) == _mean(parts)
+        if has_region:
+            each = [[inside[key][metric] for key in inside if key[0] == name] for name in measured.averaged_over]
+            of_names = [fmean(known) for values in each if (known := [value for value in values if value is not None])]
+            assert means.get((metric, "occ", None)) == _mean(of_names)
+
+
+def test_means_from_shards_equal_those_of_the_rows_with_less_memory(tmp_path):
+    path = evaluate(ZeroFlow(), "demo", output=tmp_path, corruptions=["contrast"], severities=[1, 2]).path
+    rows = read_shards(list_shards(path / "rows"))
+    for averaging in ("image", "pixel"):
+        run = Run(path)
+        made = run.average(averaging)
+        assert "rows" not in vars(run)
+        assert made == summarize(rows, averaging, run.planned())
+        assert run.rows.height == rows.height
+        assert run.average(averaging) == made, "from the rows in memory"
+    write_shard(path / "rows", "left-by-a-crash", rows.head(1))
+    assert Run(path).average("pixel") == made
+    (path / "rows" / list_shards(path / "rows")[0].name).write_bytes(b"PAR1")
+    with pytest.raises(RunError):
+        Run(path).average()
+
+
+def test_table_has_a_line_for_each_corruption_and_a_column_for_each_severity(tmp_path):
+    run = evaluate(ZeroFlow(), "demo", output=tmp_path, corruptions=["fog", "contrast"], severities=[1, 2])
+    for metric in METRICS:
+        table = run.table(metric)
+        assert table.columns == ["corruption", "family", "1", "2", "mean"]
+        assert table.select("corruption", "family").rows() == [("contrast", "digital"), ("fog", "weather")]
+        for name, values in zip(("contrast", "fog"), table.select("1", "2", "mean").rows(), strict=True):
+            assert list(values) == [run.mean(metric, name, level) for level in (1, 2, None)]
+    with pytest.raises(UsageError, match="'rcre'"):
+        run.table("rcree")
