@@ -22,6 +22,7 @@ from .run.records.pack import load_any_run
 from .run.run import Run
 
 if TYPE_CHECKING:
+    import polars as pl
     from matplotlib.figure import Figure
 
     from .attacks.api import AnyAttack
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from .report.comparison import Comparison
     from .run.progress import Progress
     from .run.setup import Setup
-    from .stats.uncoupled import Uncoupled
 
 
 class Result(Run):
@@ -57,13 +57,13 @@ class Result(Run):
 
         return compare(self, other, level=level, resamples=resamples, seed=seed)
 
-    def uncoupled(self) -> Uncoupled:
-        """Return robustness measures that depend less on clean accuracy: log ratios of errors, medians over images, the
-        increase of Fl, and the partial correlation of the corrupted with the clean error; see
-        `robustflow.stats.uncoupled`."""
-        from .stats.uncoupled import uncoupled
+    @property
+    def frame(self) -> pl.DataFrame:
+        """Return every number of this run as one table (`robustflow.stats.frame.RESULTS_SCHEMA`): a row for each
+        measure, condition and severity, with its 95 % interval where one exists."""
+        from .stats.frame import results_frame
 
-        return uncoupled(self.rows)
+        return results_frame([self])
 
     def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
         """Return a figure of this run, optionally with other runs; see `robustflow.report.notebook.plot` for the

@@ -17,7 +17,7 @@ from robustflow.report.figures.curves import sparsification_curves
 from robustflow.report.site import render_site, run_content
 from robustflow.run.records.contents import rows_from_text, rows_to_text
 from robustflow.run.records.row_rules import broken_rules
-from robustflow.stats.confidence import confidence_scores
+from robustflow.stats.frame import confidence_means
 from robustflow.testing import TexturePairs
 from tests.made_rows import made_run
 
@@ -121,31 +121,34 @@ def test_rows_travel_as_text_and_break_no_rule(whole):
 
 
 def test_scores_are_means_over_images_by_family_and_severity(whole):
-    scores = {(score.family, score.severity): score for score in confidence_scores(whole)}
-    assert list(scores)[:2] == [("clean", None), ("average", None)]
-    assert {("noise", None), ("noise", 1), ("noise", 4)} < set(scores)
+    known = confidence_means(whole.rows)
+    assert {("ause", "clean", None), ("ause", "average", None), ("ause", "noise", None), ("ause", "noise", 1)} <= {
+        *known
+    }
     rows = whole.rows.filter(corruption="impulse_noise", severity=4)
-    score = scores["noise", 4]
-    assert score.ause == pytest.approx(rows["ause"].mean(), rel=1e-12)
-    assert score.ause_normalised == pytest.approx((rows["ause"] * rows["n_valid"] / rows["epe_sum"]).mean(), rel=1e-12)
-    assert score.rejected == pytest.approx(100 * (rows["rejected_count"] / rows["n_all"]).mean(), rel=1e-12)
-    assert score.by_confidence[2] == pytest.approx(score.error_80)
-    assert score.by_error[0] == score.by_confidence[0] == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+    for measure, values in {
+        "ause": rows["ause"],
+        "ause_normalised": rows["ause"] * rows["n_valid"] / rows["epe_sum"],
+        "rejected": 100 * rows["rejected_count"] / rows["n_all"],
+        "error_at_80": rows["error_at_80"],
+        "error_at_100": rows["epe_sum"] / rows["n_valid"],
+    }.items():
+        assert known[measure, "noise", 4] == pytest.approx(values.mean(), rel=1e-12)
 
 
 def test_scores_weight_corruptions_with_fewer_severities_as_the_summary_does(whole):
     run = made_run(whole, whole.rows.filter((pl.col("corruption") != "contrast") | (pl.col("severity") != 4)))
-    (average,) = (score for score in confidence_scores(run) if score.family == "average")
-    assert average.by_confidence[0] == pytest.approx(run.epe, rel=1e-12)
+    known = confidence_means(run.rows)
+    assert known["error_at_100", "average", None] == pytest.approx(run.epe, rel=1e-12)
     ause = run.rows.group_by("corruption", "severity").agg(pl.col("ause").mean())
     of_corruptions = [ause.filter(corruption=name)["ause"].mean() for name in FAST]
-    assert average.ause == pytest.approx(np.mean(of_corruptions), rel=1e-12)
+    assert known["ause", "average", None] == pytest.approx(np.mean(of_corruptions), rel=1e-12)
 
 
 def test_table_figure_and_page_show_the_confidence(whole):
     table = confidence_table(whole)
     assert [line.label for line in table.sections[0].lines] == ["Clean", "All corruptions", "Digital", "Noise"]
-    figure = sparsification_curves("Sure", confidence_scores(whole))
+    figure = sparsification_curves("Sure", confidence_means(whole.rows))
     severities = {dict(mark.values)["severity"] for marks in figure.marks.values() for mark in marks}
     assert severities == {"1", "4"}
     page = render_site(run_content(whole))

@@ -18,7 +18,7 @@ from ..core.files import write_bytes
 from ..core.text import counted, joined, plain
 from ..data.benchmarks.facts import sample_noun, truth_remark
 from ..metrics.means import AVERAGE, PAPER
-from ..metrics.measures import METRICS
+from ..metrics.measures import METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..report.attack_table import attack_table
 from ..report.confidence_table import confidence_table
@@ -33,10 +33,10 @@ from ..stats.attacks import attack_scores
 from ..stats.conclusion import conclusions, enough_to_compare
 from ..stats.conditions import seed_groups, seeds_of
 from ..stats.exclusion import PHANTOM, exclusion_reasons, phantom_motion
+from ..stats.frame import uncoupled_means
 from ..stats.model_result import ModelResult
 from ..stats.results import METRIC_LABELS
 from ..stats.run_results import estimate_of, run_results
-from ..stats.uncoupled import UNCOUPLED, uncoupled
 
 
 def as_json_text(results: Sequence[Run]) -> str:
@@ -83,7 +83,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if confidence is not None:
         print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # the page has the values by severity
     if metric in UNCOUPLED:
-        overall = getattr(uncoupled(result.rows).overall, metric)
+        overall = uncoupled_means(result.rows).get((metric, AVERAGE, None))
         console.print(f"{metric} {number_text(overall)}, the mean over corruptions")
     if reasons := exclusion_reasons(result):
         sentence = f"Not a measure of robustness: {' and '.join(reasons)}."

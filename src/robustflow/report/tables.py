@@ -15,9 +15,11 @@ from ..core.text import joined
 from ..corruptions.registry import ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
+from ..metrics.measures import UNCOUPLED
 from ..stats.best import Compared, best_of_columns
 from ..stats.conditions import SeedGroup
 from ..stats.exclusion import PHANTOM
+from ..stats.frame import uncoupled_means
 from ..stats.model_result import ModelResult, Value
 from ..stats.results import (
     AVERAGE,
@@ -30,7 +32,6 @@ from ..stats.results import (
     metric_label,
     short_label,
 )
-from ..stats.uncoupled import UNCOUPLED, uncoupled
 from .cost_table import cost_table
 from .table import Column, Line, Section, Table, TableCell, full_note, number_text, seed_line, with_exclusion
 
@@ -172,11 +173,14 @@ def corruptions_table(run: Run, title: str) -> Table:
 
 def severities_table(run: Run, metric: str, title: str) -> Table:
     """Tabulate a metric of a run, or one of `UNCOUPLED`, by corruption and severity, with the mean over severities."""
-    frame = uncoupled(run.rows).table(metric) if metric in UNCOUPLED else run.table(metric)
-    labels = [name for name in frame.columns if name not in ("corruption", "family")]
-    rows = frame.iter_rows(named=True)
-    lines = [Line.of_numbers(row["corruption"], (row[label] for label in labels)) for row in rows]
-    return Table("severities", title, tuple(map(Column, labels)), tuple(_by_family(lines)), row_header="Corruption")
+    known = uncoupled_means(run.rows) if metric in UNCOUPLED else run.means
+    levels: list[int | None] = [*run.measured.severities, None]
+    lines = [
+        Line.of_numbers(name, (known.get((metric, name, level)) for level in levels))
+        for name in run.measured.corruptions
+    ]
+    columns = tuple(Column("mean" if level is None else str(level)) for level in levels)
+    return Table("severities", title, columns, tuple(_by_family(lines)), row_header="Corruption")
 
 
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:

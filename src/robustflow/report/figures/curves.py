@@ -17,8 +17,8 @@ from ...core.display import default_style
 from ...core.errors import UsageError
 from ...core.text import name_text
 from ...corruptions.registry import ordered
+from ...metrics.means import Means
 from ...stats.attacks import CurvePoint
-from ...stats.confidence import ConfidenceScore
 from ...stats.results import FAMILY_LABELS, METRIC_LABELS, UNITS, long_label, metric_label
 from ...stats.uncertainty import intervals
 from .canvas import LEAST_PX, Mark, MarkedFigure, ends_text, fair_limits, new_figure
@@ -186,30 +186,36 @@ _COLUMNS_SPARSIFICATION_CURVES = 4
 
 
 @default_style()
-def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> MarkedFigure:
+def sparsification_curves(model: str, known: Means) -> MarkedFigure:
     """Plot the mean error of the remaining pixels when 0, 10, ... 90 % are removed: least confident first (solid), and
     largest errors first (dashed). All panels have the same axes.
     """
-    drawn = [score for score in scores if score.severity is not None and score.by_confidence]
-    families = list(dict.fromkeys(score.family for score in drawn))
+    drawn = {
+        (family, level): _curves(known, family, level)
+        for family in FAMILY_LABELS
+        for level in SEVERITIES
+        if ("ause", family, level) in known
+    }
+    families = list(dict.fromkeys(family for family, _ in drawn))
     if not families:
         raise UsageError("there is no sparsification curve: the run has no confidence or no ground truth")
     figure, axes = new_figure(2.6, 2.3, len(families), _COLUMNS_SPARSIFICATION_CURVES, above=0.3)
-    levels = sorted({score.severity for score in drawn if score.severity is not None})
+    levels = sorted({level for _, level in drawn})
     styles = dict(zip(levels, MODEL_STYLES, strict=False))
     for panel, family in zip(axes, families, strict=True):
-        for score in (one for one in drawn if one.family == family):
-            assert score.severity is not None
-            style = styles[score.severity]
-            panel.plot(_REMOVED, score.by_error, color=style.colour, linewidth=1.0, linestyle=(0, (3, 2)))
+        for level in (level for name, level in drawn if name == family):
+            (errors, oracle), style = drawn[family, level], styles[level]
+            panel.plot(_REMOVED, oracle, color=style.colour, linewidth=1.0, linestyle=(0, (3, 2)))
             (line,) = panel.plot(
-                _REMOVED, score.by_confidence, color=style.colour, marker=style.marker, markersize=3.5, linewidth=1.2
+                _REMOVED, errors, color=style.colour, marker=style.marker, markersize=3.5, linewidth=1.2
             )
-            figure.mark(line, [_mark_of_sparsification_curves(model, score, place) for place in range(len(_REMOVED))])
+            where = (("class", FAMILY_LABELS[family]), ("severity", str(level)))
+            shown = zip(_REMOVED, errors, oracle, strict=True)
+            figure.mark(line, [Mark(model, "", (*where, *_sparsification_texts(*numbers))) for numbers in shown])
         panel.set_title(FAMILY_LABELS[family], fontsize=9)
         panel.set_xlabel("removed (%)", fontsize=8)
         panel.tick_params(labelsize=7.5)
-    highest = [value for score in drawn for value in (*score.by_confidence, *score.by_error)]
+    highest = [value for curves in drawn.values() for curve in curves for value in curve]
     for panel in axes:
         panel.set_ylim(fair_limits(highest, LEAST_PX, zero=True))
     axes[0].set_ylabel("EPE of remaining pixels (px)", fontsize=8)
@@ -221,15 +227,12 @@ def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> Mark
     return figure
 
 
-def _mark_of_sparsification_curves(model: str, score: ConfidenceScore, place: int) -> Mark:
-    return Mark(
-        model,
-        "",
-        (
-            ("class", FAMILY_LABELS[score.family]),
-            ("severity", str(score.severity)),
-            ("removed", f"{_REMOVED[place]} %"),
-            ("EPE", f"{score.by_confidence[place]:.2f} px"),
-            ("oracle", f"{score.by_error[place]:.2f} px"),
-        ),
-    )
+def _curves(known: Means, family: str, level: int) -> tuple[list[float], list[float]]:
+    """Return the errors of the remaining pixels, least confident and largest errors removed first."""
+    left = [100 - removed for removed in _REMOVED]
+    errors = [known[f"error_at_{share}", family, level] for share in left]
+    return errors, [errors[0], *(known[f"oracle_at_{share}", family, level] for share in left[1:])]
+
+
+def _sparsification_texts(removed: int, error: float, oracle: float) -> tuple[tuple[str, str], ...]:
+    return ("removed", f"{removed} %"), ("EPE", f"{error:.2f} px"), ("oracle", f"{oracle:.2f} px")

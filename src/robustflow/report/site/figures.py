@@ -15,7 +15,7 @@ from ...core.text import plain
 from ...run.run import Run
 from ...stats.anatomy import displacements_of
 from ...stats.attacks import security_curves
-from ...stats.confidence import confidence_scores
+from ...stats.frame import confidence_means
 from ...stats.model_result import ModelResult, by_frames, ranked
 from ...stats.published.tables import PAPER
 from ..figures import FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
@@ -128,7 +128,7 @@ def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterab
         yield "severity_curves", curves, note
     for name in runs:
         with suppress(UsageError):  # the run has no confidence, or no ground truth
-            yield "sparsification", sparsification_curves(plain(name), confidence_scores(of_frames[name])), ""
+            yield "sparsification", sparsification_curves(plain(name), confidence_means(of_frames[name].rows)), ""
     moved = iter(displacements_of(list(of_frames.values())).items())
     while lines := dict(islice(moved, MOST_LINES)):
         yield "displacement", displacement_figure(lines), ""
