@@ -336,9 +336,9 @@ def test_downloads_contain_the_numbers_and_no_formula(opened, tmp_path):
 def test_findings_can_be_searched(opened):
     page = opened("leaderboard")
     _kitti(page)
-    page.locator(".search-findings:visible").fill("brightflow")
-    assert page.locator("[data-finding]:visible").count() > 5
-    assert all("BrightFlow" in text for text in page.locator("[data-finding]:visible").all_inner_texts())
+    page.locator(".audit input:visible").fill("brightflow")
+    assert page.locator(".audit tbody tr:visible").count() > 5
+    assert all("BrightFlow" in text for text in page.locator(".audit tbody tr:visible").all_inner_texts())
 
 
 def test_narrow_screen_scrolls_only_inside_the_table(opened):
@@ -384,6 +384,6 @@ def test_without_scripts_the_page_says_where_the_numbers_are(browser, pages):
     page.goto(pages["leaderboard"].as_uri())
     assert "results.csv" in page.locator("noscript .warn").inner_text()
     assert page.locator("svg.chart").count() >= 4
-    assert page.locator("[data-finding]").count() == 119
+    assert page.locator(".audit tbody tr").count() == 119
     assert page.locator(".controls:visible, #chooser:visible").count() == 0
     context.close()

@@ -16,7 +16,6 @@ from robustflow.corruptions.api import STREAM_VERSION
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.data import page_data
-from robustflow.report.site.models import model_pages
 from robustflow.run.records.collection import LIST, add_records, collected
 from robustflow.run.records.pack import load_any_run, pack, record_bytes
 from robustflow.stats.results_file import read_results, results_csv
@@ -190,7 +189,9 @@ def test_line_of_a_record_states_its_source_on_the_page_and_in_results(records):
     content = whole_content([load_any_run(records[0])], published=False)
     (line,) = content.lines
     assert line.source == "verified record"
-    assert page_data(content, model_pages(content, {}))["boards"][0]["groups"][0][0]["remark"] == "verified record"
-    (page,) = model_pages(content, {})
-    assert page.facts[0] == ("Source", f"verified record {hashlib.sha256(records[0].read_bytes()).hexdigest()}")
+    shown = page_data(content, {})
+    assert shown["boards"][0]["sections"][0]["lines"][0]["remark"] == "verified record"
+    (page,) = shown["models"].values()
+    (source, *_) = page["tables"][-1]["sections"][0]["lines"]
+    assert source["texts"] == f"verified record {hashlib.sha256(records[0].read_bytes()).hexdigest()}"
     assert results_csv(content.lines).splitlines()[1].endswith(",verified record")

@@ -11,6 +11,11 @@ import pytest
 from robustflow.api import Result, evaluate
 from robustflow.cli.main import main
 from robustflow.media.images import write_image
+from robustflow.run.identity import Provenance
+from robustflow.run.run import Run
+from tests.made_rows import change_manifest, made_run
+
+from ..analysis.simulated import Truth, rows_of
 
 
 @pytest.fixture(scope="session")
@@ -18,6 +23,24 @@ def small_run(tmp_path_factory) -> Result:
     """A run of DIS on the embedded pair with two corruptions, two severities and example pictures."""
     folder = tmp_path_factory.mktemp("small") / "dis"
     return evaluate("dis", "demo", output=folder, corruptions=["contrast", "fog"], severities=[1, 5], examples=True)
+
+
+@pytest.fixture(scope="session")
+def many_images(small_run) -> Callable[..., Run]:
+    """A function that makes a synthetic run of 40 images: `many_images(name, worse_by)`; equal seeds give the same
+    images.
+    """
+
+    def make(name: str, worse_by: float = 1.0, seed: int = 0) -> Run:
+        clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(40, int))
+        rows = rows_of(clean, corrupted * worse_by, corrupted * worse_by)
+        run = made_run(small_run, rows, name, benchmark="kitti-fc")
+        declared = Provenance(setting="OOD", trained_on=("flyingchairs",), basis="declared")
+        # the digest is that of the run to which the other files of the folder belong
+        change_manifest(run, provenance=declared, identity_digest=small_run.manifest.identity_digest)
+        return run
+
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -5,20 +5,16 @@ from __future__ import annotations
 import json
 from html.parser import HTMLParser
 
+Attributes = dict[str, str | None]
+
 
 class Elements(HTMLParser):
-    """The elements of an HTML document.
-
-    Attributes:
-        found: (tag, attributes) of every element, in order.
-        scripts: (attributes, text) of every script, which may be data.
-        texts: all text outside scripts.
-    """
+    """(tag, attributes) of every element, (attributes, text) of every script, and all other texts of a document."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.found: list[tuple[str, Attributes]] = []
+        self.scripts: list[tuple[Attributes, str]] = []
         self.texts: list[str] = []
         self._in_script = False
         self.feed(text)
@@ -39,7 +35,7 @@ class Elements(HTMLParser):
         else:
             self.texts.append(data)
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def all(self, tag: str) -> list[Attributes]:
         """The attributes of every element with a given tag."""
         return [attributes for name, attributes in self.found if name == tag]
 

@@ -85,7 +85,7 @@ def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatc
     run.write_report()
     assert not written
     (folder / "displacement.json").write_text("{}")
-    monkeypatch.setattr("robustflow.report.site.content.run_content", lambda run: None)
+    monkeypatch.setattr("robustflow.report.site.page.run_content", lambda run: None)
     monkeypatch.setattr("robustflow.report.site.page.render_site", lambda content: "")
     run.write_report()
     assert written

@@ -30,7 +30,7 @@ from ..run.cells import UNEVEN
 from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
-from ..stats.conclusion import conclusions, enough_to_compare
+from ..stats.conclusion import CAVEAT, enough_to_compare, without_truth
 from ..stats.conditions import seed_groups, seeds_of
 from ..stats.exclusion import PHANTOM, exclusion_reasons, phantom_motion
 from ..stats.frame import uncoupled_means
@@ -94,7 +94,8 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     missing, unmeasured = (
         sum(len(unit.samples) for unit in units) for units in (measured.missing, measured.unmeasured)
     )
-    _print_conclusions(console, run_results([result]))
+    if without_truth(result):
+        console.print(CAVEAT)
     if missing:
         cells = "row is" if missing == 1 else "rows are"
         console.print(f"Incomplete: {missing} planned {cells} missing; the means are over the rest.")
@@ -122,7 +123,8 @@ def print_results(results: Sequence[Run]) -> None:
     for run in results:
         if phantom := phantom_motion(run):
             console.print(f"{plain(run.name)}: {plain(phantom, None)}")
-    _print_conclusions(console, lines)
+    if any(map(without_truth, results)):
+        console.print(CAVEAT)
     if all(map(enough_to_compare, results)) and (question := _question(lines, len(groups))):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
         console.print(f"{question} robustflow compare {folders}")
@@ -139,11 +141,6 @@ def _question(lines: Sequence[ModelResult], groups: int) -> str:
         return "Is the difference real?"
     one_model = seeds_of([line.run for line in lines if line.run is not None]) is not None
     return "How much depends on the seed?" if one_model else ""
-
-
-def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:
-    for conclusion in conclusions(lines):
-        console.print(conclusion)
 
 
 def check_format(format: str, as_json: bool) -> None:

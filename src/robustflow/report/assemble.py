@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from ..core.errors import UsageError, unknown_name
 from ..core.text import first_of, plain
 from ..stats.anatomy import displacements_of
-from ..stats.conclusion import conclusions
 from ..stats.conditions import seed_groups
 from ..stats.model_result import ModelResult, by_frames, not_ranked, ranked
 from ..stats.published.tables import PAPER, published_results
@@ -85,7 +84,7 @@ def tables_of(
         return [replace(runs_table(of_runs, seeds), name=ROW)]
 
     if wanted is not None:
-        return _with_conclusions([table for name in wanted for table in made(name)], results)
+        return [table.without_empty_columns() for name in wanted for table in made(name)]
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -93,17 +92,7 @@ def tables_of(
         except UsageError:
             # unless requested by name, tables that cannot be made from these runs are skipped
             continue
-    return _with_conclusions(tables, results)
-
-
-def _with_conclusions(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
-    """Remove columns that contain only dashes from the tables, and append the conclusions from runs without ground
-    truth to the last RCRE table."""
-    tables = [table.without_empty_columns() for table in tables]
-    last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
-    if last is not None:
-        tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(results)))
-    return tables
+    return [table.without_empty_columns() for table in tables]
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:

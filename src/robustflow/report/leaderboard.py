@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from ..core.errors import RunError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
+from ..data.benchmarks.facts import is_still
 from ..stats.best import Compared, best_of_columns
+from ..stats.conclusion import CAVEAT
 from ..stats.cost_ranks import printed_cost_ranks
+from ..stats.exclusion import PHANTOM
 from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
+from ..stats.paper_means import paper_rows
 from ..stats.published.tables import PAPER
 from ..stats.ranking import competition_ranks
 from ..stats.results import (
@@ -17,14 +22,13 @@ from ..stats.results import (
     CLEAN,
     FAMILY_LABELS,
     METRIC_LABELS,
-    SETTING_EXPLANATIONS,
-    SETTING_LABELS,
     benchmark_label,
     family_means,
     long_label,
-    setting_words,
     short_label,
 )
+from ..stats.uncertainty import compare_all
+from ..stats.uncertainty.paired import MOST_COMPARED
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
@@ -32,73 +36,51 @@ PARAMETERS: ValueKey = ("parameters", "")
 FLOPS: ValueKey = ("flops", "")
 PLACE: ValueKey = ("place", "")
 RANK: ValueKey = ("rank", "")
+EPE: ValueKey = ("epe", AVERAGE)
 CRER: ValueKey = ("crer", AVERAGE)
 
-START: tuple[ValueKey, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
+START: tuple[ValueKey, ...] = (EPE, ("rcre", AVERAGE), ("epe", CLEAN))
 """Initial sort keys: the EPE under corruption, or the RCRE without ground truth. Sorting by CRE would put the
 knowledge-driven methods first because their clean error is already high."""
 
-OVERVIEW = "overview"
-COMPACT = "compact"
-"""Columns that fit next to the names on a phone screen."""
-
-CLASSES = "classes"
+OVERVIEW, COMPACT, CLASSES = "overview", "compact", "classes"
+"""Names of the views besides the families; the compact one fits next to the names on a phone screen."""
 BOARD_METRICS = ("epe", "cre", "rcre")
+TIED = "≈ 1"
+"""Mark of a rank whose model cannot be told apart from that of rank 1."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class BoardColumn(Column):
-    """A column of a leaderboard."""
-
-    key: ValueKey
-    explanation: str = ""
-    views: tuple[str, ...] = ()
-    metric: str = ""
-    unit: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Board(Table):
-    """The leaderboard of a benchmark: one section per set of frames, with lines in the order of `by_error`. The remarks
-    explain the formatting of the cells.
-    """
-
-    benchmark: str
-    columns: tuple[BoardColumn, ...]
-    views: tuple[tuple[str, str], ...]
-    metrics: tuple[tuple[str, str], ...]
-    settings: tuple[tuple[str, str, str], ...]
-    start: int
-
-    @property
-    def shown(self) -> list[BoardColumn]:
-        """The columns that belong to a view."""
-        return [column for column in self.columns if column.views]
-
-    def cells_of(self, line: Line) -> dict[ValueKey, TableCell]:
-        """Return the cells of a line that contain numbers, by column key."""
-        cells = zip(self.columns, line.cells, strict=True)
-        return {column.key: cell for column, cell in cells if cell.text != DASH}
-
-
-_OVERVIEW = (
-    (PLACE, "Rank", "Rank by EPE under corruption among the models measured on the same frames", ""),
-    (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px"),
-    (("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", "px"),
-    (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
-    (CRER, "CREr", "CRE / clean EPE", ""),
-    (("rcre", AVERAGE), "RCRE", "Change in the flow under corruption", "px"),
-    (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are computed over these pixels", ""),
-    (PARAMETERS, "Param.", "Parameters, millions", "M"),
-    (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G"),
-    (RANK, "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", ""),
+_OVERVIEW_COLUMNS = tuple(
+    Column(label, key=key, help=help, unit=unit, views=views)
+    for key, label, help, unit, *views in (
+        (PLACE, "Rank", "Rank by EPE under corruption among the models measured on the same frames", "", OVERVIEW),
+        (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px", OVERVIEW),
+        (EPE, "EPE", "End-point error, mean over all corruptions", "px", OVERVIEW, COMPACT),
+        (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),
+        (CRER, "CREr", "CRE / clean EPE", "", OVERVIEW),
+        (("rcre", AVERAGE), "RCRE", "Change in the flow under corruption", "px", OVERVIEW, COMPACT),
+        (("length", CLEAN), "Flow", "Mean length of the flow on the clean frames", "px", OVERVIEW),
+        (("photometric", CLEAN), "Clean photom.", "Photometric error on the clean frames", "grey", OVERVIEW),
+        (("photometric", AVERAGE), "Photom.", "Photometric error under corruption", "grey", OVERVIEW),
+        (("photometric", "still"), "of zero flow", "Photometric error of a flow that is zero", "grey", OVERVIEW),
+        (
+            COVERAGE,
+            "Coverage",
+            "Share of the pixels that the model predicted; errors are over these pixels",
+            "",
+            OVERVIEW,
+        ),
+        (PARAMETERS, "Param.", "Parameters, millions", "M", OVERVIEW),
+        (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G", OVERVIEW),
+        (RANK, "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", "", OVERVIEW),
+    )
 )
-_COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", AVERAGE))
+Cells = Mapping[ValueKey, TableCell]
 
 
-def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Board]:
-    """Build one board per benchmark, ordered by number of runs, then by number of models."""
-    of_benchmark: dict[str, dict[ModelResult, dict[ValueKey, TableCell]]] = {}
+def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Table]:
+    """Build one board per benchmark, named after it, ordered by number of runs, then by number of models. It has one
+    section per set of frames, with lines in the order of `by_error`."""
+    of_benchmark: dict[str, dict[ModelResult, Cells]] = {}
     for line, cells in _cells(results).items():
         of_benchmark.setdefault(line.benchmark, {})[line] = cells
 
@@ -109,104 +91,123 @@ def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -
     return [_board(name, cells, group_titles) for name, cells in order]
 
 
+def cells_of(board: Table, line: Line) -> dict[ValueKey, TableCell]:
+    """Return the cells of a line that contain numbers, by column key."""
+    return {column.key: cell for column, cell in zip(board.columns, line.cells, strict=True) if cell.text != DASH}
+
+
 def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
     """Sort lines by `START`, then by name; models without a rank come last."""
     value = next((number for key in START if (number := line.number(*key)) is not None), None)
     return bool(line.excluded), value is None, value or 0.0, plain(line.name)
 
 
-def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
+def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
     """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
     print are not marked."""
-    ranks = printed_cost_ranks(results)
-    values, compared, derived = {}, [], {}
+    ranks, places = printed_cost_ranks(results), _places(results)
+    values = {line: _values(line, ranks) for line in results}
+    compared = []
     for line in results:
-        values[line] = {
-            **line.values,
-            **{
-                (metric, family): Value(mean)
-                for metric in BOARD_METRICS
-                for family, mean in family_means(line.numbers(metric)).items()
-            },
-            **_numbers({CRER: line.crer, COVERAGE: line.coverage}),
-        }
-        printed: dict[ValueKey, Value] = {}
-        if line.printed_cost is not None:
-            printed = _published(line, line.printed_cost, ranks)
-        elif line.cost is not None:
-            printed = _cost(line.cost.parameters_m, line.cost.flops_g, None)
-        values[line] |= printed
-        derived[line] = {CRER} if line.frames == PAPER and CRER not in printed else set()
-        unmarked = {PARAMETERS, FLOPS, COVERAGE, *derived[line]}
         texts = {
-            key: value.text for key, value in values[line].items() if key not in unmarked and line.may_be_best(key[0])
+            key: value.text
+            for key, value in values[line].items()
+            if key not in (PARAMETERS, FLOPS, COVERAGE) and line.may_be_best(key[0]) and not _is_derived(line, key)
         }
         compared.append(Compared((line.benchmark, line.frames, line.setting), texts, bool(line.excluded)))
-    for line, place in _places(results).items():
-        values[line] |= {PLACE: Value(place, 0)}
-    return {
-        line: {
+    cells: dict[ModelResult, Cells] = {}
+    for line, best in zip(results, best_of_columns(compared), strict=True):
+        cells[line] = {
             key: TableCell(
-                value.text, key in best, interval_text(line.intervals.get(key)), derived=key in derived[line]
+                value.text, key in best, interval_text(line.intervals.get(key)), derived=_is_derived(line, key)
             )
             for key, value in values[line].items()
-        }
-        for line, best in zip(results, best_of_columns(compared), strict=True)
+        } | ({PLACE: places[line]} if line in places else {})
+    return cells
+
+
+def _values(line: ModelResult, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
+    numbers: dict[ValueKey, float | None] = {
+        (metric, family): mean
+        for metric in BOARD_METRICS
+        for family, mean in family_means(line.numbers(metric)).items()
     }
-
-
-def _published(line: ModelResult, cost: PrintedCost, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
+    numbers |= {CRER: line.crer, COVERAGE: line.coverage}
+    if line.run is not None and ("epe", CLEAN) not in line.values:
+        numbers |= {
+            ("length", CLEAN): line.run.mean("flow_length", CLEAN),
+            ("photometric", CLEAN): line.run.mean("photometric", CLEAN),
+            ("photometric", AVERAGE): line.run.mean("photometric"),
+            ("photometric", "still"): line.run.mean("photometric_still", CLEAN),
+        }
+    cost = line.printed_cost or line.cost
+    out = {**line.values, **_known(numbers)}
+    if cost is not None:
+        out |= {PARAMETERS: Value(cost.parameters_m), FLOPS: Value(cost.flops_g, 1)}
     setting = line.setting.lower()
-    if setting not in ("ood", "id"):
-        return _cost(cost.parameters_m, cost.flops_g, None)
-    rank = ranks[f"average_{setting}"].get(line.name)
-    return _cost(cost.parameters_m, cost.flops_g, rank) | _numbers({CRER: getattr(cost, f"crer_{setting}")})
+    if isinstance(cost, PrintedCost) and setting in ("ood", "id"):
+        out |= _known({RANK: ranks[f"average_{setting}"].get(line.name)}, 0)
+        out |= _known({CRER: getattr(cost, f"crer_{setting}")})
+    return out
 
 
-def _cost(parameters: float, flops: float, rank: int | None) -> dict[ValueKey, Value]:
-    return {PARAMETERS: Value(parameters), FLOPS: Value(flops, 1), **_numbers({RANK: rank}, 0)}
-
-
-def _numbers(numbers: Mapping[ValueKey, float | None], decimals: int | None = None) -> dict[ValueKey, Value]:
+def _known(numbers: Mapping[ValueKey, float | None], decimals: int | None = None) -> dict[ValueKey, Value]:
     return {key: Value(number, decimals) for key, number in numbers.items() if number is not None}
 
 
-def _places(results: Sequence[ModelResult]) -> dict[ModelResult, int]:
+def _is_derived(line: ModelResult, key: ValueKey) -> bool:
+    """Whether a value of the paper's lines is computed from others, because the paper does not print it."""
+    if key != CRER or line.frames != PAPER:
+        return False
+    cost, setting = line.printed_cost, line.setting.lower()
+    return cost is None or setting not in ("ood", "id") or getattr(cost, f"crer_{setting}") is None
+
+
+def _places(results: Sequence[ModelResult]) -> dict[ModelResult, TableCell]:
     """Rank each run by its EPE under corruption among the ranked runs on the same frames, in all settings. Equal
-    printed values share a rank."""
-    key = START[0]
+    printed values share a rank. `TIED` marks runs that a paired test cannot tell apart from the first."""
     groups: dict[tuple[str, str], dict[ModelResult, float]] = {}
     for line in results:
-        if line.run is not None and not line.excluded and key in line.values:
-            groups.setdefault((line.benchmark, line.frames), {})[line] = float(line.values[key].text)
-    ranks = (competition_ranks(group) for group in groups.values() if len(group) > 1)
-    return {line: rank for group in ranks for line, rank in group.items()}
+        if line.run is not None and not line.excluded and EPE in line.values:
+            groups.setdefault((line.benchmark, line.frames), {})[line] = float(line.values[EPE].text)
+    places = {}
+    for group in groups.values():
+        if len(group) > 1:
+            tied = _tied(sorted(group, key=by_error))
+            for line, rank in competition_ranks(group).items():
+                places[line] = TableCell(str(rank), interval=TIED if line in tied else "")
+    return places
 
 
-def _board(
-    benchmark: str, cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]], group_titles: Mapping[str, str]
-) -> Board:
+def _tied(order: Sequence[ModelResult]) -> set[ModelResult]:
+    """Return the runs whose EPE does not differ significantly from that of the first, corrected for all pairs of the
+    best ones, from which the first was selected."""
+    best = order[:MOST_COMPARED]
+    rows = {line.name: paper_rows(line.run) if line.beside_published else line.run.rows for line in best if line.run}
+    try:
+        pairs = compare_all(rows, "epe").filter(first=best[0].name)
+    except RunError:
+        return set()  # records may group the same samples differently; the board still shows their values
+    sure = {row["second"] for row in pairs.iter_rows(named=True) if row["p_holm"] is not None and row["p_holm"] < 0.05}
+    return {line for line in best[1:] if line.name not in sure}
+
+
+def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:
     keys = {key for of_line in cells.values() for key in of_line}
-    overview = [
-        BoardColumn(label, key=key, explanation=explanation, views=(OVERVIEW,), unit=unit)
-        for key, label, explanation, unit in _OVERVIEW
-        if key in keys
-    ]
-    few = [column.key for column in overview if column.key in _COMPACT][:2]
-    columns = [replace(column, views=(OVERVIEW, COMPACT)) if column.key in few else column for column in overview]
-    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
-    families = [family for family in MEMBERS if any((metric, family) in keys for metric in metrics)]
-    for metric in metrics:
-        if (metric, AVERAGE) in keys:
-            columns.append(_mean_column(metric, AVERAGE, f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
+    columns = [column for column in _OVERVIEW_COLUMNS if column.key in keys]
+    few = [column for column in columns if COMPACT in column.views][:2]
+    columns = [column if column in few else replace(column, views=(OVERVIEW,)) for column in columns]
+    for metric in BOARD_METRICS:
+        families = [family for family in MEMBERS if (metric, family) in keys]
+        if families and (metric, AVERAGE) in keys:
+            columns.append(_column(metric, AVERAGE, f"AVG {METRIC_LABELS[metric]}", "all corruptions", CLASSES))
         for family in families:
-            columns.append(_mean_column(metric, family, FAMILY_LABELS[family], (CLASSES, family)))
-            columns += [_column(metric, name, family) for name in MEMBERS[family] if (metric, name) in keys]
-    views = [(OVERVIEW, "Overview")] + [(COMPACT, "Compact")] * (len(columns) > len(few))
-    views += [(CLASSES, "Class means")] * bool(families)
-    start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
+            columns.append(_column(metric, family, FAMILY_LABELS[family], "the class", CLASSES, family))
+            for name in MEMBERS[family]:
+                if (metric, name) in keys:
+                    columns.append(_column(metric, name, short_label(name), long_label(name), family))
     hidden = sorted(keys - {column.key for column in columns})
-    columns += [BoardColumn(" ".join(filter(None, key)), key=key) for key in hidden]
+    columns += [Column(" ".join(filter(None, key)), key=key) for key in hidden]
     sections = []
     for frames, lines in by_frames(cells).items():
         in_order = []
@@ -214,57 +215,33 @@ def _board(
             of_line = tuple(cells[line].get(column.key, TableCell(DASH)) for column in columns)
             in_order.append(Line(line.name, of_line, line.note, result=line))
         sections.append(Section(group_titles.get(frames, plain(frames, 200)), tuple(in_order)))
-    settings = dict.fromkeys(plain(line.setting, 40) for line in cells)
-    return Board(
-        name="leaderboard",
-        title=benchmark_label(benchmark),
-        columns=tuple(columns),
-        sections=tuple(sections),
-        remarks=tuple(_remarks(cells)),
-        benchmark=benchmark,
-        views=(*views, *((family, FAMILY_LABELS[family]) for family in families)),
-        metrics=tuple((metric, METRIC_LABELS[metric]) for metric in metrics),
-        settings=tuple(
-            (name, setting_words(name), SETTING_EXPLANATIONS.get(name, ""))
-            for name in dict.fromkeys([*SETTING_LABELS, *settings])
-            if name in settings
-        ),
-        start=start,
-    )
+    remarks = tuple(_remarks(benchmark, cells))
+    return Table(benchmark, benchmark_label(benchmark), tuple(columns), tuple(sections), remarks)
 
 
-def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Iterator[str]:
+def _column(metric: str, condition: str, label: str, over: str, *views: str) -> Column:
+    return Column(label, key=(metric, condition), help=f"{METRIC_LABELS[metric]}, {over}", unit="px", views=views)
+
+
+def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str]:
     every = [cell for of_line in cells.values() for cell in of_line.values()]
+    runs = [line for line in cells if line.run is not None]
     if any(cell.best for cell in every):
         yield (
-            "Bold values are the best in their column among models in the same setting measured on the same frames. Of "
-            "runs, only the EPE is marked, because a flow that is too short has a low CRE, CREr and RCRE. "
-            "Knowledge-driven methods are not marked."
+            "Bold: lowest value among models in the same setting on the same frames; of runs, only the EPE, because a "
+            "flow that is too short has a low CRE, CREr and RCRE."
         )
+    if any(cell.interval == TIED for cell in every):
+        yield f"{TIED}: not significantly different from rank 1 (paired test, corrected for the {MOST_COMPARED} best)."
     if any(cell.derived for cell in every):
-        yield "In italics: CREr values that the paper does not print, computed from other values in the same row."
-    if any(line.intervals for line in cells):
-        yield (
-            "In brackets: 95 % confidence intervals of runs, from a bootstrap over images (over sequences if pairs "
-            "belong to sequences)."
-        )
-    elif any(line.run is not None for line in cells):
+        yield "Italic: CREr that the paper does not print, from other values of the row."
+    if any(line.intervals for line in runs):
+        yield "Brackets: 95 % confidence intervals from a bootstrap over images (over sequences where there are any)."
+    elif runs:
         yield "No confidence intervals: too few images or sequences."
     if len({line.frames for line in cells}) > 1:
         yield "Rows are sorted within each group."
-
-
-def _column(metric: str, corruption: str, family: str) -> BoardColumn:
-    return BoardColumn(
-        short_label(corruption),
-        key=(metric, corruption),
-        explanation=f"{METRIC_LABELS[metric]} under {long_label(corruption)} ({FAMILY_LABELS[family]})",
-        views=(family,),
-        metric=metric,
-        unit="px",
-    )
-
-
-def _mean_column(metric: str, over: str, label: str, views: tuple[str, ...]) -> BoardColumn:
-    explanation = f"{METRIC_LABELS[metric]}, mean over {'all corruptions' if over == AVERAGE else 'the class'}"
-    return BoardColumn(label, key=(metric, over), explanation=explanation, views=views, metric=metric, unit="px")
+    if is_still(benchmark):
+        yield PHANTOM
+    elif runs and all(("epe", CLEAN) not in line.values for line in runs):
+        yield CAVEAT

@@ -21,11 +21,16 @@ LONGEST_NOTE = 600
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table."""
+    """A column of a table. Pages use the last five: the measure and condition of the values, an explanation, the unit,
+    the views that show the column, and the value of the strongest shade."""
 
     label: str
     group: str = ""
     prose: bool = False
+    key: tuple[str, str] = ("", "")
+    help: str = ""
+    unit: str = ""
+    views: Sequence[str] = ()
     strongest: float | None = None
 
 

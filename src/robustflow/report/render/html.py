@@ -12,7 +12,8 @@ from ..table import LONGEST_NOTE, Table, TableCell
 def render(table: Table) -> str:
     """Render the table as an HTML fragment. All text is escaped, and attributes contain only constants."""
     notes = table.notes
-    lines = ['<figure class="results">', f"<figcaption>{escape(table.title)}</figcaption>", "<table>", "<thead>"]
+    caption = f"<figcaption>{escape(table.title)}</figcaption>" if table.title else ""
+    lines = [f'<figure class="results">{caption}', "<table>", "<thead>"]
     groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
     if any(group for group, _ in groups):
         over = "".join(
@@ -24,7 +25,9 @@ def render(table: Table) -> str:
     lines += [f'<tr><th scope="col">{escape(table.row_header)}</th>{headings}</tr>', "</thead>"]
     for section in table.sections:
         span = len(table.columns) + 1
-        lines += ["<tbody>", f'<tr><th scope="rowgroup" colspan="{span}">{escape(section.title)}</th></tr>']
+        lines.append("<tbody>")
+        if section.title:
+            lines.append(f'<tr><th scope="rowgroup" colspan="{span}">{escape(section.title)}</th></tr>')
         for line in section.lines:
             mark = f" <sup>{notes[line.note]}</sup>" if line.note else ""
             cells = "".join(map(_cell, line.cells))

@@ -21,8 +21,8 @@ from ...stats.results import benchmark_words
 from ...stats.results_file import FILE, results_csv
 from ...stats.run_results import comparison_notes, run_results
 from ...stats.uncertainty.intervals import interval_ends
-from ..leaderboard import Board, boards_of
-from ..table import TableCell
+from ..leaderboard import boards_of, cells_of
+from ..table import Table, TableCell
 
 if TYPE_CHECKING:
     from ...run.run import Run
@@ -50,7 +50,7 @@ class Content:
         return self.alone and sum(line.run is not None for line in self.lines) == 1
 
     @cached_property
-    def boards(self) -> list[Board]:
+    def boards(self) -> list[Table]:
         """The leaderboards, one per benchmark."""
         return boards_of(self.lines, self.group_titles)
 
@@ -58,7 +58,7 @@ class Content:
     def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
         """The cells of each line in the leaderboards."""
         lines = ((board, line) for board in self.boards for line in board.lines)
-        return {line.result: board.cells_of(line) for board, line in lines if line.result}
+        return {line.result: cells_of(board, line) for board, line in lines if line.result}
 
     @property
     def focus(self) -> list[ModelResult]:

@@ -24,6 +24,7 @@ from ..figures.curves import scale_panels, security_figure, sparsification_curve
 from ..figures.displacement_histogram import MOST_LINES
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from ..leaderboard import by_error
+from ..table import DASH, Column, Line, Section, Table
 from .content import Content
 from .svg import inline_svg, key_markup
 
@@ -37,12 +38,13 @@ _TITLES = {
     "security_curves": "Security curves",
     "sparsification": "Does the model know when it is wrong?",
 }
-_MOST_LINES = 200
+_MOST_NUMBERS = 200
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure of a page."""
+    """A figure of a page. The numbers are None if the model pages show them all; `apart` is a second drawing, with a
+    separate scale for each panel."""
 
     id: str
     title: str
@@ -51,9 +53,7 @@ class PageFigure:
     apart: Markup | None
     key: Markup
     wide: bool
-    head: str
-    columns: tuple[str, ...]
-    lines: tuple[tuple[str, tuple[str, ...]], ...]
+    numbers: Table | None
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class FigureGroup:
 def page_figures(content: Content) -> list[FigureGroup]:
     """Draw the figures of each sample set that the page is about, including the severity curves of its runs and the
     flow magnitudes of their frames. A model has the same colour in all figures."""
-    styling = page_looks(content)
-    groups = []
+    styling = page_styles(content)
+    groups: list[FigureGroup] = []
     count = 0
     for benchmark, frames in dict.fromkeys((line.benchmark, line.frames) for line in content.focus):
         drawn: list[tuple[str, MarkedFigure, str]] = []
@@ -81,10 +81,8 @@ def page_figures(content: Content) -> list[FigureGroup]:
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _row_figures(frames, content, styling)
         pages = {line.name: page for line, page in content.pages.items() if line.frames == frames}
-        made = []
-        for name, figure, note in drawn:
-            made.append(_page_figure(f"figure-{count}", name, figure, note, pages))
-            count += 1
+        made = [_page_figure(f"figure-{count + index}", *one, pages) for index, one in enumerate(drawn)]
+        count += len(made)
         if made:
             made.sort(key=lambda figure: figure.wide)  # narrow figures, which fit side by side, come first
             groups.append(FigureGroup(benchmark, content.group_titles.get(frames, plain(frames)), tuple(made)))
@@ -94,12 +92,10 @@ def page_figures(content: Content) -> list[FigureGroup]:
 def attack_figure(number: int, run: Run) -> PageFigure | None:
     """Draw the security curves of a run; None if it has no attacks."""
     points = security_curves(run)
-    if not points:
-        return None
-    return _page_figure(f"attacks-{number}", "security_curves", security_figure(points), "", {})
+    return _page_figure(f"attacks-{number}", "security_curves", security_figure(points), "", {}) if points else None
 
 
-def page_looks(content: Content) -> FigureStyles:
+def page_styles(content: Content) -> FigureStyles:
     """Assign a distinct style to each model name, the same in every sample set."""
     places: dict[tuple[str, int], int] = {}
     styles: dict[ModelResult, Style] = {}
@@ -114,34 +110,23 @@ def page_looks(content: Content) -> FigureStyles:
 
 
 def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterable[tuple[str, MarkedFigure, str]]:
-    """Yield the figures that need rows, as (name, figure, sentences about omitted runs)."""
-    of_frames = {line.name: line.run for line in content.lines if line.frames == frames and line.run is not None}
-    styles = {line.name: styling.styles[line] for line in content.lines if line.frames == frames and line.run}
-    runs = _best_runs(list(of_frames), frames, content)
-    try:
-        curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=styling.legend)
-    except UsageError:
-        pass  # runs without valid pixels have no curve
-    else:
-        fewer = len(runs) < len(of_frames)
-        note = f"The {len(runs)} of {len(of_frames)} runs with the lowest error are drawn. " if fewer else ""
+    """Yield the figures that need rows, as (name, figure, sentence about omitted runs). If there are more runs than a
+    figure can distinguish, only the top runs of the leaderboard have curves."""
+    lines = [line for line in content.lines if line.frames == frames and line.run is not None]
+    best = sorted(lines, key=by_error)[: len(MODEL_STYLES)]
+    runs = {line.name: line.run for line in lines if line in best and line.run}
+    with suppress(UsageError):  # runs without valid pixels have no curve
+        styles = {line.name: styling.styles[line] for line in best}
+        curves = severity_curves({name: run.rows for name, run in runs.items()}, styles=styles, legend=styling.legend)
+        fewer = len(runs) < len(lines)
+        note = f"The {len(runs)} of {len(lines)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note
-    for name in runs:
+    for name, run in runs.items():
         with suppress(UsageError):  # the run has no confidence, or no ground truth
-            yield "sparsification", sparsification_curves(plain(name), confidence_means(of_frames[name].rows)), ""
-    moved = iter(displacements_of(list(of_frames.values())).items())
-    while lines := dict(islice(moved, MOST_LINES)):
-        yield "displacement", displacement_figure(lines), ""
-
-
-def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
-    """Return the names of the runs in a sample set, in order. If there are more runs than a figure can distinguish,
-    only the top runs of the leaderboard are included."""
-    if len(names) <= len(MODEL_STYLES):
-        return names
-    lines = sorted((line for line in content.lines if line.frames == frames), key=by_error)
-    best = {line.name for line in lines[: len(MODEL_STYLES)]}
-    return [name for name in names if name in best]
+            yield "sparsification", sparsification_curves(plain(name), confidence_means(run.rows)), ""
+    moved = iter(displacements_of([line.run for line in lines if line.run]).items())
+    while histograms := dict(islice(moved, MOST_LINES)):
+        yield "displacement", displacement_figure(histograms), ""
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
@@ -152,14 +137,6 @@ def _compares(name: str, figure: MarkedFigure) -> bool:
 def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: dict[str, str]) -> PageFigure:
     if figure.get_suptitle():
         figure.suptitle("")  # the page provides the heading
-    marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
-    columns = tuple(dict.fromkeys(what for mark in marks for what, _ in mark.values))
-    lines = tuple((plain(mark.model), tuple(dict(mark.values).get(what, "–") for what in columns)) for mark in marks)
-    if any(mark.setting for mark in marks):
-        columns = ("Setting", *columns)
-        lines = tuple(
-            (head, (plain(mark.setting, 40), *values)) for mark, (head, values) in zip(marks, lines, strict=True)
-        )
     apart = None
     if name == "severity_curves":
         figure.supxlabel("")
@@ -176,7 +153,21 @@ def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: di
         apart=apart,
         key=key_markup(figure.key),
         wide=len(figure.axes) > 1,
-        head={"displacement": "Frames", "security_curves": "Attack"}.get(name, "Model"),
-        columns=columns,
-        lines=lines if len(lines) <= _MOST_LINES else (),
+        numbers=_numbers({"displacement": "Frames", "security_curves": "Attack"}.get(name, "Model"), figure),
     )
+
+
+def _numbers(head: str, figure: MarkedFigure) -> Table | None:
+    """Tabulate the values of a figure's marks; None if there are too many for a table."""
+    marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
+    if len(marks) > _MOST_NUMBERS:
+        return None
+    known = [{"Setting": plain(mark.setting, 40)} | dict(mark.values) for mark in marks]
+    labels = [
+        label for label in dict.fromkeys(key for one in known for key in one) if any(one.get(label) for one in known)
+    ]
+    lines = [
+        Line.of(plain(mark.model), (values.get(label) or DASH for label in labels))
+        for mark, values in zip(marks, known, strict=True)
+    ]
+    return Table("figure", "", tuple(map(Column, labels)), (Section("", tuple(lines)),), row_header=head)

@@ -1,64 +1,92 @@
 "use strict";
-// The leaderboard: builds the lines from the page's data; sorts, filters and counts them; and shows the section of one
-// benchmark.
-const { data, make, settingChip } = window.robustflow;
+// The leaderboards: built from the page's data; sorted, filtered and counted; one benchmark is shown at a time.
+const { data, make, settingChip, textsOf, cellOf, scroll } = window.robustflow;
 const chooser = document.getElementById("chooser");
 const narrow = matchMedia("(max-width: 40rem)").matches;
 
-function cellOf(entry, key, hidden) {
-  const text = entry.values?.[key] || "–";
-  const best = entry.best?.includes(key);
-  const kind = best ? "best" : entry.derived?.includes(key) ? "derived" : "";
-  const interval = entry.intervals?.[key];
-  return make("td", { class: kind, hidden }, best ? make("b", {}, text) : text, interval ? make("small", {}, interval) : null);
+function headingOf({ label, help = "", unit = "", views = [], metric = "" }, index, start) {
+  const [hidden, sorted] = [!views.includes("overview"), index === start ? "ascending" : ""];
+  const attributes = { scope: "col", title: help, "data-views": views.join(" "), "data-metric": views.includes("overview") ? "" : metric };
+  return make("th", { ...attributes, hidden, "aria-sort": sorted }, label, unit ? " " : "", unit ? make("small", {}, unit) : null);
 }
 
-function lineOf(entry, columns, head) {
+function rowOf(entry, columns, shown) {
   const link = make("a", { href: `#model=${entry.page}` }, entry.name || "(no name)");
   const small = make("small", { class: "of-narrow" }, settingChip(entry.setting));
   const name = make("th", { scope: "row" }, link, small, entry.remark ? make("small", {}, entry.remark) : null);
-  const cells = columns.map((key, index) => cellOf(entry, key, head[index + 2].hidden));
+  const cells = shown.map((index) => cellOf(entry, index, { hidden: !columns[index].views.includes("overview") }));
   const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-excluded": entry.excluded ?? false };
   return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);
 }
 
-document.querySelectorAll("div.board").forEach((element, index) => {
-  const { columns, groups } = data.boards[index];
-  const head = [...element.querySelectorAll("thead th")];
-  element.querySelectorAll("tbody").forEach((body, group) => {
-    body.append(...groups[group].map((entry) => lineOf(entry, columns, head)));
-  });
-});
+function chips(settings, number) {
+  const chip = (value, label, checked) => {
+    const input = Object.assign(make("input", { type: "radio", name: `setting-${number}`, checked }), { value });
+    return make("label", {}, input, make("span", {}, label));
+  };
+  const all = settings.map((name) => chip(name, data.settings[name][0], false));
+  return make("fieldset", { class: "chips" }, make("legend", {}, "Setting"), chip("", "All", true), ...all);
+}
 
-const boards = [...document.querySelectorAll("div.board")].map((element, index) => ({
-  element,
-  label: element.closest("section").querySelector("h2").textContent,
-  parts: document.querySelectorAll(`section.benchmark[data-board="${index}"], nav [data-board="${index}"]`),
-  tools: element.querySelector(".controls"),
-  view: element.querySelector("[data-part=view]"),
-  metric: element.querySelector("[data-part=metric]"),
-  search: element.querySelector("[data-part=search]"),
-  count: element.querySelector(".count"),
-  head: [...element.querySelectorAll("thead th")],
-  bodies: [...element.querySelectorAll("tbody")].map((body) => ({
-    body,
-    heading: body.rows[0],
-    lines: [...body.rows].slice(1),
-  })),
-  start: Number(element.querySelector("table").dataset.start),
-}));
+function choice(label, options) {
+  const list = make("select", {}, ...options.map(([value, text]) => make("option", { value }, text)));
+  return [make("label", { class: "field" }, `${label} `, list), list];
+}
+
+// Build a leaderboard into its element; return its parts.
+function build(element, index) {
+  const { columns, sections, start, remarks, title } = data.boards[index];
+  const shown = columns.flatMap((column, at) => (column.views ? [at] : []));
+  const used = new Set(sections.flatMap(({ lines }) => lines.map((line) => line.setting)));
+  const settings = Object.keys(data.settings).filter((name) => used.has(name));
+  const views = Object.entries(data.views).filter(([view]) => shown.some((at) => columns[at].views.includes(view)));
+  const metrics = [...new Set(shown.filter((at) => !columns[at].views.includes("overview")).map((at) => columns[at].metric))];
+  const [viewField, view] = choice("Columns", views);
+  const [metricField, metric] = choice("Metric", metrics.map((name) => [name, data.metrics[name]]));
+  metric.dataset.part = "metric";
+  const search = make("input", { type: "search", autocomplete: "off", spellcheck: "false", placeholder: "model" });
+  const count = make("output", { class: "count", role: "status", "aria-live": "polite" });
+  const several = views.length > 1;
+  const fields = [settings.length > 1 ? chips(settings, index) : null, several ? viewField : null, several ? metricField : null];
+  fields.push(make("label", { class: "field grow" }, "Search ", search), count);
+  const tools = make("details", { class: "controls needs-script" }, make("summary", {}, "Filter and columns"), make("div", {}, ...fields));
+  const texts = ["Model", "Setting"].map((text, at) =>
+    make("th", { scope: "col", "data-kind": "text", "data-views": at ? "overview classes" : "" }, text),
+  );
+  const head = [...texts, ...shown.map((at) => headingOf(columns[at], at, start))];
+  const bodies = sections.map(({ title: heading, lines }) => {
+    const mixed = sections.length > 1 && lines[0].frames !== "paper";
+    const apart = mixed ? make("em", {}, " different frames: not comparable with the other groups") : null;
+    const group = make("th", { scope: "rowgroup", colspan: head.length }, make("span", {}, heading, apart));
+    const rows = lines.map((line) => rowOf(line, columns, shown));
+    const body = make("tbody", {}, make("tr", { class: "group" }, group), ...rows);
+    return { body, heading: body.rows[0], lines: rows };
+  });
+  const caption = make("caption", { class: "aside" }, `${title}: lower is better in every column.`);
+  const table = make("table", {}, caption, make("thead", {}, make("tr", {}, ...head)), ...bodies.map(({ body }) => body));
+  const meanings = settings.filter((name) => data.settings[name][2]).map((name) => `${data.settings[name][0]}: ${data.settings[name][2]}`);
+  const below = [meanings.join("; "), ...remarks].map((text) => (text ? make("p", { class: "aside" }, text) : null));
+  element.append(tools, scroll(`Leaderboard of ${title}`, table, "region"), ...below.filter((part) => part !== null));
+  return {
+    element, tools, search, count, head, bodies,
+    view: several ? view : null,
+    metric: several ? metric : null,
+    label: title,
+    parts: document.querySelectorAll(`section.benchmark[data-board="${index}"], nav [data-board="${index}"]`),
+    start: Math.max(0, shown.indexOf(start) + 2),
+    usual: narrow && views.some(([name]) => name === "compact") ? "compact" : "overview",
+  };
+}
+
+const boards = [...document.querySelectorAll("div.board")].map(build);
 
 for (const board of boards) {
   board.sort = board.start;
   board.down = false;
-  const views = board.view === null ? [] : [...board.view.options].map((option) => option.value);
-  board.usual = narrow && views.includes("compact") ? "compact" : "overview";
   if (board.view !== null) board.view.value = board.usual;
   board.tools.open = !narrow;
   board.head.forEach((heading, index) => {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.append(...heading.childNodes);
+    const button = make("button", { type: "button" }, ...heading.childNodes);
     heading.append(button);
     button.addEventListener("click", () => {
       board.down = board.sort === index && !board.down;
@@ -73,13 +101,10 @@ for (const board of boards) {
   });
 }
 
-// Excludes text that is only for screen readers or narrow screens.
-function textOf(cell) {
-  return (cell.querySelector("a") ?? cell).textContent;
-}
-
+// The text or number of a cell without what only screen readers or narrow screens show; null if it is missing.
 function cellKey(line, index, text) {
-  const shown = textOf(line.cells[index]);
+  const cell = line.cells[index];
+  const shown = (cell.querySelector("a") ?? cell.firstChild ?? cell).textContent;
   if (text) return shown.toLowerCase();
   const number = parseFloat(shown);
   return Number.isNaN(number) ? null : number;
@@ -122,8 +147,8 @@ function showColumns(board) {
     for (const { lines } of board.bodies) for (const line of lines) line.cells[index].hidden = hidden;
   });
   if (board.head[board.sort].hidden) {
-    const start = board.head[board.start].hidden ? board.head.findIndex((heading, index) => index > 1 && !heading.hidden) : board.start;
-    board.sort = Math.max(0, start);
+    const first = board.head.findIndex((heading, index) => index > 1 && !heading.hidden);
+    board.sort = Math.max(0, board.head[board.start].hidden ? first : board.start);
     board.down = false;
     sortLines(board);
   }
@@ -138,17 +163,16 @@ function settingOf(board) {
   return board.tools.querySelector("fieldset input:checked")?.value ?? "";
 }
 
-function showLines(board) {
+function update(board) {
+  showColumns(board);
   const wanted = board.search.value.trim().toLowerCase();
   const setting = settingOf(board);
-  let visible = 0;
-  let all = 0;
+  let [visible, all] = [0, 0];
   for (const { heading, lines } of board.bodies) {
     let here = 0;
     for (const line of lines) {
-      const fits = (setting === "" || line.dataset.setting === setting) && cellKey(line, 0, true).includes(wanted);
-      line.hidden = !fits;
-      here += fits;
+      line.hidden = !((setting === "" || line.dataset.setting === setting) && cellKey(line, 0, true).includes(wanted));
+      here += !line.hidden;
     }
     heading.hidden = here === 0;
     visible += here;
@@ -157,13 +181,8 @@ function showLines(board) {
   board.count.textContent = `${visible} of ${all} rows`;
 }
 
-function update(board) {
-  showColumns(board);
-  showLines(board);
-}
-
-// Show one benchmark at a time: its table, sentences, figures, pictures and checks. A model's page shows
-// all benchmarks, because the model may have been measured on several.
+// Show one benchmark at a time: its table, figures, pictures and checks. A model's page shows all benchmarks, because the
+// model may have been measured on several.
 function showSection(all = false) {
   const shown = current();
   boards.forEach((board) => {
@@ -192,8 +211,7 @@ function choose(inputs, value) {
 }
 
 function select(list, value, usual) {
-  if (list === null) return;
-  list.value = [...list.options].some((option) => option.value === value) ? value : usual;
+  if (list !== null) list.value = [...list.options].some((option) => option.value === value) ? value : usual;
 }
 
 window.robustflow.listeners.push((state) => {
@@ -203,7 +221,7 @@ window.robustflow.listeners.push((state) => {
   const board = current();
   choose(board.tools.querySelectorAll("fieldset input"), state.get("setting") ?? "");
   select(board.view, state.get("columns"), board.usual);
-  select(board.metric, state.get("metric"), board.metric?.options[0].value);
+  select(board.metric, state.get("metric"), board.metric?.options[0]?.value);
   board.search.value = state.get("search") ?? "";
   update(board);
   const [, column, down] = /^(\d{1,4})(-?)$/.exec(state.get("sort") ?? "") ?? [];

@@ -1,21 +1,20 @@
 "use strict";
-// Export the numbers in the page as files. Text that a spreadsheet would run as a formula is prefixed with an apostrophe.
+// Export the numbers in the page as files, and search the findings of the audit. Text that a spreadsheet would run as a
+// formula is prefixed with an apostrophe.
 const { data } = window.robustflow;
 const COLUMNS = ["benchmark", "setting", "model", "metric", "corruption", "value", "sample_set", "note", "origin"];
 
 // Means over corruption classes are omitted because they can be computed from the other values.
 function records() {
-  const all = [];
-  for (const { benchmark, numbers, groups } of data.boards) {
-    for (const entry of groups.flat()) {
-      numbers.forEach(([metric, corruption], index) => {
-        const value = entry.values?.[index];
-        if (!value) return;
-        all.push([benchmark, entry.setting, entry.name, metric, corruption, value, entry.frames ?? "", entry.note ?? "", entry.source]);
-      });
-    }
-  }
-  return all;
+  return data.boards.flatMap(({ name, exported, sections }) =>
+    sections.flatMap(({ lines }) => lines).flatMap((line) => {
+      const texts = line.texts.split("\t");
+      const rest = [line.frames ?? "", line.note ?? "", line.source];
+      return exported
+        .filter(([index]) => texts[index] !== "-")
+        .map(([index, metric, corruption]) => [name, line.setting, line.name, metric, corruption, texts[index], ...rest]);
+    }),
+  );
 }
 
 function cell(text, index) {
@@ -72,4 +71,24 @@ const actions = {
 };
 for (const button of document.querySelectorAll("[data-download]")) {
   button.addEventListener("click", actions[button.dataset.download]);
+}
+
+// Checks with a hit are opened.
+for (const audit of document.querySelectorAll(".audit")) {
+  const box = audit.querySelector("input");
+  box.addEventListener("input", () => {
+    const wanted = box.value.trim().toLowerCase();
+    let found = 0;
+    for (const check of audit.querySelectorAll("details")) {
+      let here = 0;
+      for (const row of check.querySelectorAll("tbody tr")) {
+        row.hidden = !row.textContent.toLowerCase().includes(wanted);
+        here += !row.hidden;
+      }
+      check.hidden = here === 0;
+      check.open = wanted !== "" && here > 0;
+      found += here;
+    }
+    audit.querySelector("output").textContent = wanted === "" ? "" : `${found} finding${found === 1 ? "" : "s"}`;
+  });
 }

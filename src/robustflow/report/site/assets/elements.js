@@ -18,9 +18,22 @@ function settingChip(setting) {
   return make("span", { class: `chip ${kind}` }, words);
 }
 
-// The explanation of a setting; "" for settings named in a file.
-function settingMeaning(setting) {
-  return data.settings[setting]?.[2] ?? "";
+// The texts of a line; a dash stands for a missing number.
+function textsOf(line) {
+  return line.texts.split("\t").map((text) => (text === "-" ? "–" : text));
 }
 
-window.robustflow = { data, make, settingChip, settingMeaning, listeners: [], highlight() {}, showSection() {} };
+// A cell with its interval; `shown` replaces its text, for example by a link.
+function cellOf(line, index, attributes = {}, shown = textsOf(line)[index]) {
+  const best = line.best?.includes(index);
+  const kind = best ? "best" : line.derived?.includes(index) ? "derived" : "";
+  const interval = line.intervals?.[index];
+  const content = [best ? make("b", {}, shown) : shown, interval ? make("small", {}, interval) : null];
+  return make("td", { class: kind, ...attributes }, ...content);
+}
+
+function scroll(label, content, role = "group") {
+  return make("div", { class: "scroll", role, "aria-label": label, tabindex: "0" }, content);
+}
+
+window.robustflow = { data, make, settingChip, textsOf, cellOf, scroll, listeners: [], highlight() {}, showSection() {} };

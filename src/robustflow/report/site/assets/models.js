@@ -1,6 +1,6 @@
 "use strict";
-// The page of a model: its numbers under every corruption, facts about the run, and a breakdown of its error.
-const { data, make, settingChip, settingMeaning } = window.robustflow;
+// The page of a model: tables of its means, its numbers under every corruption and its error, and facts about the run.
+const { data, make, settingChip, textsOf, cellOf, scroll } = window.robustflow;
 const STEPS = 10;
 
 // The attributes of a shaded cell, from its ratio to its column's strongest value; cold colours below zero.
@@ -11,68 +11,73 @@ function heat(text, top) {
   return { class: value < 0 ? "cold" : "hot", style: `--heat: ${5 * step}%` };
 }
 
-function scroll(label, table) {
-  return make("div", { class: "scroll", role: "group", "aria-label": label, tabindex: "0" }, table);
+function linesOf(table) {
+  return table.sections.flatMap((section) => section.lines);
 }
 
-function tableOf(head, columns, lines, cellOf) {
-  const heading = make("tr", {}, ...[head, ...columns].map((text) => make("th", { scope: "col" }, text)));
-  const rows = lines.map(([label, cells]) => make("tr", {}, make("th", { scope: "row" }, label), ...cells.map(cellOf)));
+function tableOf({ head, columns, ...table }, cell) {
+  const labels = [head, ...columns.map((column) => column.label)];
+  const heading = make("tr", {}, ...labels.map((label) => make("th", { scope: "col" }, label)));
+  const rows = linesOf(table).map((line) =>
+    make("tr", {}, make("th", { scope: "row" }, line.name), ...columns.map((column, index) => cell(line, index, column))),
+  );
   return make("table", {}, make("thead", {}, heading), make("tbody", {}, ...rows));
 }
 
 // A cell links to the picture of its frames, flow and error if there is one.
-function heatTable(table, name, id, panels) {
-  const cell = ([text, note, label], index) => {
-    const panel = panels.findIndex((one) => one.cell[0] === label && one.cell[1] === table.columns[index]);
-    const title = `${label}, severity ${table.columns[index]}: frames, flow and error`;
-    const shown = panel < 0 ? text : make("a", { href: `#model=${id}&panel=${panel}`, title }, text);
-    return make("td", heat(text, table.tops[index]), shown, note ? make("small", {}, note) : null);
+function shadedTable(table, name, id, panels) {
+  const cell = (line, index, { label, top }) => {
+    const text = textsOf(line)[index];
+    const panel = panels.findIndex((one) => one.corruption === line.name && String(one.severity) === label);
+    const title = `${line.name}, severity ${label}: frames, flow and error`;
+    const link = panel < 0 ? text : make("a", { href: `#model=${id}&panel=${panel}`, title }, text);
+    return cellOf(line, index, heat(text, top), link);
   };
-  const lines = table.lines.map(([label, texts, notes]) => [
-    data.labels[label],
-    (texts ? texts.split(" ") : []).map((text, index) => [text, notes ? notes[index] : "", data.labels[label]]),
-  ]);
-  const made = tableOf("Corruption", table.columns, lines, cell);
-  return make("figure", { class: "heat" }, make("figcaption", {}, table.title), scroll(`${table.title} of ${name}`, made));
+  const shown = scroll(`${table.title} of ${name}`, tableOf(table, cell));
+  return make("figure", { class: "heat" }, make("figcaption", {}, table.title), shown);
 }
 
-function scoresOf({ benchmark, setting, note, scores }) {
-  const head = make("p", {}, `${benchmark} `, settingChip(setting), note ? make("em", {}, ` ${note}`) : null);
-  const meaning = settingMeaning(setting);
-  const tiles = scores.map(([label, text, interval]) =>
-    make("div", {}, make("dt", {}, label), make("dd", {}, text, interval ? make("small", {}, interval) : null)),
-  );
-  return make("div", { class: "scores" }, head, make("dl", {}, ...tiles), meaning ? make("p", { class: "aside" }, `${data.settings[setting][0]}: ${meaning}.`) : null);
+function scoresOf({ title, columns, sections: [{ lines: [line] }] }) {
+  const setting = data.settings[line.name];
+  const head = make("p", {}, `${title} `, settingChip(line.name), line.note ? make("em", {}, ` ${line.note}`) : null);
+  const texts = textsOf(line);
+  const tiles = columns.map(({ label }, index) => {
+    const interval = line.intervals?.[index];
+    return make("div", {}, make("dt", {}, label), make("dd", {}, texts[index], interval ? make("small", {}, interval) : null));
+  });
+  const meaning = setting?.[2] ? make("p", { class: "aside" }, `${setting[0]}: ${setting[2]}.`) : null;
+  return make("div", { class: "scores" }, head, make("dl", {}, ...tiles), meaning);
 }
 
-function panelOf({ title, numbers, picture, size: [width, height] }, id, index) {
+function panelOf({ title, numbers, picture, width, height }, id, index) {
   const alt = `Frames, corrupted frames, flow and error map side by side. ${numbers}`;
   const image = make("img", { src: picture, width, height, alt });
-  return make("figure", { class: "panel", id: `panel-${id}-${index}`, tabindex: "-1" }, make("figcaption", {}, numbers ? `${title}: ${numbers}` : title), scroll(title, image));
+  const caption = make("figcaption", {}, numbers ? `${title}: ${numbers}` : title);
+  return make("figure", { class: "panel", id: `panel-${id}-${index}`, tabindex: "-1" }, caption, scroll(title, image));
 }
 
 window.robustflow.modelPage = (id, primary) => {
   const page = data.models[id];
   const name = page.name || "(no name)";
+  const of = (kind) => page.tables.filter((table) => table.kind === kind);
   const parts = [
     make("p", { class: "back" }, make("a", { href: "#board" }, "← Leaderboard")),
     make("h2", { class: "name", id: `title-${id}`, tabindex: "-1" }, name),
-    make("div", { class: "all-scores" }, ...page.tiles.map(scoresOf)),
-    ...page.sentences.map((sentence) => make("p", {}, sentence)),
-    make("div", { class: "tables" }, ...page.tables.map((table) => heatTable(table, name, id, page.panels))),
+    make("div", { class: "all-scores" }, ...of("scores").map(scoresOf)),
+    make("div", { class: "tables" }, ...of("shaded").map((table) => shadedTable(table, name, id, page.panels))),
   ];
-  if (page.anatomy !== null) {
-    const { title, columns, lines, remarks } = page.anatomy;
-    parts.push(make("h3", {}, "Anatomy of the error"));
-    parts.push(scroll(title, tableOf("Part", columns, lines, (text) => make("td", {}, text))));
-    parts.push(...remarks.map((remark) => make("p", { class: "aside" }, remark)));
+  for (const table of of("parts")) {
+    parts.push(make("h3", {}, table.title), scroll(table.title, tableOf(table, (line, index) => cellOf(line, index))));
+    parts.push(...table.remarks.map((remark) => make("p", { class: "aside" }, remark)));
   }
   if (page.panels.length) {
-    parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...page.panels.map((panel, index) => panelOf(panel, id, index))));
+    const panels = page.panels.map((panel, index) => panelOf(panel, id, index));
+    parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...panels));
   }
-  const facts = page.facts.map(([label, text]) => make("div", {}, make("dt", {}, label), make("dd", {}, text)));
-  parts.push(make("h3", {}, "About this result"), make("dl", { class: "facts" }, ...facts));
+  for (const table of of("facts")) {
+    const facts = linesOf(table).map((line) => make("div", {}, make("dt", {}, line.name), make("dd", {}, line.texts)));
+    parts.push(make("h3", {}, table.title), make("dl", { class: "facts" }, ...facts));
+  }
   const attributes = { class: "model", id: `model-${id}`, "data-page": id, "data-primary": primary, "aria-labelledby": `title-${id}` };
   return make("article", attributes, ...parts);
 };
