@@ -13,6 +13,7 @@ from PIL import Image
 from robustflow.core.severity import SEVERITIES
 
 from robustflow.api import Result
+from robustflow.core.arguments import SEVERITIES
 from robustflow.core.errors import DataError
 from robustflow.core.files import CACHE_VARIABLE, sealed
 from robustflow.corruptions.weather.frost import photograph
