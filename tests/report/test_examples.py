@@ -10,7 +10,6 @@ import shutil
 import numpy as np
 import pytest
 from PIL import Image
-from robustflow.core.severity import SEVERITIES
 
 from robustflow.api import Result
 from robustflow.core.arguments import SEVERITIES
