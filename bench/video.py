@@ -23,7 +23,7 @@ from skimage import data
 
 from robustflow.data.video.clip import ClipFile, read_pictures, write_clip
 from robustflow.data.video.codec import Encoding, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
-from robustflow.data.video.flow_interpolator import FlowInterpolator
+from robustflow.data.video.interpolation import FlowInterpolator
 from robustflow.data.video.open_clip import mean_of_windows
 from robustflow.data.video.variants import corrupted_stream
 

@@ -20,7 +20,7 @@ from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
 from robustflow.data.benchmarks.demo import DEMO_CLASSES
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
-from robustflow.data.video.short_clip import ShortClip
+from robustflow.data.video.variants import ShortClip
 
 KEY = "motorcycle"
 _FRAMES, _RATE = 64, Fraction(960)

@@ -77,9 +77,8 @@ def gopro_fc(
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
     from ..core.display import ProgressBar
-    from ..data.video.disk import check_room, estimate_disk
     from ..data.video.prepare import Preparation
-    from ..data.video.prepare_folder import find_sources, prepare_folder
+    from ..data.video.prepare_folder import check_room, estimate_disk, find_sources, prepare_folder
 
     if interpolator == "flow":
         refuse_unused(context, {"checkpoint", "device"}, "with --interpolator flow")

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.core.errors import AssetError, UsageError
-from robustflow.data.video.flow_interpolator import FlowInterpolator
-from robustflow.data.video.interpolation import interpolate, interpolated_count, load_interpolator
+from robustflow.data.video.interpolation import FlowInterpolator, interpolate, interpolated_count, load_interpolator
+from tests.refusals import refusal
 
 from .render import Scene
 
@@ -76,10 +76,10 @@ def test_interpolation_keeps_odd_frame_sizes(shape):
 
 def test_missing_interpolator_is_refused():
     assert load_interpolator(None, 1, None) is None
-    with pytest.raises(UsageError, match=r"none was specified.*flavr.*flow"):
-        load_interpolator(None, 4, None)
-    with pytest.raises(UsageError, match="'dain' is unknown"):
-        load_interpolator("dain", 4, None)
-    with pytest.raises(AssetError, match=r"--checkpoint.*--interpolator flow"):
-        load_interpolator("flavr", 4, None)
+    for name, error, culprit in (
+        (None, UsageError, "--interpolator"),
+        ("dain", UsageError, "--interpolator"),
+        ("flavr", AssetError, "--checkpoint"),
+    ):
+        refusal(lambda name=name: load_interpolator(name, 4, None), error, culprit)
     assert load_interpolator("flow", 4, None).describe()["name"] == "flow"

@@ -15,7 +15,7 @@ from robustflow.data.video.codec import rgb_to_i420
 from robustflow.data.video.reader import VideoReader
 from robustflow.data.video.source import PictureFolder, VideoFile
 from robustflow.media.images import write_image
-from tests.refusals import refused
+from tests.refusals import refusal
 
 from . import clips
 from .videos import video
@@ -97,8 +97,7 @@ def test_a_mirrored_video_is_read_as_players_show_it(tmp_path, matrix, turned):
 
 def test_a_turn_that_is_not_a_quarter_is_refused(tmp_path):
     path = video(tmp_path / "a.mp4", [np.zeros((32, 64, 3), np.uint8)] * 3, rotation=30)
-    with pytest.raises(DataError, match="only multiples of 90 degrees are supported"):
-        VideoReader(path).frame(0)
+    refusal(lambda: VideoReader(path).frame(0), DataError, path)
 
 
 def test_ten_bit_video_is_converted_to_eight_bits(tmp_path):
@@ -118,12 +117,8 @@ def test_video_of_odd_size_is_read(tmp_path):
 
 
 def test_variable_frame_rate_needs_a_decision(tmp_path):
-    frames = clips.frames(8)
-    path = video(tmp_path / "a.mp4", frames, times=[0, 1, 2, 4, 5, 9, 10, 11])
-    with pytest.raises(
-        DataError, match=r"variable frame rate \(33.3 to 133.3 ms .*robustflow prepare gopro-fc the option --fps"
-    ):
-        VideoFile(path)
+    path = video(tmp_path / "a.mp4", clips.frames(8), times=[0, 1, 2, 4, 5, 9, 10, 11])
+    refusal(lambda: VideoFile(path), DataError, path)
     source = VideoFile(path, evenly=True)
     assert len(list(source.frames())) == source.count == 8
     assert source.describe()["variable_rate"] is True
@@ -137,82 +132,80 @@ def test_rounded_times_are_a_constant_rate(tmp_path):
 
 def test_phone_video_of_uneven_frame_rate_is_read(shared):
     path = shared("data", "video", "handheld_video-10.m4v")
-    with pytest.raises(DataError, match="variable frame rate"):
-        VideoFile(path)
+    refusal(lambda: VideoFile(path), DataError, path)
     source = VideoFile(path, evenly=True)
     assert sum(1 for _ in source.frames()) == source.count
 
 
+@pytest.fixture(params=[VideoFile, VideoReader])
+def read(request):
+    """A function that reads a whole video with either of the two readers."""
+
+    def whole(path):
+        reader = request.param(path)
+        return list(reader.frames()) if request.param is VideoFile else [reader.frame(i) for i in range(len(reader))]
+
+    return whole
+
+
 @pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}], ids=["index last", "index first"])
-def test_truncated_video_is_refused(tmp_path, options):
+def test_truncated_video_is_refused(tmp_path, read, options):
     path = video(tmp_path / "a.mp4", clips.frames(40, 96, 128), options=options)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 2 // 3])
-    with pytest.raises(DataError, match=r"damaged|cut short|can be decoded|not a readable video"):
-        list(VideoFile(path).frames())
+    refusal(lambda: read(path), DataError, path)
 
 
-def test_video_with_damage_inside_is_refused(tmp_path):
+def test_video_with_damage_inside_is_refused(tmp_path, read):
     """If part of the file is garbage, frames may be missing; their number is checked."""
     path = video(tmp_path / "a.mp4", clips.frames(30, 96, 128), options={"movflags": "faststart"})
     data = bytearray(path.read_bytes())
-    start = data.find(b"mdat") + 4
-    data[start + 2000 : start + 12000] = b"\xff" * len(data[start + 2000 : start + 12000])
+    start = data.find(b"mdat") + 2004
+    data[start : start + 10000] = b"\xff" * len(data[start : start + 10000])
     path.write_bytes(data)
-    with pytest.raises(DataError, match=r"damaged|can be decoded"):
-        list(VideoFile(path).frames())
+    refusal(lambda: read(path), DataError, path)
 
 
-@pytest.fixture(params=[VideoFile, VideoReader])
-def read(request):
-    """Either of the two readers of videos."""
-    return request.param
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (b"", "not a readable video"),
-        (b"no video at all\n" * 99, "not a readable video"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(99), "not a readable video"),
-        (b"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\nreal.mp4\n#EXT-X-ENDLIST\n", "not a readable video"),
-        (b"ffconcat version 1.0\nfile real.mp4\n", "an unsupported container"),
-    ],
-    ids=["empty", "text", "image", "playlist", "concatenation"],
-)
-def test_file_without_a_video_is_refused_and_lists_of_files_are_not_opened(tmp_path, read, content, says):
-    """FFmpeg detects formats by content: it would read a list of files whatever the file name."""
-    video(tmp_path / "real.mp4", clips.frames(3))
-    (tmp_path / "a.mp4").write_bytes(content)
-    with refused(DataError, f"a.mp4: .*{says}"):
-        read(tmp_path / "a.mp4")
-
-
-@pytest.mark.parametrize(
-    ("name", "codec", "says"),
-    [("a.wav", "pcm_s16le", "an unsupported container"), ("a.mp4", "aac", "no video stream")],
-)
-def test_file_with_sound_only_is_refused(tmp_path, read, name, codec, says):
-    with av.open(str(tmp_path / name), "w") as container:
+def sound_only(path, codec):
+    with av.open(str(path), "w") as container:
         audio = container.add_stream(codec, rate=44100, layout="mono")
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.int16), format="s16", layout="mono")
         frame.sample_rate = 44100
         container.mux(audio.encode(frame))
         container.mux(audio.encode(None))
-    with refused(DataError, says):
-        read(tmp_path / name)
 
 
-def test_missing_video_is_refused(tmp_path, read):
-    with refused(DataError, "no such file"):
-        read(tmp_path / "a.mp4")
+def unknown_codec(path):
+    video(path, clips.frames(1))
+    path.write_bytes(path.read_bytes().replace(b"V_MPEG4/ISO/AVC", b"V_MPEG4/ISO/XVC"))
+
+
+PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\nreal.mp4\n#EXT-X-ENDLIST\n"
+NO_VIDEOS = {
+    "empty.mp4": lambda path: path.write_bytes(b""),
+    "text.mp4": lambda path: path.write_bytes(b"no video at all\n" * 99),
+    "image.mp4": lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(99)),
+    "playlist.mp4": lambda path: path.write_bytes(PLAYLIST),
+    "concatenation.mp4": lambda path: path.write_bytes(b"ffconcat version 1.0\nfile real.mp4\n"),
+    "sound.wav": lambda path: sound_only(path, "pcm_s16le"),
+    "sound.mp4": lambda path: sound_only(path, "aac"),
+    "codec.mkv": unknown_codec,
+    "missing.mp4": lambda path: None,
+}
+
+
+@pytest.mark.parametrize("name", NO_VIDEOS)
+def test_file_without_a_video_is_refused_and_lists_of_files_are_not_opened(tmp_path, read, name):
+    """FFmpeg detects formats by content: it would read a list of files whatever the file name."""
+    video(tmp_path / "real.mp4", clips.frames(3))
+    NO_VIDEOS[name](tmp_path / name)
+    refusal(lambda: read(tmp_path / name), DataError, tmp_path / name)
 
 
 def test_folder_of_frames_of_different_sizes_is_refused(tmp_path):
     folder = clips.folder(tmp_path / "seq", 3)
     write_image(folder / "000004.png", clips.frames(1, 50, 64)[0])
-    with pytest.raises(DataError, match=r"50x64.*48x64"):
-        list(PictureFolder(folder).frames())
+    refusal(lambda: list(PictureFolder(folder).frames()), DataError, folder / "000004.png")
 
 
 def test_pictures_without_leading_zeros_are_in_the_order_of_their_numbers(tmp_path):
@@ -224,12 +217,4 @@ def test_pictures_without_leading_zeros_are_in_the_order_of_their_numbers(tmp_pa
 
 
 def test_folder_without_images_is_refused(tmp_path):
-    with pytest.raises(DataError, match="contains no images"):
-        PictureFolder(tmp_path)
-
-
-def test_video_with_a_damaged_codec_is_refused_in_one_sentence(tmp_path):
-    path = video(tmp_path / "a.mkv", clips.frames(1))
-    path.write_bytes(path.read_bytes().replace(b"V_MPEG4/ISO/AVC", b"V_MPEG4/ISO/XVC"))
-    with pytest.raises(DataError, match=r"a\.mkv: not a readable video \(its codec is unknown\)"):
-        VideoFile(path)
+    refusal(lambda: PictureFolder(tmp_path), DataError, tmp_path)

@@ -1,5 +1,5 @@
-"""Convert between RGB and YUV 4:2:0 in exact integer arithmetic, independent of the version of any scaling library.
-Encode and decode H.264 with PyAV: frames to packets, and packets to frames by presentation time.
+"""Encode and decode H.264 with PyAV, and convert between RGB and YUV 4:2:0 in exact integer arithmetic, independent of
+the version of any scaling library.
 
 The colour space is 8-bit BT.601 with limited range, which FFmpeg assumes when it converts PNG files to H.264 and back;
 this is how the published GoPro-FC was created. As in FFmpeg's unscaled converter, chroma is averaged over 2x2 pixels
@@ -145,24 +145,21 @@ def crf(value: int) -> Encoding:
     code.
     """
     if not 0 <= value <= 51:
-        raise UsageError(f"a CRF of {value} is out of range: must be from 0 (lossless) to 51")
+        raise UsageError("crf", f"{value} is not from 0 (lossless) to 51")
     return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
 
 
 def abr(rate: int) -> Encoding:
     """Encode with an average bit rate in bit/s and with maxrate = bufsize = rate, as in the reference code."""
     if rate <= 0:
-        raise UsageError(f"invalid bit rate {rate}: specify bits per second")
+        raise UsageError("rate", f"{rate} is invalid; give bits per second")
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
 def check_size(height: int, width: int) -> None:
     """Check that frames of a size can be encoded."""
     if max(height, width) > _LONGEST_SIDE:
-        raise DataError(
-            f"H.264 encodes at most {_LONGEST_SIDE} pixels per side, but the frames are {width}x{height}; scale them "
-            "down, or cut them"
-        )
+        raise DataError(f"frames of {width}x{height}", f"H.264 encodes at most {_LONGEST_SIDE} pixels per side")
 
 
 def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:

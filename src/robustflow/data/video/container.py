@@ -1,10 +1,10 @@
-"""Open user video files safely: accept only known containers, check the declared length, and decode strictly."""
+"""Open user video files safely: accept only known containers, refuse cut files, and decode strictly."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import av
 import numpy as np
@@ -36,8 +36,6 @@ _EXACT_RGB = (
 different processors.
 """
 
-_CUT = "copy or download it again"
-
 
 def open_video(path: Path) -> Any:
     """Open a container with its video stream set to strict decoding in one thread."""
@@ -53,7 +51,6 @@ def open_video(path: Path) -> Any:
     try:
         if not container.streams.video:
             raise DataError(path, "has no video stream; check the file")
-        check_stated_length(path, container.format.name)
         context = container.streams.video[0].codec_context
         if context is None:
             raise DataError(path, "not a readable video (its codec is unknown); check or convert the file")
@@ -86,88 +83,40 @@ def _is_mirrored(picture: Any) -> bool:
     return bool(a * d < b * c)
 
 
-def check_stated_length(path: Path, kind: str) -> None:
-    """Check that the length of a file equals the length declared by its container, if any."""
-    size = path.stat().st_size
-    with open(path, "rb") as file:
-        if "matroska" in kind:
-            _check_matroska(path, file, size)
-        elif kind == "avi":
-            _check_avi(path, file, size)
-        elif kind == "mpegts":
-            _check_transport_stream(path, file, size)
+def frame_times(container: Any, path: Path) -> tuple[list[int | None], list[int | None]]:
+    """Return the presentation times of the displayed frames in file order, and those of the key frames, without
+    decoding; refuse a file that holds less than it states."""
+    stream = container.streams.video[0]
+    times: list[int | None] = []
+    keys: list[int | None] = []
+    packets, end, frame = 0, Fraction(0), 1 / Fraction(stream.average_rate or 30)
+    try:
+        for packet in container.demux():
+            if packet.pts is not None and packet.size:
+                length = packet.duration * packet.time_base if packet.duration else frame
+                end = max(end, packet.pts * packet.time_base + length)
+            if packet.stream_index == stream.index and (packet.size or packet.dts is not None):
+                packets += 1
+                if packet.size and not packet.is_discard:
+                    times.append(packet.pts)
+                    if packet.is_keyframe:
+                        keys.append(packet.pts)
+    except (av.error.FFmpegError, OSError) as error:
+        raise DataError(path, f"damaged ({reason(error)}); copy or convert it again") from error
+    kind, size = container.format.name, path.stat().st_size
+    if "mp4" in kind or kind == "avi":
+        cut = packets < stream.frames
+    elif kind == "mpegts":  # packets of one length; a file cut between two of them cannot be told from a shorter one
+        cut = all(size % length for length in (188, 192, 204))
+    else:
+        stated = Fraction(container.duration or 0, av.time_base) if kind == "matroska,webm" else 0
+        cut = end + frame / 2 < stated
+    if cut:
+        raise DataError(path, "cut short: it holds fewer frames than it states; copy or download it again")
+    return times, keys
 
 
 def reason(error: BaseException) -> str:
     """Return the reason for an error from FFmpeg or the operating system, as a single line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0]
-
-
-def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
-    """Check that the top-level elements (EBML header, segments) fill the file."""
-    position = 0
-    for identity, start, length in _elements(file, size):
-        if length is None:
-            return  # a live recording, which does not declare its length
-        if identity not in _TOP:
-            break
-        position = start + length
-    if position != size:
-        state = "cut short" if position > size else "damaged"
-        raise DataError(path, f"{state}: the file has {size} bytes, but its segments declare {position}; {_CUT}")
-
-
-_TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
-"""Element IDs: EBML header, segment, void, checksum."""
-
-
-def _elements(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int | None]]:
-    position = 0
-    while position < size:
-        file.seek(position)
-        head = file.read(16)
-        width = 9 - head[0].bit_length() if head else 9
-        if width > 4 or len(head) <= width:
-            yield -1, position, 0
-            return
-        identity, head = int.from_bytes(head[:width], "big"), head[width:]
-        digits = 9 - head[0].bit_length()
-        if digits > 8 or len(head) < digits:
-            yield -1, position, 0
-            return
-        length = int.from_bytes(head[:digits], "big") - (1 << 7 * digits)
-        unknown = length == (1 << 7 * digits) - 1
-        yield identity, position + width + digits, None if unknown else length
-        if unknown:
-            return
-        position += width + digits + length
-
-
-def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
-    """Check that the RIFF chunks (several in files larger than 1 GB) fill the file."""
-    position = 0
-    while position < size:
-        file.seek(position)
-        head = file.read(8)
-        if head[:4] not in (b"RIFF", b"JUNK") or len(head) < 8:
-            raise DataError(path, f"damaged: {size - position} unexpected bytes at the end; {_CUT}")
-        length = int.from_bytes(head[4:], "little")
-        position += 8 + length + length % 2
-    if position - size not in (0, 1):
-        raise DataError(path, f"cut short: the file has {size} bytes, but its header declares {position}; {_CUT}")
-
-
-def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
-    """Check that packets of equal length fill the file."""
-    start = file.read(1024)
-    for length, first in ((188, 0), (192, 4), (204, 0)):
-        if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):
-            if size % length:
-                raise DataError(path, f"cut short or damaged: the last packet is incomplete; {_CUT}")
-            file.seek(max(0, size - 256 * length))
-            tail = file.read()
-            if all(tail[place] == ord("G") for place in range(first, len(tail), length)):
-                return
-            break
-    raise DataError(path, f"damaged: the packets are not contiguous; {_CUT}")

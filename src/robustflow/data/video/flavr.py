@@ -1,14 +1,19 @@
-"""Interpolate frames with FLAVR from four neighbouring frames (Kalluri et al., "FLAVR", WACV 2023)."""
+"""FLAVR: interpolate frames from four neighbouring frames (Kalluri et al., WACV 2023; used in the paper)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from ...core.errors import UsageError
+from ...core.files import sha256_of_file
+from ...core.types import Frame
 from ...models.torch.checkpoint import load_weights, read_checkpoint
 from ...models.torch.model import find_device
 
@@ -21,7 +26,6 @@ class Gate(nn.Module):
         self.attn_layer = nn.Sequential(nn.Conv3d(channels, channels, 1), nn.Sigmoid())
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, C, T, H, W) to the same shape."""
         return x * self.attn_layer(x.mean(dim=(2, 3, 4), keepdim=True))
 
 
@@ -39,7 +43,6 @@ class BasicBlock(nn.Module):
             self.downsample = nn.Sequential(nn.Conv3d(inputs, outputs, 1, steps, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, inputs, T, H, W) to (N, outputs, T, H / stride, W / stride)."""
         shortcut = x if self.downsample is None else self.downsample(x)
         return F.relu(self.fg(self.conv2(self.conv1(x))) + shortcut)
 
@@ -56,7 +59,6 @@ class ResNet18(nn.Module):
         self.layer4 = nn.Sequential(BasicBlock(256, 512, 1, bias), BasicBlock(512, 512, 1, bias))
 
     def forward(self, clip: Tensor) -> list[Tensor]:
-        """Map (N, 3, T, H, W) to five feature maps with 1/2, 1/2, 1/4, 1/8 and 1/8 of the spatial size."""
         maps = [self.stem(clip)]
         for layer in (self.layer1, self.layer2, self.layer3, self.layer4):
             maps.append(layer(maps[-1]))
@@ -72,7 +74,6 @@ class Widen(nn.Module):
         self.upconv = nn.Sequential(up, Gate(outputs))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, inputs, T, H, W) to (N, outputs, T, 2H, 2W)."""
         return F.leaky_relu(self.upconv(x), 0.2)
 
 
@@ -84,7 +85,6 @@ class Refine(nn.Module):
         self.conv = nn.Sequential(nn.Conv3d(inputs, outputs, 3, padding=1), Gate(outputs))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, inputs, T, H, W) to (N, outputs, T, H, W)."""
         return F.leaky_relu(self.conv(x), 0.2)
 
 
@@ -96,7 +96,6 @@ class Fuse(nn.Module):
         self.conv = nn.Sequential(nn.Conv2d(inputs, outputs, 1, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, C, T, H, W) to (N, outputs, H, W); the input channels are grouped by frame, in temporal order."""
         return F.leaky_relu(self.conv(x.transpose(1, 2).flatten(1, 2)), 0.2)
 
 
@@ -129,3 +128,43 @@ def load_flavr(checkpoint: str | Path, device: str = "cpu") -> FLAVR:
     net = FLAVR()
     load_weights(net, read_checkpoint(checkpoint), "flavr (4x)")
     return net.to(find_device(device)).eval().requires_grad_(False)
+
+
+MULTIPLE = 8
+"""Height and width must be multiples of this number; other sizes are padded by repeating the border, and cropped
+again.
+"""
+
+
+class FlavrInterpolator:
+    """The interpolator "flavr", 4x (Kalluri et al., WACV 2023; used in the paper). Requires the extra `torch`."""
+
+    name = "flavr"
+
+    def __init__(self, checkpoint: Path, device: str = "cpu") -> None:
+        self._model = load_flavr(checkpoint, device)
+        self._device = device
+        self._sha256 = sha256_of_file(checkpoint)
+
+    def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
+        """Return the three frames between the middle two frames of the window."""
+        if factor != 4:
+            raise UsageError("--factor", f"FLAVR's weights do not support {factor}; use 4, or --interpolator flow")
+        height, width = window[0].shape[:2]
+        pad = ((0, -height % MULTIPLE), (0, -width % MULTIPLE), (0, 0))
+        tensors = [
+            torch.from_numpy(np.pad(frame, pad, mode="edge")).permute(2, 0, 1)[None].to(self._device).float() / 255
+            for frame in window
+        ]
+        with torch.inference_mode():
+            outputs = self._model(tensors)
+        return [self._frame(output)[:height, :width] for output in outputs]
+
+    def describe(self) -> dict[str, Any]:
+        about = {"name": self.name, "checkpoint_sha256": self._sha256, "torch": torch.__version__}
+        return about | {"device": self._device}
+
+    @staticmethod
+    def _frame(output: Tensor) -> Frame:
+        scaled = (output[0] * 255).clamp(0, 255).round().permute(1, 2, 0)
+        return np.ascontiguousarray(scaled.to("cpu").numpy().astype(np.uint8))

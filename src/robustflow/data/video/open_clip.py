@@ -1,9 +1,8 @@
-"""Simulate a rolling shutter: take each row of a key frame from the master frame at the row's readout time. Apply
-object motion blur: average 2c + 1 master frames around a key frame (paper appendix, "Object Motion Blur"). Read
-the key frames of a prepared clip under the five corruptions that require an entire clip.
+"""The key frames of a prepared clip under the five corruptions that require an entire clip.
 
-Object motion blur and rolling shutter use master frames, which are decoded on demand. Video corruptions transcode the
-master once per severity; the key frames are stored in a cache of limited size.
+Object motion blur averages 2c + 1 master frames around a key frame (paper appendix, "Object Motion Blur"); a rolling
+shutter takes each row from the master frame at the row's readout time. Video corruptions transcode the master once per
+severity; the key frames are stored in a cache of limited size.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from .variants import FRAMES_FILE, make_variant
 def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
     """Compute a key frame for several readout times, in one pass over the longest readout."""
     if not readouts or min(readouts) < 0:
-        raise UsageError(f"invalid rolling shutter readout times: {list(readouts)} frames")
+        raise UsageError("rolling_shutter", f"invalid readout times: {list(readouts)} frames")
     reach = (max(readouts) + 1) // 2
     frames: dict[int, Frame] = {}
     for index in range(centre - reach, centre + reach + 1):
@@ -48,7 +47,7 @@ def row_offsets(height: int, readout: int) -> np.ndarray:
 def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequence[int]) -> dict[int, Frame]:
     """Compute the mean over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window."""
     if not reaches or min(reaches) < 0:
-        raise UsageError(f"invalid object motion blur window: {list(reaches)} frames on each side")
+        raise UsageError("object_motion_blur", f"invalid windows: {list(reaches)} frames on each side")
     reaches = tuple(dict.fromkeys(reaches))
     longest = max(reaches)
     sums: dict[int, np.ndarray] = {}
@@ -60,11 +59,8 @@ def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequ
                     sums[reach] = frame.astype(np.uint32)
                 else:
                     sums[reach] += frame
-    return {reach: _rounded(sums[reach], 2 * reach + 1) for reach in reaches}
-
-
-def _rounded(total: np.ndarray, count: int) -> Frame:
-    return ((2 * total + count) // (2 * count)).astype(np.uint8)
+    counts = {reach: 2 * reach + 1 for reach in reaches}
+    return {reach: ((2 * sums[reach] + n) // (2 * n)).astype(np.uint8) for reach, n in counts.items()}
 
 
 RECORDS_FOLDER = ".records"
@@ -131,9 +127,7 @@ class OpenClip:
 
 
 def check_master(clip: PreparedClip) -> None:
-    """Verify the hash of a clip's master; this is done once per process because it takes about a second per
-    gigabyte.
-    """
+    """Verify the hash of a clip's master, once per process: it takes about a second per gigabyte."""
     path = clip.master.path
     try:
         about = path.stat()
@@ -141,7 +135,7 @@ def check_master(clip: PreparedClip) -> None:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror}); prepare the clip again") from error
     if not intact:
-        raise DataError(f"{path} is damaged (its SHA-256 differs); delete its folder and prepare the clip again")
+        raise DataError(path, "damaged (its SHA-256 differs); delete its folder and prepare the clip again")
 
 
 @cache
@@ -153,9 +147,7 @@ def read_record(path: Path) -> dict[str, Any]:
     """Read the record of how a variant was created."""
     content = unsealed(path.read_bytes())
     if content is None:
-        raise DataError(
-            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}; both will be recreated"
-        )
+        raise DataError(path, f"damaged; delete it and {path.parents[1] / path.stem}; both will be recreated")
     record: dict[str, Any] = json.loads(content)
     return record
 

@@ -75,13 +75,13 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     check_size(*source.size)
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
-        raise UsageError(source.name, "images have no frame rate; specify --fps")
+        raise UsageError("--fps", f"{source.name} is a folder of images, which has no frame rate; give one")
     if not 1 <= preparation.factor <= MOST_FACTOR:
-        raise UsageError(f"--factor {preparation.factor}: must be from 1 (no interpolation) to {MOST_FACTOR}")
+        raise UsageError("--factor", f"{preparation.factor} is not from 1 (no interpolation) to {MOST_FACTOR}")
     fps = rate * preparation.factor
     step = max(1, round(fps / PAIR_FPS)) if preparation.step is None else preparation.step
     if step < 1:
-        raise UsageError(f"--step {step}: must be at least 1")
+        raise UsageError("--step", f"{step} is invalid; give at least 1")
     count = interpolated_count(source.count, preparation.factor)
     keys = choose_key_frames(count, step)
     if len(keys) < 2:
@@ -89,12 +89,9 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
         needed = second + max(step, REACH) + 1
         if preparation.factor > 1:
             needed = -(-(needed - 1) // preparation.factor) + WINDOW - 1
-        smaller = ", or prepare it with a smaller --step" if len(choose_key_frames(count, 1)) > 1 else ""
-        raise DataError(
-            source.name,
-            f"too few frames for one pair of key frames {step} apart with {REACH} more on each side: "
-            f"{source.count} instead of at least {needed}; use a longer clip{smaller}",
-        )
+        smaller = ", or a smaller --step" if len(choose_key_frames(count, 1)) > 1 else ""
+        what = f"{source.count} frames are too few for two key frames {step} apart, {REACH} or more from both ends"
+        raise DataError(source.name, f"{what}; at least {needed} are needed: use a longer clip{smaller}")
     return ClipTiming(fps, count, step, tuple(keys))
 
 
@@ -105,9 +102,8 @@ def prepare_clip(
     it.
     """
     timing = clip_timing(source, preparation)
-    interpolator = load_interpolator(
-        preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device
-    )
+    p = preparation
+    interpolator = load_interpolator(p.interpolator, p.factor, p.checkpoint, p.device)
     expected = ClipManifest(
         version=VERSION,
         name=source.name,
@@ -143,9 +139,7 @@ def _write_clip(
     size = (wanted.height, wanted.width)
     master = write_clip(folder / MASTER, written, size, Fraction(wanted.fps), lossless(wanted.preset))
     if master.count != wanted.count:
-        raise DataError(
-            source.name, f"{master.count} frames were produced, but {wanted.count} were expected; check the file"
-        )
+        raise DataError(source.name, f"gave {master.count} frames instead of {wanted.count}; check the file")
     manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, sealed(manifest.model_dump()))
     for leftover in folder.glob(".segments-*"):
@@ -161,9 +155,7 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
     manifest = parse_manifest(path, ClipManifest)
     same = {"master_sha256": "", "encoder": {}}
     if manifest is None or manifest.model_copy(update=same) != wanted.model_copy(update=same):
-        raise DataError(
-            f"{folder} contains this clip prepared with different settings; choose a different --output or delete it"
-        )
+        raise DataError(folder, "contains this clip with different settings; choose a different --output or delete it")
     return PreparedClip(folder, manifest)
 
 

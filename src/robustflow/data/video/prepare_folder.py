@@ -1,11 +1,14 @@
-"""Find all clips in a folder, prepare them in several processes, and write the folder's manifest."""
+"""Find all clips in a folder, estimate the disk space, and prepare them in several processes."""
 
 from __future__ import annotations
 
 import multiprocessing
+import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 
 from ...core.display import ProgressBar
@@ -13,8 +16,9 @@ from ...core.errors import DataError, UsageError
 from ...core.files import cache_folder, make_folder, sealed, sha256_of_file, write_json
 from ...core.paths import folders
 from ...core.processes import safe_path
-from ...media.images import images_in
-from .interpolation import load_interpolator
+from ...media.images import images_in, png_bytes
+from .codec import Encoder, even_size, lossless, rgb_to_i420
+from .interpolation import FlowInterpolator, interpolate, load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import CACHE_LIMIT, FOLDER_MANIFEST, VERSION, FolderManifest, PreparedClip, parse_manifest, read_folder
 from .source import PictureFolder, Source, VideoFile
@@ -45,9 +49,7 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
         return [PictureFolder(data)]
     inner = [folder for folder in folders(data) if images_in(folder)]
     if not inner:
-        raise DataError(
-            data, f"contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
-        )
+        raise DataError(data, f"contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor (folders of) images")
     return [PictureFolder(folder) for folder in inner]
 
 
@@ -62,13 +64,13 @@ def prepare_folder(
 ) -> list[PreparedClip]:
     """Prepare all clips in `output`. The number of workers and the machine do not affect the files."""
     if workers < 1:
-        raise UsageError(f"--workers {workers}: must be at least 1")
+        raise UsageError("--workers", f"{workers} is invalid; give at least 1")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
     for source in sources:  # report problems before anything is written
         clip_timing(source, preparation)
     manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(manifest.clips)) != len(manifest.clips):
-        raise DataError(f"several clips have the same name: {', '.join(manifest.clips)}; rename one")
+        raise DataError(output, f"several clips have the same name: {', '.join(manifest.clips)}; rename one")
     _claim(output, manifest)
     if prepare_all is not None:
         prepare_all(sources, output, preparation, progress)
@@ -81,9 +83,7 @@ def prepare_folder(
 
 
 def prepare_video(path: Path) -> Path:
-    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart; show
-    progress.
-    """
+    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart."""
     sources = find_sources(path)
     output = cache_folder("clips") / f"{sources[0].name}-{sha256_of_file(path)[:12]}-v{VERSION}"
     with ProgressBar() as progress:
@@ -112,9 +112,9 @@ def _claim(output: Path, manifest: FolderManifest) -> None:
     if path.is_file():
         on_disk = parse_manifest(path, FolderManifest)
         if on_disk is None:
-            raise DataError(f"{path} is damaged; delete {output}, then run the same command again")
+            raise DataError(path, "damaged; delete its folder, then run the same command again")
         if on_disk.clips != manifest.clips:
-            raise DataError(f"{output} contains different prepared clips; choose a different --output")
+            raise DataError(output, "contains different prepared clips; choose a different --output")
     write_json(path, sealed(manifest.model_dump()))
 
 
@@ -124,11 +124,79 @@ def _sequence(data: Path, name: str) -> Path | None:
 
 def _camera(folder: Path, name: str) -> PictureFolder:
     if not images_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
-        raise DataError(
-            folder,
-            "this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
-            "frames per second: use GoPro_Large_all",
-        )
+        raise DataError(folder, "GoPro_Large lacks frames; GoPro-FC needs GoPro_Large_all, at 240 frames per second")
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS
     return source
+
+
+PROBE = 8
+"""Number of source frames encoded for the estimate."""
+
+RELEASED_BYTES = 681 * 10**9
+"""Size of the released GoPro-FC in bytes."""
+
+
+@dataclass(frozen=True)
+class DiskEstimate:
+    """Bytes required permanently, additional bytes required while the largest clip is prepared, and free bytes."""
+
+    masters: int
+    key_frames: int
+    temporary: int
+    variants: int
+    free: int
+
+    @property
+    def kept(self) -> int:
+        return self.masters + self.key_frames
+
+    def __str__(self) -> str:
+        share = 100 * (self.kept + self.variants) / RELEASED_BYTES
+        return (
+            f"about {_gb(self.kept)} permanently (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
+            f"{_gb(self.temporary)} more during preparation, later up to {_gb(self.variants)} for transcoded variants "
+            f"(in total {share:.2g} % of the released dataset's 681 GB); {_gb(self.free)} free"
+        )
+
+
+def estimate_disk(
+    sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
+) -> DiskEstimate:
+    """Estimate the disk space from the first `PROBE` frames of every clip, always using the interpolator "flow"."""
+    masters, key_frames, segments, variants = 0, 0, [0], 0
+    for source in sources:
+        timing = clip_timing(source, preparation)
+        coded, picture = _bytes_per_frame(source, preparation.factor)
+        masters += timing.count * coded
+        key_frames += len(timing.key_frames) * picture
+        variants += 15 * len(timing.key_frames) * picture
+        segments.append(timing.count * coded if preparation.factor > 1 else 0)
+    temporary = sum(sorted(segments)[-workers:])
+    return DiskEstimate(masters, key_frames, temporary, min(variants, cache_limit), _free(output))
+
+
+def check_room(estimate: DiskEstimate, output: Path) -> None:
+    """Check that there is enough disk space."""
+    if estimate.kept + estimate.temporary > estimate.free:
+        raise DataError(output, f"not enough disk space: {estimate}; choose a different --output or fewer clips")
+
+
+def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
+    """Return the size in bytes of a master frame and of the PNG of a key frame."""
+    probe = list(islice(source.frames(), PROBE))
+    frames = list(interpolate(probe, FlowInterpolator(), factor)) if factor > 1 else probe
+    height, width = even_size(*source.size)
+    encoder = Encoder(height, width, Fraction(240), lossless("ultrafast"))
+    packets = encoder.encode((index, rgb_to_i420(frame)) for index, frame in enumerate(frames))
+    coded = sum(len(packet.data) for packet in packets) // len(frames)
+    return coded, len(png_bytes(probe[0]))
+
+
+def _free(output: Path) -> int:
+    existing = next(folder for folder in (output.absolute(), *output.absolute().parents) if folder.exists())
+    return shutil.disk_usage(existing).free
+
+
+def _gb(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 5e7 else f"{count / 1e6:.1f} MB"

@@ -1,5 +1,4 @@
-"""An on-disk cache of folders with a size limit; the least recently used folders are removed first. Define and read
-the output folder of `robustflow prepare`.
+"""The output folder of `robustflow prepare`, and the cache of the variants in it.
 
 gopro_fc.json                      the clips and the settings used to prepare them
 GOPR0374_11_02/clip.json           written last; missing if the clip is unfinished
@@ -60,7 +59,7 @@ class FolderCache:
             (temporary / _DIGEST).write_text(_digest(temporary))
             temporary.rename(entry)
         except OSError as error:
-            raise DataError(f"cannot write {entry}: {error.strerror or error}; is the disk full?") from error
+            raise DataError(entry, f"cannot be written ({error.strerror or error}); is the disk full?") from error
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
         self._evict(keep=entry)
@@ -89,7 +88,7 @@ def locked(path: Path) -> Iterator[None]:
         lock = FileLock(path, fallback_to_soft=False)
         lock.acquire()
     except OSError as error:
-        raise DataError(f"cannot write {path.parent}: {error.strerror or error}; check its owner") from error
+        raise DataError(path.parent, f"cannot be written ({error.strerror or error}); check its owner") from error
     try:
         yield
     finally:
@@ -169,17 +168,14 @@ class PreparedClip:
 
     @property
     def name(self) -> str:
-        """Return the name of the clip (sequence)."""
         return self.manifest.name
 
     @property
     def master(self) -> ClipFile:
-        """Return the lossless master."""
         r = self.manifest
         return ClipFile(self.folder / MASTER, r.count, Fraction(r.fps), r.height, r.width)
 
     def key_frame_path(self, index: int) -> Path:
-        """Return the path of the PNG file for key frame `index` of the master."""
         return self.folder / KEY_FRAMES / f"{index:06d}.png"
 
     @property
@@ -189,9 +185,7 @@ class PreparedClip:
 
 
 def choose_key_frames(count: int, step: int) -> list[int]:
-    """Return the indices of every `step`-th frame except the first and the last of them (paper appendix, "GoPro-
-    FC").
-    """
+    """Return the indices of every `step`-th frame but the first and the last (paper appendix, "GoPro-FC")."""
     inner = range(0, count, step)[1:-1]
     return [index for index in inner if REACH <= index < count - REACH]
 
@@ -202,7 +196,7 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     clips = []
     for name in manifest.clips:
         if not (root / name / CLIP_MANIFEST).is_file():
-            raise DataError(root, f"{name} is not finished; run the same robustflow prepare command again")
+            raise DataError(root / name, "not finished; run the same robustflow prepare command again")
         clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
 
@@ -233,8 +227,6 @@ def is_prepared(data: Path) -> bool:
 
 
 def slow_blur(clip: PreparedClip) -> Fraction | None:
-    """Return the longest averaging time of object motion blur in seconds if it exceeds the paper's 31/960 s, else
-    None.
-    """
+    """Return the longest averaging time of object motion blur, in seconds, if it exceeds the paper's 31/960 s."""
     span = (2 * REACH + 1) / clip.master.fps
     return span if span > Fraction(2 * REACH + 1, 960) else None

@@ -19,7 +19,7 @@ from av.error import FFmpegError
 
 from ...core.errors import DataError
 from ...core.types import Frame
-from .container import open_video, reason, upright
+from .container import frame_times, open_video, reason, upright
 
 _NEAR = 48
 """Maximum distance in frames for which decoding forward is preferred to seeking."""
@@ -90,16 +90,12 @@ class VideoReader:
         self._frames = iter(self._container.decode(video=0))
 
     def _index(self) -> None:
-        stamps, keys = [], []
         with open_video(self._path) as container:
             self._tick = container.streams.video[0].time_base or Fraction(1)
-            for packet in container.demux(video=0):
-                if packet.size and not packet.is_discard:
-                    stamps.append(packet.pts)
-                    if packet.is_keyframe:
-                        keys.append(packet.pts)
-        if None not in stamps and len(set(stamps)) == len(stamps) and keys:
-            self._stamps, self._key_stamps = sorted(stamps), sorted(keys)
+            times, keys = frame_times(container, self._path)
+        stamps = [time for time in times if time is not None]
+        if len(set(stamps)) == len(times) and keys:
+            self._stamps, self._key_stamps = sorted(stamps), sorted(key for key in keys if key is not None)
             self._count = len(stamps)
             if self._holds():
                 return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -14,7 +13,7 @@ import av
 from ...core.errors import DataError
 from ...core.types import Frame
 from ...media.images import image_size, images_in, read_image
-from .container import open_video, reason, upright
+from .container import frame_times, open_video, reason, upright
 
 _LONGEST_NAME = 160
 """Maximum length of a clip's name, in bytes; the cache appends up to 60, and a file name may have 255."""
@@ -55,11 +54,8 @@ class PictureFolder:
         for path in self.paths:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
-                raise DataError(
-                    path,
-                    f"{frame.shape[0]}x{frame.shape[1]}, but the first image is "
-                    f"{self.size[0]}x{self.size[1]}; all images of a clip must have the same size",
-                )
+                first = f"{self.size[0]}x{self.size[1]}"
+                raise DataError(path, f"{frame.shape[0]}x{frame.shape[1]}, but the first image of the clip is {first}")
             yield frame
 
     def describe(self) -> dict[str, Any]:
@@ -77,22 +73,18 @@ class VideoFile:
         self.name = clip_name(path.stem)
         with open_video(self.path) as container:
             stream = container.streams.video[0]
-            declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
+            rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
             self._pixels = stream.codec_context.pix_fmt or "unknown"
             self._codec = stream.codec_context.name
-            times, self.count = self._times(container, stream)
-        if self.count < declared:
-            raise DataError(path, f"cut short, only {self.count} of {declared} frames are present; copy it again")
+            times, _ = frame_times(container, path)
+        self.count = len(times)
         self.fps = None if rate is None else Fraction(rate)
-        self.variable = _variable(times, tick)
+        self.variable = _variable(sorted(time for time in times if time is not None), tick)
         if self.variable and not evenly:
             low, high = self.variable
-            raise DataError(
-                path,
-                f"variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give "
-                f"robustflow prepare gopro-fc the option --fps {float(self.fps or 30):.4g} to treat its frames as "
-                f"evenly spaced, or convert it to a constant rate: {resample_command(path, self.fps)}",
-            )
+            gaps = f"{low * 1000:.1f} to {high * 1000:.1f} ms between frames"
+            advice = f"convert it to a constant rate, or prepare it with --fps {float(self.fps or 30):.4g}"
+            raise DataError(path, f"variable frame rate ({gaps}); {advice}")
         first = next(self.frames(), None)
         if first is None:
             raise DataError(path, "no frame can be decoded; is it a video?")
@@ -129,20 +121,6 @@ class VideoFile:
             "variable_rate": bool(self.variable),
         }
 
-    def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
-        """Return the presentation times and the number of displayed frames, without decoding."""
-        times: list[int] = []
-        count = 0
-        try:
-            for packet in container.demux(stream):
-                if packet.size and not packet.is_discard:
-                    count += 1
-                    if packet.pts is not None:
-                        times.append(packet.pts)
-        except (av.error.FFmpegError, OSError) as error:
-            raise DataError(self.path, f"damaged ({reason(error)}); copy or convert it again") from error
-        return sorted(times), count
-
 
 def clip_name(stem: str) -> str:
     r"""Return the name of a clip, which is also that of its folder, from the name of its file or folder without suffix.
@@ -152,17 +130,6 @@ def clip_name(stem: str) -> str:
     """
     name = stem.lstrip(".").replace("\\", "_")
     return name.encode(errors="ignore")[:_LONGEST_NAME].decode(errors="ignore") or "clip"
-
-
-def resample_command(path: Path, fps: Fraction | None) -> str:
-    """Return a command that losslessly converts a video to a constant frame rate.
-
-    >>> resample_command(Path("holiday.mov"), Fraction(30))
-    'ffmpeg -i holiday.mov -vf fps=30 -c:v libx264 -crf 0 -an holiday_constant.mkv'
-    """
-    output = path.with_name(f"{path.stem}_constant.mkv")
-    vf = f"-vf fps={fps or 30} -c:v libx264 -crf 0 -an"
-    return f"ffmpeg -i {shlex.quote(str(path))} {vf} {shlex.quote(str(output))}"
 
 
 def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:

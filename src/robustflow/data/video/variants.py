@@ -1,5 +1,8 @@
-"""Place decoded frames at their positions and fill the gaps. Corrupt a clip with H.264 CRF, H.264 ABR or Bit Error
-(paper appendix, "Video corruptions").
+"""Corrupt a clip with H.264 CRF, H.264 ABR or Bit Error (paper appendix, "Video corruptions").
+
+Bit Error applies FFmpeg's `noise` bitstream filter with an integer amount to the packets of the clip. For each byte,
+`state += byte + 1` (uint32, initially 0, carried over between packets); if `state` is a multiple of the amount N, the
+byte is replaced with the low byte of `state`. So about one byte in N is changed, and the positions are deterministic.
 
 Damage can remove any frame from a stream. The reference code numbers the remaining frames in output order, so every
 lost frame shifts all later frames by one. Here, each frame is placed according to its presentation time. As in a video
@@ -14,16 +17,72 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ...core.compiled import njit
 from ...core.errors import DataError, UsageError
 from ...core.files import make_folder
+from ...core.types import Frame
 from ...media.images import read_image
 from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
-from .codec import I420, Decoder, Encoder, Packet, abr, crf, encoder_versions, i420_to_rgb, lossless
-from .damage import Damage, damage_packets
+from .codec import I420, Decoder, Encoder, Packet, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
+from .container import open_video
 from .prepared import PreparedClip
+
+
+@dataclass
+class Damage:
+    """The effect of bit errors on a stream: counts and the display indices of the frames with damaged packets."""
+
+    amount: int
+    bytes_total: int = 0
+    bytes_changed: int = 0
+    frames_hit: list[int] = field(default_factory=list)
+
+
+class NoiseFilter:
+    """The filter state for one stream; packets must be passed in file order."""
+
+    def __init__(self, amount: int) -> None:
+        if isinstance(amount, bool) or not isinstance(amount, int) or not 1 <= amount < 2**31:
+            raise UsageError("noise amount", f"{amount!r} is invalid; give an integer from 1 to 2**31 - 1")
+        self.amount = amount
+        self.state = 0
+
+    def __call__(self, data: bytes) -> tuple[bytes, int]:
+        buffer = np.frombuffer(data, np.uint8).copy()
+        state, changed = _apply(buffer, self.state, self.amount)
+        self.state = int(state)
+        return buffer.tobytes(), int(changed)
+
+
+def damage_packets(packets: Iterable[Packet], damage: Damage) -> Iterator[Packet]:
+    """Apply the filter with `damage.amount` to packets and update the counts in `damage`."""
+    noise = NoiseFilter(damage.amount)
+    for packet in packets:
+        data, changed = noise(packet.data)
+        damage.bytes_total += len(data)
+        damage.bytes_changed += changed
+        if changed:
+            damage.frames_hit.append(packet.index)
+        yield Packet(data, packet.index)
+
+
+@njit(cache=True, nogil=True)
+def _apply(buffer: Any, state: Any, amount: Any) -> Any:
+    changed = 0
+    for i in range(buffer.size):
+        state = (state + int(buffer[i]) + 1) & 0xFFFFFFFF
+        if state % amount == 0:
+            hit = state & 255
+            changed += hit != buffer[i]
+            buffer[i] = hit
+    return state, changed
+
 
 REORDER = 32
 """Number of frames buffered to restore the display order; H.264 requires at most 16."""
@@ -74,9 +133,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
         previous = (index, picture)
         next_index = index + 1
     if previous is None:
-        raise DataError(
-            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a lower severity"
-        )
+        raise DataError("stream", f"none of its {fill.count} frames can be decoded; choose a lower severity")
     if next_index < fill.count:
         source, shown = previous
         fill.lost.append((next_index, fill.count - 1, source))
@@ -108,7 +165,7 @@ def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Strea
         packets = damage_packets(read_packets(master), damage)
         return Stream(fill_lost(decoder.decode(packets), fill), decoder, fill, damage)
     if corruption not in ("h264_crf", "h264_abr"):
-        raise UsageError(f"'{corruption}' is not a video corruption: choose h264_crf, h264_abr or bit_error")
+        raise UsageError(corruption, "not a video corruption; choose h264_crf, h264_abr or bit_error")
     encoding = crf(parameter) if corruption == "h264_crf" else abr(parameter)
     encoder = Encoder(height, width, master.fps, encoding)
     decoder = Decoder(encoder.header, height, width)
@@ -147,14 +204,9 @@ def warnings_of(record: dict[str, Any]) -> list[str]:
     """Return warnings about a variant, to be shown to users of its results."""
     where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
     if record["corruption"] == "bit_error" and not record["bytes_changed"]:
-        return [
-            f"{where}: none of {record['bytes_coded']} bytes was changed; the clip is too small for this severity, "
-            "so its frames are unchanged"
-        ]
+        return [f"{where}: none of {record['bytes_coded']} bytes was changed; the clip is too small for this severity"]
     if record["frames_lost"]:
-        return [
-            f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and replaced by the previous ones"
-        ]
+        return [f"{where}: {record['frames_lost']} of {record['frames']} frames were lost; the previous ones are shown"]
     return []
 
 
@@ -182,3 +234,48 @@ def _record(clip: PreparedClip, corruption: str, parameter: int, stream: Stream,
             "hit": sorted(damage.frames_hit),
         }
     return record | {"warnings": warnings_of(record)}
+
+
+DEFAULT_RATE = Fraction(30)
+"""Default frame rate for folders of images, in frames per second."""
+
+
+def frame_rate(path: Path) -> Fraction:
+    """Return the mean frame rate of a video file."""
+    if path.is_dir():
+        return DEFAULT_RATE
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        return Fraction(stream.average_rate or stream.guessed_rate or DEFAULT_RATE)
+
+
+class ShortClip:
+    """A part of a clip, losslessly encoded once, like the benchmark's master, in constant memory."""
+
+    def __init__(self, frames: Iterable[Frame], rate: Fraction, folder: Path) -> None:
+        rest = iter(frames)
+        first = next(rest, None)
+        if first is None:
+            raise DataError("clip", "it needs at least one frame")
+        size = first.shape[:2]
+
+        def pictures() -> Iterable[np.ndarray]:
+            yield rgb_to_i420(first)
+            for number, frame in enumerate(rest, 1):
+                if frame.shape[:2] != size:
+                    raise DataError(f"frame {number}", "differs in size from the first frame of the clip")
+                yield rgb_to_i420(frame)
+
+        self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))
+
+    def corrupted(self, corruption: str, parameter: int, wanted: range) -> tuple[list[Frame], bool]:
+        """Corrupt the entire part and return some of its frames."""
+        master = self._master
+        stream = corrupted_stream(master, corruption, parameter)
+        frames = []
+        for index, picture in stream.pictures:
+            if index in wanted:
+                frames.append(i420_to_rgb(picture, master.height, master.width))
+            if index == wanted[-1]:
+                break
+        return frames, stream.damage is None or stream.damage.bytes_changed > 0

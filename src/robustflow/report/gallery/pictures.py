@@ -20,7 +20,7 @@ from ...corruptions.calibration import Ssim
 from ...corruptions.registry import BETWEEN_FRAMES
 from ...corruptions.stack import levels_of, needs_depth, split_stack
 from ...data.datasets.folder import open_folder
-from ...data.video.short_clip import ShortClip, frame_rate
+from ...data.video.variants import ShortClip, frame_rate
 from ...media.colours import depth_colours
 
 if TYPE_CHECKING:

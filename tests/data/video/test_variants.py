@@ -1,4 +1,4 @@
-"""Damaged streams: the number of frames is preserved, and every frame keeps its position in time."""
+"""Damaged streams: the bytes are FFmpeg's, no frame is lost without a replacement, every frame keeps its time."""
 
 from __future__ import annotations
 
@@ -11,11 +11,24 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from av.bitstream import BitStreamFilterContext
+from hypothesis import given
+from hypothesis import strategies as st
 
-from robustflow.core.errors import DataError
+from robustflow.core.errors import DataError, UsageError
 from robustflow.data.video.clip import ClipFile, read_header, read_packets, read_pictures, write_clip
 from robustflow.data.video.codec import Decoder, Encoding, Packet, crf, lossless
-from robustflow.data.video.variants import Fill, corrupted_stream, fill_lost
+from robustflow.data.video.variants import (
+    REORDER,
+    Damage,
+    Fill,
+    NoiseFilter,
+    corrupted_stream,
+    damage_packets,
+    fill_lost,
+    pictures_in_order,
+)
+from tests.refusals import refusal
 
 from . import clips
 
@@ -98,8 +111,7 @@ def test_lost_frames_show_the_nearest_decoded_frame(made, encoding, ruins, lost)
 @pytest.mark.parametrize("ruins", [{0}, set(range(30))], ids=["the only idr", "all"])
 def test_stream_without_a_decodable_frame_is_refused(made, ruins):
     clip = made(lossless("veryfast"), 30, 48, 64)
-    with pytest.raises(DataError, match=r"none of the 30 frames .* choose a lower severity"):
-        decode(clip, without_packets(read_packets(clip), ruins))
+    refusal(lambda: decode(clip, without_packets(read_packets(clip), ruins)), DataError, "stream")
 
 
 def test_damage_is_the_same_in_two_calls(made):
@@ -152,3 +164,91 @@ def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
         clip = write_clip(path, shown, (height, width), Fraction(960), INTRA)
         count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))
     return clip
+
+
+def by_ffmpeg(path, amount: int) -> list[bytes]:
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        noise = BitStreamFilterContext(f"noise={amount}", stream)
+        packets = [p for p in container.demux(stream) if p.size]
+        return [bytes(out) for packet in packets for out in noise.filter(packet)]
+
+
+@pytest.mark.parametrize("amount", [1, 2, 3, 129, 2000, 65_537, 1_000_000, 50_000_000, 2**31 - 1])
+def test_damaged_bytes_equal_those_of_ffmpeg(made, amount):
+    clip = made(lossless("veryfast"), 40)
+    damage = Damage(amount)
+    damaged = [packet.data for packet in damage_packets(read_packets(clip), damage)]
+    clean = [packet.data for packet in read_packets(clip)]
+    assert damaged == by_ffmpeg(clip.path, amount)
+    assert damage.bytes_changed == sum(
+        a != b for x, y in zip(damaged, clean, strict=True) for a, b in zip(x, y, strict=True)
+    )
+    assert damage.bytes_total == sum(map(len, clean))
+
+
+@given(st.lists(st.binary(max_size=300), max_size=8), st.integers(1, 2000), st.integers(0, 2**32 - 1))
+def test_damage_equals_the_naive_loop(packets, amount, state):
+    noise, total, expected = NoiseFilter(amount), state, []
+    noise.state = state  # large enough for the 32-bit state to wrap around
+    for data in packets:
+        out = bytearray(data)
+        for i, byte in enumerate(data):
+            total = (total + byte + 1) % 2**32
+            if total % amount == 0:
+                out[i] = total & 255
+        expected.append(bytes(out))
+    assert [noise(data)[0] for data in packets] == expected
+    assert noise.state == total
+
+
+def test_damage_lists_the_frames_it_hit():
+    damage = Damage(7)
+    packets = [Packet(bytes([0] * 6), 3), Packet(bytes([0]), 1), Packet(bytes([5]), 2)]
+    out = list(damage_packets(packets, damage))
+    assert [packet.index for packet in out] == [3, 1, 2]
+    assert (damage.frames_hit, damage.bytes_changed) == ([1], 1)
+
+
+@pytest.mark.parametrize("amount", [0, -1, 2**31, 1.5, True])
+def test_invalid_amounts_of_damage_are_refused(amount):
+    refusal(lambda: NoiseFilter(amount), UsageError, "noise amount")
+
+
+def picture(index: int) -> np.ndarray:
+    return np.full((3, 2), index % 251, np.uint8)
+
+
+@given(st.data())
+def test_every_frame_shows_the_last_decoded_one_before_it(data):
+    count = data.draw(st.integers(1, 60))
+    decoded = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))
+    fill = Fill(count)
+    shown = list(fill_lost([(index, picture(index)) for index in decoded], fill))
+    assert [index for index, _ in shown] == list(range(count))
+    for index, what in shown:
+        before = [k for k in decoded if k <= index]
+        source = before[-1] if before else decoded[0]
+        assert what[0, 0] == source % 251
+        assert clips.shown_as(fill, index) == source
+    assert fill.frames_lost == count - len(decoded)
+
+
+@given(st.permutations(range(20)), st.lists(st.integers(-5, 40), max_size=10))
+def test_order_of_arrival_does_not_matter(order, strangers):
+    """Test twenty frames in any order, with duplicates and indices outside the clip."""
+    arrivals = [(index, picture(index)) for index in order]
+    arrivals += [(index, picture(index)) for index in strangers]
+    fill = Fill(20)
+    assert [index for index, _ in pictures_in_order(arrivals, fill)] == list(range(20))
+    assert fill.dropped == len(strangers)
+
+
+def test_buffer_of_waiting_frames_is_bounded():
+    """A frame that arrives too late for the buffer is dropped."""
+    late = REORDER + 5
+    arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
+    fill = Fill(late + 1)
+    shown = [(index, int(what[0, 0])) for index, what in fill_lost(arrivals, fill)]
+    assert shown[0] == (0, 1)
+    assert fill.dropped == 1
