@@ -45,16 +45,16 @@ errors_of_samples = st.dictionaries(
 @given(errors_of_samples, st.booleans())
 def test_example_cells_are_the_worst_and_the_median(errors, truth):
     worst, median = example_cells(_rows(errors, truth))
-    assert tuple((one.key, (one.corruption, one.severity)) for one in (worst, median)) == _expected(errors)
-    assert (worst.kind, median.kind) == ("worst", "median")
-    value = max(errors[worst.key])
-    scores = (worst.scores.epe, worst.scores.cre, worst.scores.rcre)
+    assert tuple((one["key"], (one["corruption"], one["severity"])) for one in (worst, median)) == _expected(errors)
+    assert (worst["kind"], median["kind"]) == ("worst", "median")
+    value = max(errors[worst["key"]])
+    scores = (worst["epe"], worst["cre"], worst["rcre"])
     assert scores == ((value, value - 1, value + 3) if truth else (None, None, value))
 
 
 def test_cre_of_a_cell_is_over_the_pixels_that_both_flows_have():
     rows = rows_frame([row("a", n=4, epe=2.0), row("a", "fog", 1, n=2, epe=3.0, rcre=4.0, clean_epe_sum=1.0)])
-    assert [one.scores.cre for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
+    assert [one["cre"] for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
 
 
 def test_empty_rows_have_no_example_cells():

@@ -19,6 +19,7 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs, ZeroFlow
 
+from ..refusals import refusal
 from .conftest import FAST
 from .processes import check_stopped_by_ctrl_c, descendants, rows_so_far, start_run, still_running, wait_until
 
@@ -40,6 +41,10 @@ def _folder(tmp_path_factory, monkeypatch):
     yield
     assert not still_running(str(short))
     subprocess.run(["rm", "-rf", str(short)], check=True)
+
+
+def _evaluate(folder, model, **options):
+    return rf.evaluate(model, output=folder / "run", engine="ray", **SETTING, **options)
 
 
 def test_ray_gives_the_rows_of_one_process_and_leaves_nothing_behind(tmp_path):
@@ -78,38 +83,36 @@ def test_an_object_of_the_caller_travels_to_an_actor_of_the_same_priority(tmp_pa
     assert result.rcre == 0.0
 
 
-def test_object_that_cannot_be_pickled_is_refused_in_one_sentence(tmp_path):
+def test_object_that_cannot_be_pickled_is_refused(tmp_path):
     class Open(ZeroFlow):
         def __init__(self) -> None:
             super().__init__()
             self.socket = socket.socket()
 
-    with pytest.raises(UsageError, match=r"cannot be sent to worker processes .*name the model as 'module:attribute'"):
-        rf.evaluate(Open(), output=tmp_path / "run", engine="ray", **SETTING)
+    refusal(lambda: _evaluate(tmp_path, Open()), UsageError, "model")
 
 
 def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(AssetError, match=r"pip install 'robustflow\[ray\]'"):
-        rf.evaluate(DIS, output=tmp_path / "run", engine="ray", **SETTING)
+    with pytest.raises(AssetError, match=r"robustflow\[ray\]"):
+        _evaluate(tmp_path, DIS)
 
 
 @pytest.mark.parametrize(
-    ("address", "error", "words"),
+    ("address", "error"),
     [
-        ("nonsense", UsageError, "is not a valid address: use auto, host:port or ray://host:port"),
-        ("127.0.0.1:1", RunError, r"cannot be reached \(.*refused.*\); start it \(ray start --head\)"),
-        ("ray://127.0.0.1:1", RunError, "cannot be reached"),
-        ("no-such-host.invalid:6379", RunError, "cannot be reached"),
-        ("auto", RunError, r"at 'auto' cannot be reached \(.*refused"),
+        ("nonsense", UsageError),
+        ("127.0.0.1:1", RunError),
+        ("ray://127.0.0.1:1", RunError),
+        ("no-such-host.invalid:6379", RunError),
+        ("auto", RunError),
     ],
 )
-def test_address_without_a_cluster_is_refused(tmp_path, monkeypatch, address, error, words):
+def test_address_without_a_cluster_is_refused(tmp_path, monkeypatch, address, error):
     # "auto" uses this address even if a different test's cluster is running
     monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     started = time.monotonic()
-    with pytest.raises(error, match=words):
-        rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
+    refusal(lambda: _evaluate(tmp_path, DIS, address=address), error, "--address")
     assert time.monotonic() - started < 30
 
 
@@ -118,15 +121,13 @@ def test_address_of_a_different_service_is_refused(tmp_path, scheme, monkeypatch
     monkeypatch.setattr("robustflow.run.engines.ray_cluster.REACH_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(RunError, match="does not respond like a Ray cluster; check host and port"):
-            rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
+        refusal(lambda: _evaluate(tmp_path, DIS, address=address), RunError, "--address")
 
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
 def test_gpu_number_is_refused_with_ray(tmp_path, devices):
     spec = ModelSpec("tests.run.models_for_tests:Faulty", (("device", devices),))
-    with pytest.raises(UsageError, match=f"--device {devices} is not available with the ray engine: use --device cuda"):
-        rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
+    refusal(lambda: _evaluate(tmp_path, spec), UsageError, "--device")
 
 
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:

@@ -68,7 +68,7 @@ def test_intervals_and_examples_leave_out_corruptions_without_truth(run):
     assert averages["rcre"] == pytest.approx(run.rcre)
     measured = set(table.filter(corruption="elastic_transform")["metric"])
     assert measured == {"rcre"}
-    assert {cell.corruption for cell in example_cells(run.rows)} == {"contrast"}
+    assert {cell["corruption"] for cell in example_cells(run.rows)} == {"contrast"}
 
 
 def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):

@@ -1,13 +1,9 @@
-"""Choose which cells of a run to draw: the worst cell of the worst sample, and the median cell of the median
-sample. Read and write `examples.json`: which example pictures a run's folder contains and what they show.
+"""Choose which cells of a run to draw, and keep the pictures of the severity slider while a run corrupts frames.
 
-A sample's score is its CRE over all corruptions of the run; if the run has no ground truth, its RCRE. The scores are
-computed from rows, so the choice is the same on every machine.
-
-    RUN/examples/examples.json   the list, with numbers from the run's rows
-    RUN/examples/*.jpg           the pictures
-
-The folder RUN/examples is complete or absent.
+A page shows the worst cell of the worst sample and the median cell of the median sample. A sample's score is its CRE
+over all corruptions of the run, or its RCRE if the run has no ground truth. The choice follows from the rows, so it is
+the same on every machine. The folder RUN/examples, with the pictures and their list `examples.json`, is complete or
+absent.
 """
 
 from __future__ import annotations
@@ -17,73 +13,45 @@ import re
 import secrets
 import shutil
 from collections import defaultdict
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal, TypeVar
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import numpy as np
 import polars as pl
 
-from ..core.files import TEMPORARY
+from ..core.errors import DataError
+from ..core.files import TEMPORARY, digest_of_bytes, write_bytes
+from ..core.types import Frame
 from ..corruptions.registry import ordered
+from ..media.images import jpeg_bytes, shrunk
 from ..metrics.error_maps import cre as cre_of
 from ..metrics.means import averaged_rows
 from ..metrics.rows import CLEAN, ROW_KEY
 from .run import Run
 
-Kind = Literal["worst", "median"]
+if TYPE_CHECKING:
+    from .setup import Setup
 
+FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
+SLIDER_WIDTH = 384
+"""Maximum width of a slider picture in pixels, in the folder and on pages."""
 _SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
 
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
-@dataclass(frozen=True)
-class CellScores:
+class CellScores(NamedTuple):
     """The scores of one cell, in pixels. EPE and CRE are None without ground truth; RCRE is None if no pixel can be
     compared."""
 
     epe: float | None
     cre: float | None
     rcre: float | None
-
-
-@dataclass(frozen=True)
-class ExampleCell:
-    """A cell to draw, and the reason for drawing it."""
-
-    kind: Kind
-    key: str
-    corruption: str
-    severity: int
-    scores: CellScores
-
-
-def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
-    """Find the worst cell of the worst sample and the median cell of the median sample in a run's rows."""
-    cells = (
-        averaged_rows(rows)
-        .filter(pl.col("corruption") != CLEAN)
-        .select(*ROW_KEY, *_SUMS)
-        .sort(ROW_KEY)
-        .iter_rows(named=True)
-    )
-    scored = {(row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells}
-    metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
-    values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
-    if not values:
-        return []
-    of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for (key, corruption, _), value in values.items():
-        of_sample[key][corruption].append(value)
-    # as in the paper: over severities, then over corruptions
-    samples = {(key,): fmean(map(fmean, by_corruption.values())) for key, by_corruption in of_sample.items()}
-    chosen: list[ExampleCell] = []
-    for kind, pick in (("worst", _worst), ("median", _median)):
-        (key,) = pick(samples)
-        cell = pick({cell: value for cell, value in values.items() if cell[0] == key})
-        chosen.append(ExampleCell(kind, *cell, scored[cell]))  # type: ignore[arg-type]  # kind is one of the two
-    return chosen
 
 
 def cell_scores(row: dict[str, Any]) -> CellScores:
@@ -98,6 +66,29 @@ def _mean(total: float | None, count: int | None) -> float | None:
     return total / count if count and total is not None else None
 
 
+def example_cells(rows: pl.DataFrame) -> list[dict[str, Any]]:
+    """Return the worst cell of the worst sample and the median cell of the median sample, with their scores, as in
+    `examples.json`; empty if nothing was measured."""
+    cells = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY)
+    scored = {
+        (row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells.iter_rows(named=True)
+    }
+    metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
+    values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
+    of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for (key, corruption, _), value in values.items():
+        of_sample[key][corruption].append(value)
+    # as in the paper: over severities, then over corruptions
+    samples = {(key,): fmean(map(fmean, by_corruption.values())) for key, by_corruption in of_sample.items()}
+    chosen = []
+    for kind, pick in (("worst", _worst), ("median", _median)) if values else ():
+        (sample,) = pick(samples)
+        cell = pick({cell: value for cell, value in values.items() if cell[0] == sample})
+        place = dict(zip(("key", "corruption", "severity"), cell, strict=True))
+        chosen.append({"kind": kind, **place, **scored[cell]._asdict(), "file": f"{kind}.jpg"})
+    return chosen
+
+
 def _worst(values: dict[T, float]) -> T:
     return min(values, key=lambda name: (-values[name], name))
 
@@ -107,47 +98,25 @@ def _median(values: dict[T, float]) -> T:
     return order[(len(order) - 1) // 2]
 
 
-FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
-
-SLIDER_WIDTH = 384
-"""Maximum width of a slider picture in pixels, in the folder and on pages."""
-
-
 def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     """Return the content of `examples.json`, computed from the rows; None if nothing was measured."""
-    cells = example_cells(rows)
-    if not cells:
+    panels = example_cells(rows)
+    if not panels:
         return None
-    panels = [
-        {
-            "kind": cell.kind,
-            "key": cell.key,
-            "corruption": cell.corruption,
-            "severity": cell.severity,
-            **asdict(cell.scores),
-            "file": f"{cell.kind}.jpg",
-        }
-        for cell in cells
-    ]
-    median = next(cell.key for cell in cells if cell.kind == "median")
+    median = panels[1]["key"]
     of_sample = rows.filter((pl.col("sample") == median) & (pl.col("corruption") != CLEAN))
     names = ordered(of_sample["corruption"].unique())
-    conditions = sorted(
-        of_sample.select("corruption", "severity").iter_rows(), key=lambda cell: (names.index(cell[0]), cell[1])
-    )
     pictures = [
-        {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
-        for name, severity in conditions
+        {"corruption": name, "severity": severity, "file": f"{_file_name(name, index)}_{severity}.jpg"}
+        for index, name in enumerate(names)
+        for severity in sorted(of_sample.filter(corruption=name)["severity"].unique())
     ]
-    return {
-        "version": VERSION,
-        "slider": {"key": median, "clean": "clean.jpg", "pictures": pictures},
-        "panels": panels,
-    }
+    slider = {"key": median, "clean": "clean.jpg", "pictures": pictures}
+    return {"version": VERSION, "slider": slider, "panels": panels}
 
 
-def _plain_name(corruption: str, index: int) -> str:
-    """Return a file name for a corruption: its name, or a number for a stack, whose name contains "+" and ":"."""
+def _file_name(corruption: str, index: int) -> str:
+    """Return a corruption's name, or a number for a stack, whose name contains "+" and ":"."""
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
@@ -173,3 +142,42 @@ def drop_examples(run: Path) -> None:
         old = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder
         home.rename(old)
         shutil.rmtree(old, ignore_errors=True)
+
+
+def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
+    """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two."""
+    changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
+    return jpeg_bytes(shrunk((changed or frames)[0], SLIDER_WIDTH))
+
+
+@contextmanager
+def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
+    """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
+    show is already known.
+    """
+    if len(setup.plan.benchmark.keys) > 1:
+        yield setup
+        return
+    with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
+        options = replace(setup.options, pictures=Path(pictures))
+        yield replace(setup, plan=replace(setup.plan, options=options))
+
+
+def keep_picture(
+    folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
+) -> None:
+    """Store the picture of a cell. A picture that cannot be written is generated later."""
+    with suppress(DataError):
+        write_bytes(_picture_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
+
+
+def stored_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
+    """Return the picture stored by `keep_picture`, or None."""
+    try:
+        return None if folder is None else _picture_path(folder, corruption, severity).read_bytes()
+    except OSError:
+        return None
+
+
+def _picture_path(folder: Path, corruption: str, severity: int) -> Path:
+    return folder / f"{digest_of_bytes(f'{corruption} {severity}'.encode(), size=16)}.jpg"

@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import polars as pl
 
-from ..core.errors import DataError, RunError, UsageError, unknown_name
+from ..core.errors import DataError, RunError, unknown_name
 from ..core.files import TEMPORARY, make_folder, write_bytes, write_json
 from ..media.images import jpeg_bytes, shrunk
+from ..metrics.rows import ROW_KEY
 from ..models.base import describe_cell
 from .cells import Cell
 from .example_cells import (
@@ -23,10 +24,11 @@ from .example_cells import (
     cell_scores,
     drop_examples,
     example_list,
+    slider_picture,
+    stored_picture,
 )
 from .run import Run
 from .setup import Setup
-from .slider_pictures import slider_picture, stored_picture
 from .worker import View, Worker, temporary_worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
@@ -36,10 +38,10 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 def write_examples(run: Run, setup: Setup) -> bool:
     """Draw the examples of a complete run into its folder, unless they already exist."""
     if run.measured.missing:
-        raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
+        raise RunError(run.path, "not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
     if listed is None:
-        raise RunError(f"{run.path} has no measured pixel, so there is no worst sample")
+        raise RunError(run.path, "has no measured pixel, so there is no worst sample")
     if are_current(run):
         return False
     home = run.path / FOLDER
@@ -56,7 +58,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
         try:
             making.rename(home)
         except OSError as error:
-            raise DataError(f"cannot write {home}: {error.strerror}; choose a folder with free space") from error
+            raise DataError(home, f"cannot be written ({error.strerror}); choose a folder with free space") from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
     return True
@@ -64,9 +66,6 @@ def write_examples(run: Run, setup: Setup) -> bool:
 
 def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
     """Draw any cell of a run as a PNG, with the scores from the run."""
-    known = run.rows["corruption"].unique().sort()
-    if corruption not in known:
-        raise unknown_name("corruption of this run", corruption, known)
     with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
         return _picture(run.rows, worker, (key, corruption, severity), "", "png")
 
@@ -86,43 +85,28 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
     from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
 
-    key, corruption, severity = cell
     row = _row(rows, cell)
     scores = cell_scores(row)
     view = worker.inspect_cell(*cell)
     _check_same(view, row, scores)
-    numbers = numbers_line(scores.epe, scores.cre, scores.rcre)
-    title = panel_title(key, corruption, severity, why)
-    return draw_panel(Panel(view.sample, view.frames, view.flow, view.clean_flow, title, numbers), form)
+    title = panel_title(*cell, why)
+    return draw_panel(Panel(view.sample, view.frames, view.flow, view.clean_flow, title, numbers_line(*scores)), form)
 
 
 def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
-    key, corruption, severity = cell
-    matching = rows.filter(sample=key, corruption=corruption, severity=severity)
-    if matching.is_empty():
-        raise _unknown_cell(rows, cell)
-    return matching.row(0, named=True)
-
-
-def _unknown_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
-    key, corruption, severity = cell
-    of_sample = rows.filter(sample=key)
-    if of_sample.is_empty():
-        return unknown_name("sample of this run", key, rows["sample"].unique().sort()[:20])
-    of_corruption = of_sample.filter(corruption=corruption)
-    if of_corruption.is_empty():
-        return unknown_name("corruption of this run", corruption, of_sample["corruption"].unique().sort())
-    levels = ", ".join(str(level) for level in of_corruption["severity"].sort())
-    return UsageError(
-        f"this run does not include severity {severity} of {corruption} for sample '{key}': choose from {levels}"
-    )
+    for column, value in zip(ROW_KEY, cell, strict=True):
+        known = rows[column].unique().sort()
+        rows = rows.filter(pl.col(column) == value)
+        if rows.is_empty():
+            raise unknown_name(f"{column} of this run", str(value), map(str, known[:100]))
+    return rows.row(0, named=True)
 
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
     """Raise unless an image shows the frames and the flow that were measured."""
     where = describe_cell(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
-        raise RunError(f"the frames of {where} differ from those of the run; use the data of the run")
+        raise RunError(where, "the frames differ from those of the run; use the data of the run")
     again = cell_scores(view.row)
     for name in ("epe", "rcre"):
         before, now = getattr(scores, name), getattr(again, name)
@@ -130,6 +114,7 @@ def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
             continue
         if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
             raise RunError(
-                f"the model predicts a different flow than in the run on {where} ({name.upper()} {now} instead of "
-                f"{before}), so an image would not show the measured flow; repeat the run in a different folder"
+                where,
+                f"the model predicts a different flow than in the run ({name.upper()} {now} instead of {before}), so "
+                "an image would not show the measured flow; repeat the run in a different folder",
             )

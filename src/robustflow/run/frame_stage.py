@@ -27,10 +27,10 @@ from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
 from ..models.base import describe_cell, place_of_pair
 from .cells import Cell
+from .example_cells import keep_picture
 from .plan import RunOptions
 from .predict_stage import PredictionRequest
 from .seconds import Seconds, timed
-from .slider_pictures import keep_picture
 
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:

@@ -87,14 +87,13 @@ def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
     try:
         return dumps(job)
     except Exception as error:
-        what, advice = "dataset or corruption", "use engine='serial' without a timeout"
+        culprit, advice = "dataset or corruption", "use engine='serial' without a timeout"
         try:
             dumps(job.model)
         except Exception:
-            what, advice = "model object", f"{advice}, or name the model as 'module:attribute'"
-        raise UsageError(
-            f"this {what} cannot be sent to worker processes ({type(error).__name__}: {error}); {advice}"
-        ) from error
+            culprit, advice = "model", f"{advice}, or name the model as 'module:attribute'"
+        why = f"{type(error).__name__}: {error}"
+        raise UsageError(culprit, f"cannot be sent to worker processes ({why}); {advice}") from error
 
 
 class Schedule:

@@ -1,5 +1,4 @@
-"""Describe what a node needs for a job: a GPU if required, the model, and the data files. Compute with actors on
-the nodes of a Ray cluster, or on this machine: one per GPU, or one per CPU.
+"""Compute with actors on the nodes of a Ray cluster, or on this machine: one per GPU, or one per CPU.
 
 Only the driver writes rows and tracks which actor computes which unit, so actors and nodes can be lost at any time:
 their units are assigned again. Ray's retries are disabled, because they could run a unit twice when its result is
@@ -26,17 +25,42 @@ from ..manifest import files_of_sample
 from ..plan import Unit
 from .base import FinishedUnit, FinishedUnits, Job, Schedule, pickled
 from .processes import too_slow
-from .ray_actor import Answer, Files, UnitActor, check_installed, installed
+from .ray_actor import UnitActor, check_installed, installed
 from .ray_cluster import connected, ray_module
 
+ATTEMPTS = 3
+"""Maximum number of actors that may be lost while computing the same unit."""
+_LOOK_S = 1.0
+"""Interval between checks of the cluster's resources, in seconds."""
+_PATIENCE_S = 30.0
+"""Time without any actor after which a warning is printed, in seconds."""
+_UNANSWERED_S = 30.0
+"""Time in seconds, beyond the timeout of a prediction, for which an actor may be silent, as in code that holds the
+interpreter's lock."""
 
-def needs_gpu(job: Job) -> bool:
+
+def on_ray(
+    job: Job, units: Sequence[Unit], workers: int | None, timeout: float | None, address: str | None
+) -> FinishedUnits:
+    """Compute the units on a Ray cluster."""
+    gpu = _needs_gpu(job)
+    sent = bytes(pickled(job, ray_module().cloudpickle.dumps))
+    with connected(address, workers, len(sent)) as ray:
+        crew = _Crew(ray, job, sent, units, workers, timeout, gpu, address is None)
+        try:
+            yield from crew.compute()
+        finally:
+            for member in crew.members:
+                member.kill()
+
+
+def _needs_gpu(job: Job) -> bool:
     """Return whether every actor needs its own GPU."""
     listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
     if any(":" in device for device in listed):
         raise UsageError(
-            f"--device {','.join(listed)} is not available with the ray engine: use --device cuda; Ray assigns each "
-            "worker its own GPU"
+            "--device",
+            f"{','.join(listed)} is not available with the ray engine: use cuda; Ray assigns each worker its own GPU",
         )
     return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.load_model()))
 
@@ -48,46 +72,6 @@ def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
     depths = None if attacked or not needs_depth(unit.corruption) else options.depth
     files = files_of_sample(job.dataset, unit.key, options.window, depths)
     return tuple((str(path), path.stat().st_size) for path in files)
-
-
-def variables() -> dict[str, str]:
-    """Return environment variables for every actor: the paths of the user's files, and one thread per library."""
-    settings = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
-    return settings | ONE_THREAD
-
-
-ATTEMPTS = 3
-"""Maximum number of actors that may be lost while computing the same unit."""
-_LOOK_S = 1.0
-"""Interval between checks of the cluster's resources, in seconds."""
-_PATIENCE_S = 30.0
-"""Time without any actor after which a warning is printed, in seconds."""
-_UNANSWERED_S = 30.0
-"""Time in seconds, beyond the timeout of a prediction, for which an actor may be silent; a lost node is detected
-within this time."""
-
-
-def on_ray(
-    job: Job,
-    units: Sequence[Unit],
-    workers: int | None = None,
-    timeout: float | None = None,
-    address: str | None = None,
-) -> FinishedUnits:
-    """Compute the units on a Ray cluster."""
-    gpu = needs_gpu(job)
-    sent = bytes(pickled(job, ray_module().cloudpickle.dumps))
-    with connected(address, workers, len(sent)) as ray:
-        crew = _Crew(ray, job, sent, units, workers, timeout, gpu, address is None)
-        try:
-            yield from crew.compute()
-        finally:
-            crew.end()
-
-
-def _folders(local: bool) -> list[str]:
-    """Return the folders in which actors look for modules, in addition to the node's module path."""
-    return sys.path if local else [os.path.abspath(folder) for folder in sys.path[:1]]  # folder of the script
 
 
 class _Crew:
@@ -104,14 +88,16 @@ class _Crew:
         gpu: bool,
         local: bool,
     ) -> None:
+        self.members: list[_Member] = []
         self._ray, self._job = ray, job
         self._workers, self._timeout, self._gpu, self._local = workers, timeout, gpu, local
         self._schedule, self._left = Schedule(units), len(units)
-        self._first_files = files_of(job, units[0]) if units else ()
-        self._sent = ray.put(sent)
-        self._identity = job.model_identity(job.load_model())
         self._installed = installed()
-        self._members: list[_Member] = []
+        variables = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")} | ONE_THREAD
+        folders = sys.path if local else [os.path.abspath(folder) for folder in sys.path[:1]]  # folder of the script
+        self._greeting = variables, os.getcwd(), folders
+        identity = job.model_identity(job.load_model())
+        self._start = ray.put(sent), identity, files_of(job, units[0]) if units else ()
         self._losses: dict[Unit, list[str]] = {}
         self._failed_starts = 0
         self._most = 0
@@ -125,24 +111,22 @@ class _Crew:
         tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
         while self._left:
             self._fill_up()
-            calls = {member.call: member for member in self._members if member.call is not None}
+            calls = {member.call: member for member in self.members if member.call is not None}
             if not calls:
                 continue
-            ready, _ = self._ray.wait(list(calls), timeout=tick)
-            for call in ready:
+            for call in self._ray.wait(list(calls), timeout=tick)[0]:
                 done = self._receive(calls[call])
-                self._hand_out()
+                for member in self.members:
+                    if member.device is not None and member.call is None:
+                        unit = self._schedule.take(member.last_key)
+                        if unit is not None:
+                            member.give(unit, files_of(self._job, unit))
                 if done is not None:
                     self._left -= 1
                     yield done
             if self._timeout is not None:
-                for member in self._members:
+                for member in self.members:
                     member.check(self._timeout)
-
-    def end(self) -> None:
-        """Stop every actor immediately; unfinished units are lost."""
-        for member in self._members:
-            member.kill()
 
     def _fill_up(self) -> None:
         """Start as many actors as fit on the cluster; the rest start when a node joins."""
@@ -156,78 +140,66 @@ class _Crew:
         if not wanted:
             where = "this machine" if self._local else "the Ray cluster"
             raise RunError(f"{where} has no {kind} known to Ray; use --workers N to wait for N of them to join")
-        while len(self._members) < min(wanted, self._left):
-            self._members.append(_Member(self._ray, self._gpu, self._timeout is not None))
-            self._members[-1].greet(variables(), os.getcwd(), _folders(self._local))
-        if any(member.host for member in self._members):
+        while len(self.members) < min(wanted, self._left):
+            self.members.append(_Member(self._ray, self._gpu, self._timeout is not None))
+            self.members[-1].call = self.members[-1].actor.hello.remote(*self._greeting)
+        if any(member.host for member in self.members):
             self._heard = now
         elif now - self._heard > _PATIENCE_S and not self._warned:
             self._warned = True
             warnings.warn(f"no {kind} in the Ray cluster is free; waiting for one", stacklevel=2)
 
     def _receive(self, member: _Member) -> FinishedUnit | None:
-        """Read the result of an actor's last call, and make the next call."""
+        """Read the answer to an actor's call: to `hello`, `begin` or `run`."""
         exceptions = self._ray.exceptions
+        call, member.call = member.call, None
         try:
-            answer = self._ray.get(member.take_call())
+            answer = self._ray.get(call)
         except exceptions.RayError as error:
             if isinstance(error, exceptions.RayTaskError) or "creation task" in str(error):
                 raise _cannot_start(error) from error
-            self._remove_actor(member, error)
+            self._remove(member, error)
             return None
         if member.host is None:
-            host, installed = answer
-            check_installed(host, self._installed, installed)
-            member.begin(host, self._sent, self._identity, self._first_files)
+            member.host, there = answer
+            check_installed(member.host, self._installed, there)
+            member.call = member.actor.begin.remote(*self._start)
             return None
-        value = self._value(member, answer)
-        if member.device is None:
-            member.device, self._failed_starts = value, 0
-            return None
-        unit = member.finish()
-        self._schedule.finished(unit)
-        rows, seconds = value
-        return FinishedUnit(unit, rows, seconds, f"{member.host}, {member.device}")
-
-    def _hand_out(self) -> None:
-        for member in self._members:
-            if member.is_idle:
-                unit = self._schedule.take(member.last_key)
-                if unit is None:
-                    return
-                member.give(unit, files_of(self._job, unit))
-
-    def _value(self, member: _Member, answer: Answer) -> Any:
         kind, value = answer
         if kind == "error":
             name, message, trace = value
             raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", trace)
-        return value
+        if member.device is None:
+            member.device, self._failed_starts = value, 0
+            return None
+        unit, member.unit, member.question = member.unit, None, None
+        assert unit is not None
+        self._schedule.finished(unit)
+        return FinishedUnit(unit, *value, f"{member.host}, {member.device}")
 
-    def _remove_actor(self, member: _Member, error: Exception) -> None:
+    def _remove(self, member: _Member, error: Exception) -> None:
         """Remove a lost actor; its unit is computed again."""
-        self._members.remove(member)
+        self.members.remove(member)
         member.kill()
         self._looked -= _LOOK_S
-        where, why = f"node {member.host}" if member.host else "a node", type(error).__name__
+        where = f"{f'node {member.host}' if member.host else 'a node'} ({type(error).__name__})"
         if member.unit is None:
             self._failed_starts += 1
             if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
                 raise RunError(
                     f"no worker could be started on the Ray cluster: {self._failed_starts} were lost while starting, "
-                    f"the last on {where} ({why}); the usual causes are lack of memory or a crash while loading the "
-                    "model"
+                    f"the last on {where}; the usual causes are lack of memory or a crash while loading the model"
                 )
             return
-        losses = self._losses.setdefault(member.unit, [])
-        losses.append(f"{where} ({why})")
+        unit, losses = member.unit, self._losses.setdefault(member.unit, [])
+        losses.append(where)
         if len(losses) == ATTEMPTS:
             raise RunError(
-                f"a worker exited without an error message while computing sample '{member.unit.key}', "
-                f"{member.unit.corruption}, {ATTEMPTS} times (on {', '.join(losses)}); the usual causes are lack of "
-                "memory or a crash inside the model: try fewer --workers"
+                f"a worker exited without an error message while computing {_described(unit)}, {ATTEMPTS} times (on "
+                f"{', '.join(losses)}); the usual causes are lack of memory or a crash inside the model: try fewer "
+                "--workers"
             )
-        self._schedule.give_back(member.unit)
+        self._schedule.give_back(unit)
 
 
 class _Member:
@@ -235,82 +207,58 @@ class _Member:
 
     def __init__(self, ray: Any, gpu: bool, watched: bool) -> None:
         self._ray = ray
-        self._actor = (
-            ray.remote(UnitActor)
-            .options(
-                num_cpus=1,
-                num_gpus=int(gpu),
-                max_restarts=0,
-                max_task_retries=0,
-                max_concurrency=2 if watched else 1,
-                scheduling_strategy="SPREAD",
-            )
-            .remote()
-        )
+        options = {
+            "num_cpus": 1,
+            "num_gpus": int(gpu),
+            "max_restarts": 0,
+            "max_task_retries": 0,
+            "max_concurrency": 2 if watched else 1,
+            "scheduling_strategy": "SPREAD",
+        }
+        self.actor = ray.remote(UnitActor).options(**options).remote()
         self.call: Any = None
         self.host: str | None = None
         self.device: str | None = None
         self.unit: Unit | None = None
         self.last_key: str | None = None
-        self._question: Any = None
+        self.question: Any = None
+        """The pending question about the current prediction."""
         self._asked = 0.0
 
-    @property
-    def is_idle(self) -> bool:
-        """Return whether the actor is waiting for a unit."""
-        return self.device is not None and self.call is None
-
-    def greet(self, variables: dict[str, str], folder: str, path: list[str]) -> None:
-        """Call `UnitActor.hello`."""
-        self.call = self._actor.hello.remote(variables, folder, path)
-
-    def begin(self, host: str, pickled: Any, identity: dict[str, Any], files: Files) -> None:
-        """Call `UnitActor.begin`."""
-        self.host = host
-        self.call = self._actor.begin.remote(pickled, identity, files)
-
-    def give(self, unit: Unit, files: Files) -> None:
+    def give(self, unit: Unit, files: Sequence[tuple[str, int]]) -> None:
         """Make the actor compute a unit."""
         self.unit, self.last_key = unit, unit.key
-        self.call = self._actor.run.remote(unit, files)
-
-    def take_call(self) -> Any:
-        """Return the call that has been answered, and mark the actor as idle."""
-        call, self.call = self.call, None
-        return call
-
-    def finish(self) -> Unit:
-        """Return the unit, which has now been computed."""
-        unit, self.unit, self._question = self.unit, None, None
-        assert unit is not None
-        return unit
+        self.call = self.actor.run.remote(unit, files)
 
     def check(self, timeout: float) -> None:
         """End the run if a prediction takes too long. Call this repeatedly."""
         if self.unit is None:
             return
         now = time.monotonic()
-        if self._question is None:
+        if self.question is None:
             if now - self._asked > min(timeout / 4, 5.0):
-                self._question, self._asked = self._actor.predicting.remote(), now
-            return
-        if self._ray.wait([self._question], timeout=0)[0]:
+                self.question, self._asked = self.actor.predicting.remote(), now
+        elif self._ray.wait([self.question], timeout=0)[0]:
             try:
-                predicting = self._ray.get(self._question)
+                predicting = self._ray.get(self.question)
             except self._ray.exceptions.RayError:  # the call for the unit reports the error too
                 predicting = None
-            self._question = None
+            self.question = None
             if predicting is not None and predicting[1] > timeout:
                 raise too_slow(timeout, predicting[0])
         elif now - self._asked > timeout + _UNANSWERED_S:
-            raise too_slow(timeout, describe_cell(self.unit.key, self.unit.corruption, *self.unit.severities))
+            raise too_slow(timeout, _described(self.unit))
 
     def kill(self) -> None:
         """End the actor immediately."""
         try:
-            self._ray.kill(self._actor, no_restart=True)
+            self._ray.kill(self.actor, no_restart=True)
         except Exception:  # the actor or the cluster is already gone
             return
+
+
+def _described(unit: Unit) -> str:
+    return describe_cell(unit.key, unit.corruption, *unit.severities)
 
 
 def _cannot_start(error: Exception) -> RunError:
@@ -318,6 +266,6 @@ def _cannot_start(error: Exception) -> RunError:
     address = re.search(r"\bip=([^,\s)]+)", str(error))
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return RunError(
-        f"node {address[1] if address else '(address unknown)'} cannot start RobustFlow ({lines[-1]}); "
-        "install the same version on every node"
+        f"node {address[1] if address else '(address unknown)'}",
+        f"cannot start RobustFlow ({lines[-1]}); install the same version on every node",
     )

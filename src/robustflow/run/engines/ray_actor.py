@@ -42,9 +42,7 @@ def installed() -> dict[str, str]:
     files = {str(path.relative_to(package)): path.read_bytes() for path in sorted(package.rglob("*.py"))}
     code = digest_of_bytes(*(b"%b\0%b" % (name.encode(), content) for name, content in files.items()))
     here = environment()
-    return {"robustflow": f"{VERSION} (code {code[:8]})", "python": here.python} | {
-        name: version for name, version in here.packages.items() if name != "robustflow"
-    }
+    return {**here.packages, "robustflow": f"{VERSION} (code {code[:8]})", "python": here.python}
 
 
 def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
@@ -52,8 +50,9 @@ def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> N
     for name in here | there:
         if here.get(name) != there.get(name):
             raise RunError(
-                f"node {host} has {name} {there.get(name, 'missing')}, but the run was started with "
-                f"{here.get(name, 'none')}, which may affect results; install the same versions on every node"
+                f"node {host}",
+                f"has {name} {there.get(name, 'missing')}, but the run was started with {here.get(name, 'none')}, "
+                "which may affect results; install the same versions on every node",
             )
 
 
@@ -63,7 +62,7 @@ class UnitActor:
     def __init__(self) -> None:
         self._worker: Worker | None = None
         self._predicting: tuple[str, float] | None = None
-        self._host = socket.gethostname()
+        self._node = f"node {socket.gethostname()}"
 
     def hello(self, variables: dict[str, str], folder: str, path: list[str]) -> tuple[str, dict[str, str]]:
         """Return the node's name and the versions installed there."""
@@ -72,7 +71,7 @@ class UnitActor:
         if os.path.isdir(folder):
             os.chdir(folder)
         sys.path.extend(each for each in path if each not in sys.path)
-        return self._host, installed()
+        return socket.gethostname(), installed()
 
     def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
         """Load dataset and model, and return the model's device."""
@@ -98,16 +97,17 @@ class UnitActor:
             job: Job = pickle.loads(pickled)
         except (ImportError, AttributeError) as error:
             raise UsageError(
-                f"node {self._host} cannot import a module of the run ({error}); install it on every node, or put it "
-                "on PYTHONPATH before Ray starts there"
+                self._node,
+                f"cannot import a module of the run ({error}); install it on every node, or put it on PYTHONPATH "
+                "before Ray starts there",
             ) from error
         self._check_files(files)
         model = job.load_model()
-        loaded = job.model_identity(model)
-        if loaded != identity:
+        if (loaded := job.model_identity(model)) != identity:
             raise RunError(
-                f"node {self._host} has a different model of the same name (it differs in: "
-                f"{differing_fields(loaded, identity)}); use the same files on every node"
+                self._node,
+                f"has a different model of the same name (it differs in: {differing_fields(loaded, identity)}); use "
+                "the same files on every node",
             )
         self._worker = replace(job, folder=None, loaded=model).worker(self._note)
         return _device()
@@ -123,18 +123,20 @@ class UnitActor:
         self._predicting = None if what is None else (what, time.monotonic())
 
     def _check_files(self, files: Files) -> None:
-        for path, size in files:
+        for name, size in files:
+            path = os.path.abspath(name)
             try:
                 here = os.stat(path).st_size
             except OSError as error:
                 raise DataError(
-                    f"node {self._host}: {os.path.abspath(path)} cannot be read ({error.strerror}); make the data "
-                    "available on every node under the same path, preferably an absolute one"
+                    self._node,
+                    f"{path} cannot be read ({error.strerror}); make the data available on every node under the same "
+                    "path, preferably an absolute one",
                 ) from error
             if here != size:
                 raise DataError(
-                    f"node {self._host}: {os.path.abspath(path)} has {here} bytes on that node but {size} bytes on "
-                    "this machine; use the same data on every node"
+                    self._node,
+                    f"{path} has {here} bytes there but {size} bytes on this machine; use the same data on every node",
                 )
 
 

@@ -48,18 +48,18 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     ray = ray_module()
     if ray.is_initialized():
         if address not in (None, "auto"):
-            raise UsageError(
-                "this process is already connected to a Ray cluster: omit the address, or call ray.shutdown() first"
-            )
+            raise UsageError("--address", "this process is already connected to a Ray cluster: omit it, or disconnect")
         yield ray
         return
     handler = signal.getsignal(signal.SIGTERM)
     folder = None if address else _new_folder()
     _show_messages(ray, False)
     try:
-        with _quiet(), safe_path():
+        # by default, actors yield to every other process (nice 15)
+        settings = {} if folder is None else {"RAY_TMPDIR": folder, "RAY_worker_niceness": "0"}
+        with _quiet(), safe_path(), environment_variables(settings):
             if address is None:
-                _start(ray, cpus, sent_bytes, folder)
+                _start(ray, cpus, sent_bytes)
             else:
                 _join(ray, address)
         _restore(handler)  # Ray replaces the caller's handler
@@ -74,7 +74,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> None:
+def _start(ray: Any, cpus: int | None, sent_bytes: int) -> None:
     try:
         ray.init(
             address="local",
@@ -84,8 +84,6 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
             object_store_memory=_STORE_BYTES + 2 * sent_bytes,
             log_to_driver=False,
             logging_level=logging.ERROR,
-            _temp_dir=folder,
-            _system_config={"worker_niceness": 0},  # by default, actors yield to every other process (nice 15)
         )
     except Exception as error:
         raise RunError(
@@ -97,22 +95,18 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
 def _join(ray: Any, address: str) -> None:
     cluster = f"the Ray cluster at '{address}'"
     try:
-        if address == "auto":
-            address = str(ray._private.services.get_ray_address_from_environment("auto", None))
-        _check_answers(address, cluster)
+        _check_answers(os.environ.get("RAY_ADDRESS", address) if address == "auto" else address, cluster)
         ray.init(address=address, job_config=_job(ray), log_to_driver=False, logging_level=logging.ERROR)
     except RobustFlowError:
         raise
     except ImportError as error:
-        raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
+        raise UsageError("--address", "ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:
-        raise UsageError(
-            f"--address {address} is not a valid address: use auto, host:port or ray://host:port"
-        ) from error
+        raise UsageError("--address", f"'{address}' is invalid: use auto, host:port or ray://host:port") from error
     except SystemExit as error:  # Ray's error for a server with a different protocol
-        raise RunError(f"{cluster} does not respond like a Ray cluster; check the address and the port") from error
+        raise _other_service(cluster) from error
     except Exception as error:
-        raise RunError(f"cannot connect to {cluster}: {_first_sentence(error)}") from error
+        raise RunError("--address", f"cannot connect to {cluster}: {_first_sentence(error)}") from error
 
 
 @contextmanager
@@ -157,11 +151,13 @@ def _check_answers(address: str, cluster: str) -> None:
     except TimeoutError:
         answer = b""
     except (OSError, OverflowError) as error:
-        raise RunError(
-            f"{cluster} cannot be reached ({error}); start it (ray start --head), or check host and port"
-        ) from error
+        raise RunError("--address", f"{cluster} cannot be reached ({error}); start it (ray start --head)") from error
     if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
-        raise RunError(f"{cluster} does not respond like a Ray cluster; check host and port")
+        raise _other_service(cluster)
+
+
+def _other_service(cluster: str) -> RunError:
+    return RunError("--address", f"{cluster} does not respond like one; check host and port")
 
 
 def _new_folder() -> str:
