@@ -1,10 +1,13 @@
-"""The smooth network of the parity packs, and models with a known gradient."""
+"""The smooth network of the parity packs, models with a known gradient, and attacks with few steps on a small pair."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 from torch import nn
+
+import robustflow as rf
+from robustflow.attacks.registry import SHIPPED
 
 
 class SmoothNet(nn.Module):
@@ -65,3 +68,24 @@ def random_pair(height: int = 8, width: int = 10, seed: int = 0):
     """Return two frames of noise, RGB uint8, with a few black and white values."""
     rng = np.random.default_rng(seed)
     return tuple(np.clip(rng.integers(-4, 260, (2, height, width, 3)), 0, 255).astype(np.uint8))
+
+
+FEW = {
+    "pgd": {"steps": 4, "starts": 1},
+    "bim": {"steps": 4},
+    "cospgd": {"steps": 4, "starts": 1},
+    "apgd": {"steps": 12, "starts": 1},
+    "pcfa": {"steps": 2},
+    "square": {"queries": 30},
+    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4, "starts": 1},
+    "worst_of": {"parts": "fgsm+square", "queries": 30},
+}
+"""Options that make an attack fast."""
+ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
+"""Attacks that need no training samples and work on very small frames."""
+TRUTH = np.zeros((8, 10, 2), np.float32)
+
+
+def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):
+    pair, options = random_pair(), {**FEW.get(name, {}), **options}
+    return pair, rf.attack(*pair, model or smooth_model(), name, severity, flow=TRUTH, seed=seed, **options)

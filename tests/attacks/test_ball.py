@@ -68,9 +68,7 @@ BALLS = [("linf", False), ("rms", False), ("rms", True), ("area", False)]
 def test_a_projected_pair_equals_the_formula_and_is_held(norm, per_frame, moved, scale):
     ball, change = ball_of(norm=norm, moved=moved, per_frame=per_frame), change_of(scale=scale)
     change[1] *= 2
-
     images = ball.project(ball.clean + change)
-
     assert images.dtype == np.float32
     assert np.abs((images - levels(ball) / 255) - projected(ball, change)).max() < 1e-6
     assert ball.holds(images)
@@ -90,9 +88,7 @@ def test_a_step_follows_the_gradient_or_its_sign(norm, per_frame, moved):
         direction = pull / np.sqrt((pull**2).mean(axis=(1, 2, 3), keepdims=True))
     else:
         direction = pull / rms(pull, moved, False)
-
     images = ball.step(start, gradient, 3)
-
     change = start - levels(ball) / 255 + 3 / 255 * direction
     assert np.abs((images - levels(ball) / 255) - projected(ball, change)).max() < 1e-6
 
@@ -101,7 +97,6 @@ def test_frames_that_change_alike_share_the_sum_of_their_gradients():
     ball = Ball(*np.full((2, *SHAPE), 100, np.uint8), 10, "linf", "joint")
     gradient = np.ones_like(ball.clean)
     gradient[1] = -2
-
     assert ball.step(ball.clean, gradient, 3) * 255 == pytest.approx(97)
 
 
@@ -123,9 +118,7 @@ def test_a_random_pair_is_uniform_or_on_the_sphere(norm, per_frame, moved):
         change[1] = change[0]
     if norm == "rms":
         change *= 10 / 255 / rms(change, moved, per_frame)
-
     images = ball.random(Rng.of(7))
-
     assert np.abs((images - levels(ball) / 255) - projected(ball, change)).max() < 1e-6
 
 
@@ -157,16 +150,13 @@ def test_rounded_frames_are_the_largest_ones_inside_the_budget(budget, norm, per
         factors = [1.0, *(factor - 1e-7 for factor in sorted(at, reverse=True) if factor < 1)]
         sizes = ((rms(rounded(ball, change, factor), moved, per_frame), factor) for factor in factors)
         expected = rounded(ball, change, next(factor for size, factor in sizes if size <= budget))
-
     assert np.array_equal(ball.to_8_bits(images), levels(ball) + expected)
 
 
 def test_the_size_of_a_change_is_its_norm():
     change = np.zeros((2, 3, 4, 5), np.float32)
     change[0, 0, 0, 0], change[1, :, 1, 2], change[1, 2, 3, 3] = 4, -1, 2
-
     sizes = {norm: ball_of(norm=norm).size_of(change) for norm in ("linf", "rms", "area")}
-
     assert sizes == pytest.approx({"linf": 4, "rms": np.sqrt(23 / 120), "area": 10})
     assert ball_of(norm="rms", per_frame=True).size_of(change) == pytest.approx(np.sqrt(16 / 60))
     assert ball_of(norm="area", moved="first").size_of(change) == 5

@@ -69,9 +69,7 @@ def test_a_loss_and_its_slope_equal_the_formula_of_each_pixel(kind, agreeing, to
     flow, reference, valid = flows()
     loss = Loss(reference, valid, kind, towards, agreeing)
     weights = weights_of(flow, reference, agreeing, towards)
-
     value, slope = loss.slope(flow)
-
     assert loss.of(flow) == pytest.approx(expected(kind, flow, reference, valid, weights), rel=1e-6)
     assert loss.of(flow, weighted=False) == pytest.approx(
         expected(kind, flow, reference, valid, np.ones_like(weights)), rel=1e-6
@@ -88,7 +86,6 @@ def test_a_loss_and_its_slope_equal_the_formula_of_each_pixel(kind, agreeing, to
 
 def test_a_loss_without_a_mask_includes_every_pixel():
     flow, reference, valid = flows()
-
     assert Loss(reference).of(flow) == pytest.approx(
         expected("epe", flow, reference, np.ones_like(valid), np.ones(valid.shape)), rel=1e-6
     )
@@ -97,7 +94,6 @@ def test_a_loss_without_a_mask_includes_every_pixel():
 def test_weights_of_long_vectors_do_not_overflow():
     reference = np.full((HEIGHT, WIDTH, 2), (500, -500), np.float32)
     flow = np.full((HEIGHT, WIDTH, 2), (900, -900), np.float32)
-
     assert Loss(reference, agreeing=True).of(flow) == pytest.approx(400 * 2**0.5)
     assert Loss(-reference, agreeing=True).of(flow) == 0
 
@@ -105,9 +101,7 @@ def test_weights_of_long_vectors_do_not_overflow():
 @pytest.mark.parametrize("kind", LOSSES)
 def test_the_slope_of_zero_vectors_is_zero_and_finite(kind):
     zero = np.zeros((HEIGHT, WIDTH, 2), np.float32)
-
     value, slope = Loss(zero, kind=kind).slope(zero)
-
     assert value == (1 if kind == "cosine" else 0)
     assert not slope.any()
 
@@ -116,16 +110,13 @@ def test_a_capped_pixel_counts_the_diagonal_and_has_no_slope():
     flow = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     flow[0, 0] = (3, 4)  # as long as the diagonal
     flow[0, 1] = (300, 400)
-
     value, slope = Loss(np.zeros_like(flow), kind="capped").slope(flow)
-
     assert value == pytest.approx(10 / 12)
     assert not slope.any()
 
 
 def test_attacks_maximise_the_loss_or_approach_their_target():
     reference = flows()[1]
-
     assert Loss(reference).score(2.5) == 2.5
     assert Loss(reference, towards=True).score(2.5) == -2.5
 
@@ -133,7 +124,6 @@ def test_attacks_maximise_the_loss_or_approach_their_target():
 def test_an_infinite_flow_has_an_infinite_error_and_no_warning(recwarn):
     flow, reference, _ = flows()
     flow[0, 0] = np.inf
-
     assert Loss(reference).of(flow) == np.inf
     assert not recwarn.list
 

@@ -10,15 +10,13 @@ from robustflow.attacks.ball import images_of
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from .small_attacks import FEW, attacked_pair  # noqa: E402
-from .smooth_net import Given, linear_model, random_pair, smooth_model  # noqa: E402
+from .smooth_net import FEW, Given, attacked_pair, linear_model, random_pair, smooth_model  # noqa: E402  # noqa: E402
 
 
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
 def test_sign_attacks_on_a_linear_model_reach_the_optimum(name):
     model, clean, budget = linear_model(), random_pair(), 4
     _, attacked = attacked_pair(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
-
     levels = np.stack(clean).astype(int).transpose(0, 3, 1, 2)
     # u is positive and bounded away from 0
     best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)
@@ -30,9 +28,7 @@ def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(nam
     model = linear_model()
     grey = np.full((2, 8, 10, 3), 128, np.uint8)  # far from 0 and 255, so that only the norm constraint is active
     truth = np.zeros((8, 10, 2), np.float32)
-
     attacked = rf.attack(*grey, model, name, 4, flow=truth, norm="rms", steps=60)
-
     change = attacked.images - images_of(*grey)
     optimum = model.weights / np.sqrt((model.weights**2).mean()) * 5 / 255
     assert np.abs(change - optimum).max() < 1e-3 * np.abs(optimum).max()
@@ -41,14 +37,12 @@ def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(nam
 @pytest.mark.parametrize("name", ["pgd", "cospgd", "apgd"])
 def test_more_starts_never_lower_the_loss(name):
     losses = [attacked_pair(name, starts=starts)[1].float_loss for starts in (1, 2, 4)]
-
     assert losses == sorted(losses)
 
 
 @pytest.mark.parametrize("name", ["bim", "pgd", "apgd", "square"])
 def test_the_best_pair_that_was_seen_is_kept(name):
     _, attacked = attacked_pair(name)
-
     found = attacked.loss if attacked.float_loss is None else attacked.float_loss
     assert found == pytest.approx(max(attacked.trace), rel=1e-6)
 
@@ -61,7 +55,6 @@ def test_attack_returns_the_clean_pair_if_every_change_helps_the_model(name):
         return ((images1 - clean[:1]).abs() + (images2 - clean[1:]).abs())[:, :2]
 
     pair, attacked = attacked_pair(name, Given(already_at_the_target), target="zero")
-
     assert np.array_equal(attacked.frames, pair)
     assert attacked.loss == attacked.clean_loss == 0
     assert "nothing_gained" in attacked.warnings
@@ -77,7 +70,6 @@ def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
 
     options = {"budget": 1, "flow": np.zeros((8, 10, 2), np.float32), "steps": 9}
     attacked = rf.attack(*random_pair(), Given(ridge), "bim", **options)
-
     assert np.array_equal(attacked.frames, random_pair())
     assert attacked.loss == attacked.float_loss == attacked.clean_loss
     assert {"nothing_gained", "rounding"} <= set(attacked.warnings)
@@ -86,7 +78,6 @@ def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cospgd", "apgd", "square"])
 def test_attacks_beat_random_noise_of_the_same_norm(name):
     noise = attacked_pair("random_sign")[1].loss
-
     assert attacked_pair(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
 
 
@@ -95,7 +86,6 @@ def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target):
     # at severity 4, LBFGS without a line search jumps so far that rounding errors decide whether it gains anything
     _, attacked = attacked_pair("pcfa", severity=3, target=target, steps=5)
     _, noise = attacked_pair("random_gauss", severity=3, target=target)
-
     assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
     goal = 0 if target == "zero" else -attacked.clean_flow
     flows = (flow.astype(np.float64) for flow in (attacked.clean_flow, attacked.flow))
@@ -106,10 +96,8 @@ def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target):
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
 def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
     pair, model = random_pair(), smooth_model()
-
     attacked = rf.attack(*pair, model, name, 4, **FEW.get(name, {}))
     noise = rf.attack(*pair, model, "random_sign", 4)
-
     assert attacked.moved > noise.moved > 0
     assert "gradient_zero" not in attacked.warnings
 
@@ -122,7 +110,6 @@ def test_the_last_quarter_of_the_steps_gains_nothing_once_an_attack_has_converge
     truth = np.zeros((8, 10, 2), np.float32)
     rising = rf.attack(*grey, Given(bowl), "pgd", 5, flow=truth, steps=11, step=0.05, starts=1)
     done = rf.attack(*grey, linear_model(), "pgd", 2, flow=truth, steps=40)
-
     assert rising.late_gain == pytest.approx(rising.trace[-1] - rising.trace[-4])
     assert rising.late_gain > 0
     assert done.late_gain == 0
@@ -133,7 +120,6 @@ def test_the_last_quarter_of_the_steps_gains_nothing_once_an_attack_has_converge
 def test_the_spread_of_an_attack_is_the_difference_of_its_single_starts():
     alone = [attacked_pair("pgd", starts=number)[1].float_loss for number in (1, 2, 3)]
     attacked = attacked_pair("pgd", starts=3)[1]
-
     ends = [max(attacked.trace[start : start + 5]) for start in (0, 5, 10)]
     assert [max(ends[:number]) for number in (1, 2, 3)] == pytest.approx(alone)
     assert attacked.start_spread == pytest.approx(max(ends) - min(ends))
@@ -148,10 +134,8 @@ def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, 
     cut = (slice(60, 220), slice(60, 320))
     pair = [frame[cut] for frame in sample.frames[:2]]
     truth = {"flow": sample.flow[cut], "valid": sample.valid[cut]}
-
     noise = rf.attack(*pair, name, "random_sign", 4, **truth)
     attacked = rf.attack(*pair, name, "square", 4, queries=200, **truth)
-
     assert attacked.loss > noise.loss
     assert attacked.loss > attacked.clean_loss
     assert attacked.linf == noise.linf == 8

@@ -18,7 +18,7 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs, check_attack
 
-from ..refusals import refused
+from ..refusals import refusal
 
 DATA = TexturePairs(1, (40, 48))
 FRAMES = [np.random.default_rng(number).integers(0, 256, (24, 32, 3), np.uint8) for number in range(2)]
@@ -72,35 +72,29 @@ def _run(attacks, output="run", engine="serial", **options):
 
 def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):
     name = "mine:moved=first:tries=2"
-
     done = _run("my_noise:Mine:tries=2:moved=first")
-
     rows = done.attack_rows.filter(corruption=name)
     assert rows["attack_evaluations"].to_list() == [2]
     assert list(done.manifest.identity.frames.attack_sources) == [name]
     source("VALUE = 1\n")
-    with pytest.raises(RunError, match=f"the attack {name} has changed since"):
+    with pytest.raises(RunError, match=name):
         _run("my_noise:Mine:tries=2:moved=first")
 
 
 def test_an_own_attack_in_processes_gives_the_same_rows(source, quick_workers):
     here = _run("my_noise:Mine").attack_rows
     there = _run("my_noise:Mine", "other", "processes", workers=1).attack_rows
-
     assert there.sort("corruption").equals(here.sort("corruption"))
 
 
 def test_nothing_is_imported_for_a_name_that_no_request_made(source):
-    with pytest.raises(UsageError, match="unknown attack 'my_noise'"):
-        load_attack("my_noise:Mine")
+    refusal(lambda: load_attack("my_noise:Mine"), UsageError, "my_noise")
     assert "my_noise" not in sys.modules
 
 
 def test_an_own_attack_is_part_of_others():
     load_attack(Noise)
-
     worst = rf.attack(*FRAMES, _model, "worst_of:noise+random_sign", 3)
-
     alone = [rf.attack(*FRAMES, _model, each, 3).loss for each in (Noise, "random_sign")]
     assert worst.loss == max(alone)
 
@@ -117,64 +111,48 @@ def test_a_subclass_of_attack_has_options_as_fields_and_a_source():
             return problem.ball.project(problem.ball.clean + np.float32(self.amount / 255))
 
     made = load_attack(Still, amount="2")
-
     assert (made.amount, made.label) == (2, "still:amount=2:norm=rms")
     assert len(made.source) == 16
     assert load_attack(made.label) == made
+    assert load_attack(load_attack(Still(amount=3)).label) == Still(amount=3), "an instance is registered too"
 
 
-def test_an_instance_of_a_subclass_of_attack_is_registered_for_a_run():
-    @dataclass(frozen=True, kw_only=True)
-    class Lifted(Attack):
-        name: ClassVar[str] = "lifted"
-        needs_gradients: ClassVar[bool] = False
-        amount: int = 1
-
-        def run(self, problem, rng):
-            return problem.ball.project(problem.ball.clean + np.float32(self.amount / 255))
-
-    made = Lifted(amount=2)
-
-    assert load_attack(load_attack(made).label) == made
+def kind(name="Any", **attributes):
+    return type(name, (), {"needs_gradients": False, "run": lambda *_: 0, **attributes})
 
 
 @pytest.mark.parametrize(
-    ("made", "message"),
+    ("made", "culprit"),
     [
-        (lambda problem: None, "has no method run, so it is not an attack"),
-        (type("Any", (), {"run": lambda *_: 0, "name": "two words"}), "two words: "),
-        (type("Any", (), {"run": lambda *_: 0, "name": "pgd"}), "pgd: "),
-        (type("Bad", (), {"run": lambda *_: 0, "__init__": lambda self, size: None}), "'bad' cannot be built"),
+        (max, "the function max"),
+        (kind(name="two words"), "two words"),
+        (kind(name="pgd"), "pgd"),
+        (kind("Bad", __init__=lambda self, size: None), "attack 'bad' cannot be built"),
     ],
 )
-def test_object_that_is_not_an_attack_is_refused_in_one_line(made, message):
-    with refused(UsageError, message):
-        load_attack(made)
+def test_object_that_is_not_an_attack_is_refused(made, culprit):
+    refusal(lambda: load_attack(made), UsageError, culprit)
 
 
 @pytest.mark.parametrize(
-    ("run", "message"),
+    ("run", "culprit"),
     [
-        (lambda problem, rng: None, "returned NoneType: run must return a float32 array of shape"),
-        (lambda problem, rng: problem.ball.clean.astype(np.float64), "returned float64"),
-        (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "NaN or infinite"),
-        (lambda problem, rng: problem.ball.clean.fill(0), "read-only.*copy the pair before"),
-        (lambda problem, rng: problem.pair.frames[0].fill(0), "read-only.*copy the pair before"),
-        (lambda problem, rng: 1 / 0, "'wrong' failed: ZeroDivisionError"),
+        (lambda problem, rng: None, "wrong"),
+        (lambda problem, rng: problem.ball.clean.astype(np.float64), "wrong"),
+        (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "wrong"),
+        (lambda problem, rng: problem.ball.clean.fill(0), "attack 'wrong' failed"),
+        (lambda problem, rng: problem.pair.frames[0].fill(0), "attack 'wrong' failed"),
+        (lambda problem, rng: 1 / 0, "attack 'wrong' failed"),
     ],
 )
-def test_error_in_an_own_attack_ends_the_run_with_one_sentence(run, message):
-    wrong = type("Wrong", (), {"needs_gradients": False, "run": staticmethod(run)})
-
-    with refused(UsageError, message):
-        rf.attack(*FRAMES, _model, wrong, 3)
+def test_error_in_an_own_attack_ends_the_run(run, culprit):
+    refusal(lambda: rf.attack(*FRAMES, _model, kind("Wrong", run=staticmethod(run)), 3), UsageError, culprit)
 
 
 def test_two_attacks_of_one_name_cannot_be_in_one_run():
     first = Noise()
     assert with_controls([first, first, "noise"])[-1] == "noise"
-    with pytest.raises(UsageError, match="two attacks have the name 'noise'"):
-        with_controls([first, Noise()])
+    refusal(lambda: with_controls([first, Noise()]), UsageError, "noise")
 
 
 class InOneArray(Noise):
@@ -200,9 +178,7 @@ def test_an_attack_that_overwrites_its_images_keeps_the_best_pair():
 
 def test_frames_outside_the_budget_are_projected_into_it():
     far = type("Outside", (), {"needs_gradients": False, "run": lambda self, problem, rng: 1 - problem.ball.clean})
-
     attacked = rf.attack(*FRAMES, _model, far, 3)
-
     assert attacked.linf == 4
     assert abs(attacked.images - np.stack(FRAMES).transpose(0, 3, 1, 2) / np.float32(255)).max() <= 4 / 255 + 1e-6
 
@@ -224,24 +200,14 @@ class Unseeded(Noise):
         return problem.ball.project(problem.ball.clean + noise)
 
 
-def test_check_attack_accepts_an_attack_that_keeps_the_contract():
-    assert check_attack(Noise) == "noise"
-
-
-@pytest.mark.parametrize(
-    ("made", "message"),
-    [
-        (Far, "exceeds its budget: end with problem.ball.project"),
-        (Last, "but evaluated one with score .*return problem.best"),
-        (Unseeded, "different bytes on the second call"),
-    ],
-)
-def test_check_attack_names_attack_severity_size_and_fault(made, message):
-    with pytest.raises(UsageError, match=rf"attack '\w+' at severity [12] on 32x40 pixels .*{message}"):
+@pytest.mark.parametrize("made", [Far, Last, Unseeded])
+def test_check_attack_finds_a_broken_contract(made):
+    with pytest.raises(UsageError, match=rf"attack '{made.__name__.lower()}' at severity [12] on 32x40 pixels"):
         check_attack(made)
 
 
 def test_check_attack_accepts_every_shipped_attack():
     pytest.importorskip("torch", reason="needs the torch extra")
+    assert check_attack(Noise) == "noise"
     for name in ("random_gauss", "fgsm", "apgd:steps=5", "square:queries=5"):
         assert check_attack(name) == name.partition(":")[0]

@@ -116,10 +116,8 @@ def test_sign_attacks_on_the_smooth_network_follow_flowbench(shared, case):
         begin = starts["start"] if case["attack"] in ("pgd", "cospgd") else problem.ball.clean
         gradient = problem.loss_and_gradient(begin)[2]
         assert np.abs(gradient - expected["grad0"]).max() <= 1e-4 * np.abs(expected["grad0"]).max()
-
     losses: list[float] = []
     images = _run(problem, case, starts.get("start"), losses)
-
     assert np.allclose(losses, expected["loss"], rtol=5e-3 if singular else 1e-5, atol=0)
     assert np.mean(np.abs(images - expected["adv"]) > 1e-6) <= (0.1 if singular else 0.002)
     flow = problem.flow(images)
@@ -174,7 +172,6 @@ def _start_under_l2(problem: Problem, length: float) -> np.ndarray:
 def test_raft_small_gives_the_flow_of_the_packs_on_the_clean_pair(shared, folder, name, reversed_colours):
     pack = Pack(shared(f"parity/{folder}"))
     problem = _problem(pack, "raft_small", _raft_small(pack), {"attack": "fgsm", "eps": 1.0}, reversed_colours)
-
     with np.load(pack.folder / "raft_small_expected.npz") as arrays:
         expected = arrays[name][0].transpose(1, 2, 0)
     assert np.abs(problem.flow(problem.ball.clean)[::2, ::2] - expected).max() < 1e-3
@@ -215,16 +212,13 @@ def test_pcfa_on_the_smooth_network_follows_the_original(shared, case):
     pack = Pack(shared(f"parity/{PCFA}"))
     search, problem, objectives = _pcfa(pack, "tiny", _smooth(pack), case, False)
     expected, joint, strict = _expected(pack, "tiny", case["name"]), case.get("joint", False), case["strict"]
-
     search.run(case["steps"])
-
     few = 6 if joint else 11 * strict
     assert np.allclose(objectives[:few], expected["loss_evals"][:few], rtol=1e-4 if joint else 1e-5, atol=0)
     size = problem.ball.size_of(search.kept - problem.ball.clean)
     assert size <= case["bound"] * (1 + 1e-6)
     distance = Loss(problem.loss.reference).of(problem.flow(search.kept))
     assert distance == pytest.approx(expected["aee_adv_tgt_best"][-1], rel=0.01)
-
     search, problem, _ = _pcfa(pack, "tiny", _smooth(pack), case, False)
     search.run(strict)
     images, change = (tensor.detach().numpy() for tensor in search._pair())
@@ -241,9 +235,7 @@ def test_pcfa_on_raft_small_agrees_for_the_first_evaluations(shared, case):
     pack = Pack(shared(f"parity/{PCFA}"))
     search, problem, objectives = _pcfa(pack, "raft_small", _raft_small(pack), case, False)
     expected = _expected(pack, "raft_small", case["name"])
-
     search.run(case["steps"])
-
     assert np.allclose(objectives[:3], expected["loss_evals"][:3], rtol=1e-5, atol=0)
     assert np.allclose(objectives[:6], expected["loss_evals"][:6], rtol=1e-3, atol=0)
     assert problem.ball.size_of(search.kept - problem.ball.clean) <= case["bound"] * (1 + 1e-6)

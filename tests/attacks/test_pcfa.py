@@ -67,9 +67,7 @@ def test_the_objective_and_its_gradient_equal_the_papers(options, inside):
             variable.clamp_(-2, 2).add_(torch.from_numpy(rng.normal(0, scale, variable.shape).astype(np.float32)))
     values = [variable.detach().double().numpy() for variable in search.variables]
     images, change = pair_of(search, problem, values, options)
-
     found = search.objective()
-
     target = options.get("target", "zero")
     assert np.abs(problem.asked[-1] - images).max() < 1e-6
     assert found == pytest.approx(objective(problem, images, change, target), rel=1e-4)
@@ -92,7 +90,6 @@ def test_stored_pair_has_the_smallest_change_until_one_is_inside_the_budget():
         images = problem.ball.clean + np.float32(number)
         search._keep(images, size * bound, loss)
         kept.append(round(float((search.kept - problem.ball.clean).mean())))
-
     assert kept == [0, 0, 2, 3, 3, 5, 5]
 
 
@@ -112,7 +109,6 @@ def test_pcfa_returns_its_best_pair_and_the_original_variant_the_stored_pair_pro
     assert images is problem.best
     assert problem.best_score > -np.linalg.norm(problem.clean_flow, axis=-1).mean()
     assert problem.gradients > 10
-
     attack, problem = numpy_problem("pcfa", budget=5, steps=2, variant="original")
     assert problem.ball.holds(attack.run(problem, problem.pair.stream("pcfa")))
 
@@ -120,7 +116,6 @@ def test_pcfa_returns_its_best_pair_and_the_original_variant_the_stored_pair_pro
 def test_values_of_black_and_white_count_as_saturated():
     clean = np.full((2, 3, 4, 5), 0.5, np.float32)
     clean[0, 0, 0, :3] = (0, 1, 254 / 255)
-
     assert _saturated(clean) == pytest.approx(2 / 120)
     for value in (0.5, 1.0):
         attack, problem = numpy_problem("pcfa", budget=5, steps=1)

@@ -24,10 +24,8 @@ def test_the_files_of_pcfa_are_read_one_for_each_frame(tmp_path):
     first, second = np.random.default_rng(0).normal(0, 0.01, (2, 1, 3, 8, 10)).astype(np.float32)
     np.save(tmp_path / "1.npy", first)
     np.save(tmp_path / "2.npy", second)
-
     both = rf.attack(*GREY, still, f"universal:file={tmp_path}/1.npy:second={tmp_path}/2.npy", budget=127)
     one = rf.attack(*GREY, still, f"universal:file={tmp_path}/1.npy", budget=127)
-
     assert np.allclose(both.images, images_of(*GREY) + np.concatenate([first, second]), atol=1e-6)
     assert np.allclose(one.images, images_of(*GREY) + first, atol=1e-6)
 
@@ -74,6 +72,5 @@ def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, 
     path = tmp_path / "d.npy"
     if content is not None:
         path.write_bytes(content)
-
     with refused(DataError, message):
         rf.attack(*GREY, still, f"universal:file={path}", 3)

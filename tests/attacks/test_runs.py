@@ -27,7 +27,6 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 def test_attacks_are_rows_of_the_same_run_with_the_noise_of_their_norm(both):
     cells = {(row["corruption"], row["severity"]) for row in both.attack_rows.iter_rows(named=True)}
-
     assert both.attacks == ["random_sign", "random_gauss", "fgsm", "pgd"]
     assert cells == {("clean", 0), *((name, level) for name in both.attacks for level in (1, 3))}
     assert both.attack_rows.height == 2 * len(cells)
@@ -36,7 +35,6 @@ def test_attacks_are_rows_of_the_same_run_with_the_noise_of_their_norm(both):
 
 def test_no_mean_over_corruptions_includes_an_attack(both, tmp_path):
     alone = run(tmp_path / "alone", attacks=None, corruptions=["contrast", "high_light"])
-
     assert both.means == alone.means
     assert both.rows.equals(alone.rows)
     assert both.document() == alone.document()
@@ -44,9 +42,7 @@ def test_no_mean_over_corruptions_includes_an_attack(both, tmp_path):
 
 def test_a_row_of_an_attack_is_of_the_pair_that_the_function_gives(both):
     sample, model = DATA.load("1"), TINY.load()
-
     attacked = rf.attack(*sample.frames, model, "pgd", 3, flow=sample.flow, valid=sample.valid, key="1")
-
     row = both.attack_rows.filter(sample="1", corruption="pgd", severity=3).row(0, named=True)
     assert row["frames_digest"] == frames_digest(attacked.frames)
     assert row["attack_linf"] == attacked.linf == 4
@@ -65,7 +61,6 @@ def test_attacks_added_later_give_the_rows_of_one_call(both, tmp_path):
     run(tmp_path / "run", attacks="fgsm", severities=1, count=1)
     run(tmp_path / "run", attacks=None, corruptions=["contrast", "high_light"])
     run(tmp_path / "run", attacks=["fgsm", "pgd"])
-
     assert every(Run(tmp_path / "run")).equals(every(both))
 
 
@@ -85,14 +80,12 @@ def test_a_stopped_run_continues_with_the_same_rows(both, tmp_path):
         run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
     model.differentiable = gradients
     done = run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
-
     names = list(done.rows.columns)
     assert every(done).select(names).equals(every(both).select(names))
 
 
 def test_processes_and_this_process_give_the_same_rows(both, tmp_path, quick_workers):
     spread = run(tmp_path / "run", corruptions=["contrast", "high_light"], engine="processes", workers=2, batch_size=2)
-
     assert every(spread).equals(every(both))
 
 
@@ -108,7 +101,6 @@ def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
 
     loaded = name_model(TINY)
     monkeypatch.setattr("robustflow.run.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
-
     engine = choose_engine(None, None, None, None, loaded, attacks=True)
     assert engine.describe([]) == "serial (attacks need the model in this process)"
     with pytest.raises(UsageError, match="omit --engine, --workers and --timeout"):
@@ -117,7 +109,6 @@ def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
 
 def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):
     flowbench = run(tmp_path / "run", variant="flowbench", severities=1)
-
     digests = {
         name: [
             result.attack_rows.filter(corruption=name, severity=1).sort("sample")["frames_digest"].to_list()
@@ -132,9 +123,7 @@ def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):
 
 def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tmp_path):
     names = ["pgd:target=zero:steps=2", "pgd:moved=joint:steps=3", "transfer:tiny:attack=fgsm:device=cpu"]
-
     done = run(tmp_path / "run", attacks=names, severities=3, count=1)
-
     rows = {row["corruption"]: row for row in done.attack_rows.iter_rows(named=True)}
     assert set(rows) == {"clean", "random_sign", "random_gauss", *names}
     assert [rows[name]["attack_evaluations"] for name in names] == [9, 12, 1]
@@ -153,8 +142,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
 def test_run_with_a_changed_surrogate_is_refused(tmp_path, monkeypatch):
     name, model = "transfer:tiny:attack=fgsm:device=cpu", TINY.load()
     run(tmp_path / "run", model, attacks=name, severities=3, count=1)
-    monkeypatch.setattr("robustflow.attacks.transfer.ModelSpec.identity", lambda spec, model: {"weights": "new"})
-
+    monkeypatch.setattr("robustflow.attacks.composed.ModelSpec.identity", lambda spec, model: {"weights": "new"})
     with pytest.raises(RunError, match=f"the attack {name} has changed since"):
         run(tmp_path / "run", model, attacks=name, severities=3, count=1)
 
@@ -190,7 +178,6 @@ def test_attack_without_gain_warns_and_a_control_does_not():
 
 def test_square_attacks_any_model_in_a_run(tmp_path):
     done = run(tmp_path / "run", still, attacks="square", severities=3, count=1)
-
     square, noise = (done.attack_rows.filter(corruption=name)["epe_sum"][0] for name in ("square", "random_sign"))
     assert square > noise
     assert done.attack_rows.filter(corruption="square")["attack_evaluations"].to_list() == [1000]
@@ -201,7 +188,6 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
 
     with TerminalProgress() as progress:
         run(tmp_path / "run", still, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)
-
     shown = capsys.readouterr().err
     assert "8 steps (one pair under one condition per step)" in shown
     assert "28 model evaluations by attacks" in shown
@@ -213,7 +199,6 @@ def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
     script = [sys.executable, killed_run.__file__, str(tmp_path / "killed"), "20", "45"]
     subprocess.run(script, check=True, timeout=300)
     whole = killed_run.run(tmp_path / "whole", 0)
-
     killed = rf.load_run(tmp_path / "killed")
     assert every(killed).equals(every(whole))
     assert killed.attack_rows.filter(corruption="square:queries=9").height == 4

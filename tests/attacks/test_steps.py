@@ -88,9 +88,7 @@ def test_pgd_takes_falling_steps_from_each_random_start(steps, norm, target):
     first = 6 if steps >= 8 else 48 / steps  # half of the budget of 12, or 4 / steps of it
     sizes = [first * (steps - number) / steps for number in range(steps)]
     starts = [problem.ball.random(problem.pair.stream("pgd").spawn(number)) for number in range(2)]
-
     images = attack.run(problem, problem.pair.stream("pgd"))
-
     assert_follows(problem, [pair for start in starts for pair in pgd(reference, start, sizes)])
     scores = [score_and_gradient(reference, pair)[0] for pair in problem.asked]
     assert np.array_equal(images, problem.asked[int(np.argmax(scores))])
@@ -100,16 +98,13 @@ def test_pgd_takes_falling_steps_from_each_random_start(steps, norm, target):
 
 def test_attacks_make_three_random_starts_and_bim_one_clean_start():
     options = {name: (load_attack(name).steps, load_attack(name).starts) for name in ("bim", "pgd", "cospgd", "apgd")}
-
     assert options == {"bim": (20, 1), "pgd": (20, 3), "cospgd": (20, 3), "apgd": (100, 3)}
     assert load_attack("square").queries == 1000
 
 
 def test_pgd_with_a_step_option_takes_constant_steps_from_the_clean_pair_as_bim():
     attack, problem = numpy_problem("bim:step=0.25", steps=6)
-
     attack.run(problem, problem.pair.stream("bim"))
-
     assert_follows(problem, pgd(numpy_problem("bim")[1], problem.ball.clean, [3] * 6))
     assert attack.label == "bim:steps=6:step=0.25"
 
@@ -119,9 +114,7 @@ def test_flowbench_takes_one_start_with_constant_steps_and_returns_the_last_pair
     attack, problem = numpy_problem(name, steps=9, variant="flowbench")
     stream = problem.pair.stream(attack.name)
     start = problem.ball.clean if attack.name == "bim" else problem.ball.random(stream.spawn(0))
-
     images = attack.run(problem, problem.pair.stream(attack.name))
-
     assert_follows(problem, pgd(numpy_problem(name)[1], start, [size] * 9))
     assert np.array_equal(images, problem.asked[-1])
 
@@ -138,9 +131,7 @@ def test_apgd_halves_its_step_at_the_checkpoints_of_the_paper(steps, norm, seed)
     attack, problem = numpy_problem("apgd", budget=40, steps=steps, norm=norm, starts=2, seed=seed)
     reference = numpy_problem("apgd", budget=40, norm=norm, seed=seed)[1]
     starts = [problem.ball.random(problem.pair.stream("apgd").spawn(number)) for number in range(2)]
-
     images = attack.run(problem, problem.pair.stream("apgd"))
-
     assert_follows(problem, [pair for start in starts for pair in apgd(reference, start, steps)])
     assert np.array_equal(images, problem.best)
     assert problem.gradients == 2 * (steps + 1)
@@ -180,9 +171,7 @@ def test_square_keeps_the_squares_that_raise_the_score(moved, target):
         scores.append(score(tried(candidate)))
         if scores[-1] > highest:
             signs, best, highest = candidate, tried(candidate), scores[-1]
-
     images = attack.run(problem, problem.pair.stream("square"))
-
     assert np.allclose(sign * np.array(problem.trace), scores, rtol=1e-6)
     assert highest > sign * np.hypot(*problem.clean_flow.transpose(2, 0, 1)).mean()
     assert np.array_equal(np.rint(images * 255), best)
@@ -194,7 +183,6 @@ def test_square_keeps_the_squares_that_raise_the_score(moved, target):
 )
 def test_a_short_run_of_square_stays_in_the_ball_of_the_attack(norm, budget, moved, grey):
     _, problem = numpy_problem("pgd" if norm != "area" else "patch", budget=budget, norm=norm, moved=moved)
-
     if not grey:
         assert quick_score(problem, moved) == -np.inf
         return
@@ -215,7 +203,6 @@ def test_the_curves_of_starts_give_the_spread_and_the_gain_of_the_last_quarter()
     problem.begin()
     problem.note(outside, clean + 50)
     problem.note(images, clean + 7)
-
     assert problem.curves[1] == pytest.approx([clean + value for value in (1, 2, 3, 5, 6, 6, 9, 9)])
     assert problem.start_spread == pytest.approx(9 - 4)
     assert problem.late_gain == pytest.approx(9 - 6)  # of eight evaluations, the last two are a quarter
@@ -227,7 +214,6 @@ def test_a_start_below_the_clean_score_gains_from_the_clean_score():
     clean = problem.loss.of(problem.clean_flow)
     for value in (-5, -4, -4, -4, -4, -4, 1, 2):
         problem.note(problem.ball.clean, clean + value)
-
     assert problem.late_gain == pytest.approx(2)
     assert problem.start_spread is None
 
@@ -236,7 +222,6 @@ def test_few_evaluations_have_no_last_quarter():
     _, problem = numpy_problem("pgd")
     for value in range(7):
         problem.note(problem.ball.clean, 100.0 + value)
-
     assert problem.late_gain is None
     problem.note(problem.ball.clean, np.inf)
     assert problem.late_gain is None

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import robustflow as rf
 from robustflow.attacks import load_attack, patch
 from robustflow.attacks.problem import Pair
-from robustflow.attacks.universal import Universal
+from robustflow.attacks.trained import Universal
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.core.rng import Rng
 from robustflow.data.benchmarks import Benchmark
@@ -49,14 +49,12 @@ def _learned(name, model, severity=4, pairs=None, truth=TRUTH, **options):
 def test_a_universal_perturbation_on_a_linear_model_reaches_the_optimum():
     model = linear_model()
     _, pattern, _ = _learned("universal", model, 4, [GREY, GREY])
-
     assert np.abs(pattern - 8 / 255 * np.sign(model.weights)).max() < 1e-6
 
 
 def test_a_universal_perturbation_under_rms_turns_to_the_gradient_of_a_linear_model():
     model = linear_model()
     _, pattern, _ = _learned("universal", model, 4, [GREY, GREY], norm="rms")
-
     assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # almost 0 for a random start
     assert np.sqrt((pattern**2).mean()) == pytest.approx(5 / 255, rel=1e-4)
 
@@ -72,7 +70,6 @@ def test_training_raises_the_score_on_samples_that_it_did_not_see():
         problem = trained.problem(model, pair, model.predict(*frames))
         noise = rf.attack(*frames, model, "random_sign", 4, flow=TRUTH).loss
         scores.append(problem.score(trained.placed(problem, pattern, Rng.of(0))) - noise)
-
     assert np.mean(scores) > 0
 
 
@@ -83,9 +80,7 @@ def test_a_universal_perturbation_is_the_same_for_every_sample(tmp_path_factory,
     np.save(path, np.random.default_rng(severity).normal(0, 0.02, (2, 3, 8, 10)).astype(np.float32))
     attack = load_attack(f"universal:file={path}", norm=norm, moved=moved)
     frames = [np.random.default_rng(seed).integers(90, 160, (2, 8, 10, 3), np.uint8) for seed in (1, 2)]
-
     changes = [np.stack(rf.attack(*pair, still, attack, severity).frames).astype(int) - pair for pair in frames]
-
     assert np.array_equal(*changes)
     assert changes[0].any()
 
@@ -126,9 +121,7 @@ def test_impossible_trained_attack_is_refused_in_one_line(name, error, message):
 def test_patch_is_a_disc_of_the_requested_area(name, moved, severity, height, width, seed):
     frames = np.random.default_rng(seed).integers(1, 255, (2, height, width, 3), np.uint8)
     budget = (0.2, 0.5, 1, 2, 5)[severity - 1]
-
     attacked = rf.attack(*frames, still, f"{name}:moved={moved}", budget=budget, seed=seed)
-
     changed = (np.stack(attacked.frames) != frames).any(axis=-1)
     expected = {"first": changed[:1], "second": changed[1:]}.get(moved, changed)
     assert not changed[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
@@ -146,13 +139,11 @@ def test_a_trained_patch_beats_stripes_and_random_colours_on_pairs_and_places_it
     attack, pattern, _ = _learned("patch", model, 5, **options)
     trained = replace(attack, learned={5: pattern})
     patches = {"random": "random_patch", "stripes": "patch", "trained": trained}
-
     errors = {name: [] for name in patches}
     for seed in range(10, 16):
         for name, kind in patches.items():
             one = rf.attack(*random_pair(40, 48, seed), model, kind, 5, flow=truth, key=str(seed), seed=seed)
             errors[name].append(one.loss)
-
     gain = np.array(errors["trained"]) - np.maximum(errors["random"], errors["stripes"])
     assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
 
@@ -163,10 +154,8 @@ def test_patch_is_moved_and_rotated_in_every_training_step(monkeypatch):
     monkeypatch.setattr(
         patch, "paste", lambda problem, pattern, place: places.append(place) or paste(problem, pattern, place)
     )
-
     options = {"steps": 8, "pairs": [random_pair(40, 48)], "truth": np.zeros((40, 48, 2), np.float32)}
     _learned("patch", given, 5, **options)
-
     assert len({(place.where[0].start, place.where[1].start) for place in places}) > 4
     assert len({place.angle for place in places}) == len(places) == 8
     assert all(abs(place.angle) <= 10 and 0.95 <= place.scale <= 1.05 for place in places)
@@ -178,7 +167,6 @@ def test_rotated_pattern_is_sampled_at_rotated_positions(size, side, angle, scal
     place = patch.Disc(slice(0, 2), (slice(0, size),) * 2, np.ones((size, size), bool), Rng.of(0), angle, scale)
     ramp = np.arange(side, dtype=np.float32) - (side - 1) / 2
     rows, columns = place.taken_from(np.zeros((3, side, side), np.float32))
-
     shown = ramp[columns] + 1j * ramp[rows]
     there = np.arange(size) - (size - 1) / 2
     exact = (there[None] + 1j * there[:, None]) * np.exp(-1j * np.deg2rad(angle)) * side / size / scale
@@ -192,7 +180,6 @@ def test_rotated_pattern_is_sampled_at_rotated_positions(size, side, angle, scal
 )
 def test_a_patch_that_does_not_fit_the_frame_is_refused_in_one_line(shape, budget, message):
     frames = np.zeros((2, *shape, 3), np.uint8)
-
     with refused(DataError, message):
         rf.attack(*frames, still, "patch", budget=budget)
 
@@ -242,14 +229,12 @@ def test_a_trained_attack_inside_a_transfer_is_trained_on_the_surrogate(trained)
 def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(trained, tmp_path):
     parts = [_column(trained, name, "epe_sum") for name in ("random_sign", UNIVERSAL)]
     worst = {sample: max(part[sample] for part in parts) for sample in ("0", "1")}
-
     assert _column(trained, WORST, "epe_sum") == worst
     assert _column(_run(tmp_path / "run", WORST), WORST, "epe_sum") == worst, "requested alone"
 
 
 def test_patches_are_compared_with_a_random_patch_which_has_no_comparison(trained):
     scores = {one["attack"]: one for one in attack_scores(trained)}
-
     noise, learned = scores["random_patch"], scores[PATCH]
     assert noise["gain"] is None
     assert learned["gain"] == pytest.approx(learned["epe"] - noise["epe"])
@@ -284,31 +269,25 @@ def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
         path = folder.pattern_path(name, 5)
         path.parent.mkdir(exist_ok=True)
         write_array(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
-
     learned = learned_patterns(folder, plan, TINY.load(), [Unit("0", name, (5,)) for name in names], 1)
-
     assert {name: levels[5].shape for name, levels in learned.items()} == names
 
 
 def test_worker_processes_use_the_perturbation_that_was_trained_once(trained, tmp_path):
     spread = _run(tmp_path / "run", TRAINED, engine="processes", workers=1)
-
     assert _rows(spread).equals(_rows(trained))
 
 
 def test_perturbation_file_of_a_run_works_on_a_model_without_gradients(trained, tmp_path):
     (path,) = (trained.path / "attacks").glob("universal*")
     name = f"universal:file={path}"
-
     moved = _run(tmp_path / "run", name, model=ModelSpec("dis"))
-
     assert _column(moved, name, "frames_digest") == _column(trained, UNIVERSAL, "frames_digest")
 
 
 def test_samples_are_never_both_measured_and_trained_on(tmp_path):
     keys = tmp_path / "keys.txt"
     keys.write_text("1\n3\n")
-
     with pytest.raises(UsageError, match=r"would be trained on sample '1', which this run measures \(1 such"):
         _run(tmp_path / "run", f"universal:train={keys}")
     with pytest.raises(UsageError, match="needs 3 training samples that are not measured, but only 2 are available"):

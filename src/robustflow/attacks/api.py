@@ -43,9 +43,7 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
     """Build an attack from its name and options."""
     if isinstance(name, Attack):
         if options:
-            raise UsageError(
-                f"the attack {name.name} is already built and does not accept options: {', '.join(options)}"
-            )
+            raise UsageError(next(iter(options)), f"the attack {name.name} is already built and accepts no options")
         if not (isinstance(name, OwnAttack) or is_of_package(type(name))):
             register_attack(type(name))  # workers build it from its label
         return name
@@ -56,14 +54,13 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
         return OwnAttack.of(head, **given, **options)
     kind: type[Attack] = ATTACKS.get(head)
     if argument and not kind.argument:
-        raise UsageError(f"'{name}': options of attack {head} are written option=value, not '{argument}'")
+        raise UsageError(name, f"options of attack {head} are written option=value, not '{argument}'")
     return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise
-    controls come first, then the controls of attacks on patches or on one of the frames. Call this only with
-    names that the user entered, because names of the form `module.path:Attribute` are imported.
+    """Return the labels of attacks, without duplicates, after those of their controls. Call this only with names that
+    the user entered, because names of the form `module.path:Attribute` are imported.
     """
     asked: list[str] = []
     own: dict[str, Any] = {}
@@ -71,7 +68,7 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
         asked.append(load_attack(with_target_registered(each) if isinstance(each, str) else each).label)
         for made in own_attacks_among(asked[-1:]):
             if own.setdefault(own_name(made), made) is not made:
-                raise UsageError(f"two attacks have the name '{own_name(made)}': give each a different `name`")
+                raise UsageError(own_name(made), "two attacks have this name: give each a different `name`")
     return tuple(dict.fromkeys((*CONTROLS, *map(control_of, asked), *asked))) if asked else ()
 
 
@@ -119,11 +116,11 @@ def attack(
     (2.0, 20)
     """
     if severity is not None and budget is not None:
-        raise UsageError("give a severity or a budget, not both")
+        raise UsageError("budget", "give a severity or a budget, not both")
     chosen = load_attack(name, **options)
     loaded = load_model(model) if isinstance(model, str) else as_model(model, "the model")
     if not isinstance(loaded, FlowModel):
-        raise ModelError("only two-frame models, with predict(frame1, frame2), can be attacked")
+        raise ModelError("model", "only two-frame models, with predict(frame1, frame2), can be attacked")
     _check(frame1, frame2, flow, valid)
     level = 0 if budget is not None else check_severity(3 if severity is None else severity)
     grey = chosen.budget(level) if budget is None else budget
@@ -134,7 +131,7 @@ def attack(
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
-    """Convert a sample to a pair to be attacked, with the attack's budget at the given severity."""
+    """Return a sample as a pair to be attacked, with the attack's budget at the given severity."""
     first, second = sample.frames[:2]
     return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
@@ -151,9 +148,7 @@ def attack_pairs(
     pairs: Sequence[tuple[Pair, Flow]],
     warnings: frozenset[str] = frozenset(),
 ) -> list[Attacked]:
-    """Attack pairs whose clean flows are known. The pairs are attacked in lockstep, so a model that supports batches
-    evaluates them together; see `evaluation`.
-    """
+    """Attack pairs whose clean flows are known, in lockstep (see `evaluation`)."""
     attack.check(model)
     return in_lockstep([partial(_attack_pair, attack, model, *each, warnings) for each in pairs])
 
@@ -204,8 +199,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
 
 
 def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
-    """Compute the progress from the clean flow to the target, as a share of the mean end-point distance; None without a
-    target."""
+    """Return the progress from the clean flow to the target, as a share of their distance; None without a target."""
     if not loss.towards:
         return None
     distance = Loss(loss.reference)
@@ -217,15 +211,12 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
     check_frame(frame1, frame1, "frame 1")
     check_frame(frame2, frame1, "frame 2")
     if valid is not None and flow is None:
-        raise UsageError("a mask of valid pixels needs ground truth; pass flow= as well")
-    expected = (*frame1.shape[:2], 2)
-    if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
-        raise DataError(
-            f"the ground truth is {described_array(flow)}; expected float32 {expected}, the size of the frames"
-        )
-    if valid is not None and (
-        not isinstance(valid, np.ndarray) or valid.shape != frame1.shape[:2] or valid.dtype != bool
-    ):
-        raise DataError(f"the mask is {described_array(valid)}; expected bool {frame1.shape[:2]}")
+        raise UsageError("valid", "a mask of valid pixels needs ground truth; pass flow= as well")
+    size = frame1.shape[:2]
+    for name, array, shape, kind in (("flow", flow, (*size, 2), "f"), ("valid", valid, size, "b")):
+        fits = isinstance(array, np.ndarray) and array.shape == shape and array.dtype.kind == kind
+        if array is not None and not fits:
+            wanted = "float32" if kind == "f" else "bool"
+            raise DataError(name, f"it is {described_array(array)}; expected {wanted} {shape}, the size of the frames")
     if flow is not None and not np.isfinite(flow if valid is None else flow[valid]).all():
-        raise DataError("the ground truth is NaN or infinite at valid pixels; exclude them from the mask")
+        raise DataError("flow", "the ground truth is NaN or infinite at valid pixels; exclude them from the mask")

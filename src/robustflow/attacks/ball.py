@@ -1,6 +1,4 @@
-"""Convert a pair of frames to a float array and back to 8 bits. The allowed perturbations of an attack: balls
-around the clean pair, in grey levels of the 8-bit frames.
-"""
+"""The allowed perturbations of an attack: balls around the clean pair, in grey levels of the 8-bit frames."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..core.errors import UsageError
+from ..core.errors import UsageError, unknown_name
 from ..core.rng import Rng
 from ..core.types import Frame
 
@@ -70,13 +68,13 @@ class Ball:
     per_frame: bool = False
 
     def __post_init__(self) -> None:
-        for what, value, choice in (("norm", self.norm, NORMS), ("moved frames", self.moved, MOVED)):
+        for what, value, choice in (("norm", self.norm, NORMS), ("moved", self.moved, MOVED)):
             if value not in choice:
-                raise UsageError(f"unknown {what} '{value}' for an attack: choose from {', '.join(choice)}")
+                raise unknown_name(f"{what} of an attack", value, choice)
         most, unit = (100, "% of the pixels") if self.norm == "area" else (WHITE, "grey levels")
         number = isinstance(self.budget, int | float | np.number) and not isinstance(self.budget, bool)
         if not number or not 0 < self.budget <= most:
-            raise UsageError(f"a budget must be more than 0 and at most {most} {unit}, not {self.budget!r}")
+            raise UsageError("budget", f"must be more than 0 and at most {most} {unit}, not {self.budget!r}")
 
     @cached_property
     def clean(self) -> Images:
@@ -127,21 +125,17 @@ class Ball:
         if self.norm == "linf":
             return np.clip(change, -self.radius, self.radius)
         if self.norm == "area":
-            return self._largest(change)
+            sizes = np.abs(change).max(axis=1).reshape(2, -1)
+            order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
+            changed = np.zeros_like(sizes, bool)
+            np.put_along_axis(changed, order, True, axis=1)
+            return change * changed.reshape(2, 1, *change.shape[2:])
         parts = change if self.per_frame else change[None]
         for part, moved in zip(parts, parts if self.per_frame else [change[self.perturbed]], strict=True):
             size = np.sqrt((moved.astype(np.float64) ** 2).mean())
             if size > self.radius:
                 part *= np.float32(self.radius / size)
         return change
-
-    def _largest(self, change: Images) -> Images:
-        """Keep only the pixels with the largest changes, as many per frame as the budget allows."""
-        sizes = np.abs(change).max(axis=1).reshape(2, -1)
-        order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
-        changed = np.zeros_like(sizes, bool)
-        np.put_along_axis(changed, order, True, axis=1)
-        return change * changed.reshape(2, 1, *change.shape[2:])
 
     def step(self, images: Images, gradient: Images, size: float) -> Images:
         """Take one gradient step and project the result into the ball."""
@@ -158,8 +152,7 @@ class Ball:
         return self.project(images + length * direction)
 
     def random(self, rng: Rng) -> Images:
-        """Draw a random start inside the ball: uniform values, or for "rms" a random direction scaled to the full
-        radius."""
+        """Draw a random start inside the ball: uniform values, or for "rms" a random direction of the full radius."""
         count = self.clean.size
         if self.norm != "rms":
             drawn = (2 * rng.uniforms(count) - 1) * (1 if self.norm == "area" else float(self.radius))
@@ -169,32 +162,28 @@ class Ball:
         if self.moved == "joint":
             change[1] = change[0]
         images: Images = self.clean + change
-        return self.project(self._scaled_to_surface(images))
-
-    def _scaled_to_surface(self, images: Images) -> Images:
-        """For "rms", scale the change to the ball's surface, before values are clipped to 0..1."""
         size = self.size_of(images - self.clean)
-        if self.norm != "rms" or size == 0:
-            return images
-        return self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
+        if self.norm == "rms" and size:  # scale the change to the surface, before values are clipped to 0..1
+            images = self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
+        return self.project(images)
 
     def to_8_bits(self, images: Images) -> npt.NDArray[np.int16]:
-        """Round images to 8 bits inside the budget, int16 (2, 3, H, W)."""
+        """Round images to 8 bits inside the budget, int16 (2, 3, H, W): the largest change, found by bisection."""
         clean = grey_levels_of(self.clean)
         if self.norm == "linf":
             most = int(np.floor(self.budget))
             change = np.clip(self._rounded(images, clean, 1.0), -most, most)
             return (clean + change).astype(np.int16)
-        low, high = 0.0, 1.0
-        if self._within(self._rounded(images, clean, high)):
-            low = high
-        else:
-            for _ in range(_HALVINGS):
-                middle = (low + high) / 2
-                if self._within(self._rounded(images, clean, middle)):
-                    low = middle
-                else:
-                    high = middle
+        low, high, factor = 0.0, 1.0, 1.0
+        for _ in range(_HALVINGS + 1):
+            change = self._rounded(images, clean, factor)
+            if self.size_of(change.astype(np.float32)) <= self.budget:
+                low = factor
+            else:
+                high = factor
+            if low == 1:
+                break
+            factor = (low + high) / 2
         return (clean + self._rounded(images, clean, low)).astype(np.int16)
 
     def _rounded(self, images: Images, clean: npt.NDArray[np.int16], factor: float) -> npt.NDArray[np.int16]:
@@ -204,6 +193,3 @@ class Ball:
             change[:] = change.mean(axis=0)
             low, high = clean.min(axis=0), clean.max(axis=0)
         return np.asarray(np.clip(np.rint(change * WHITE * factor), -low, WHITE - high), np.int16)
-
-    def _within(self, change: npt.NDArray[np.int16]) -> bool:
-        return self.size_of(change.astype(np.float32)) <= self.budget

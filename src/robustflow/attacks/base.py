@@ -1,5 +1,4 @@
-"""The base class of attacks. An attack searches inside a ball around a pair of frames for a high loss of the model's
-flow.
+"""The base class of attacks, which search inside a ball around a pair of frames for a high loss of the model's flow.
 
 An attack has options but no state: the `Problem` records evaluations and results, and random numbers come from a stream
 that is passed in, so the same pair, model, options and seed give the same frames.
@@ -84,26 +83,19 @@ class Attack(ABC):
     moved: str = "both"
 
     def __post_init__(self) -> None:
-        choices = {
-            "variant": self.variants,
-            "norm": self.norms,
-            "target": self.targets,
-            "reference": REFERENCES,
-            "loss": LOSSES,
-            "moved": MOVED,
-        }
+        choices = {"variant": self.variants, "norm": self.norms, "target": self.targets}
+        choices |= {"reference": REFERENCES, "loss": LOSSES, "moved": MOVED}
         for option, choice in choices.items():
             if getattr(self, option) not in choice:
                 raise unknown_name(f"{option} of attack {self.name}", str(getattr(self, option)), choice)
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
-                raise UsageError(f"{each.name} of attack {self.name} must be an integer of at least 1, not {value!r}")
+                raise UsageError(each.name, f"must be an integer of at least 1 for {self.name}, not {value!r}")
 
     @property
     def masked(self) -> bool:
-        """Whether the loss includes only pixels with valid ground truth. FlowBench's code includes all pixels, with
-        flow 0 where there is no ground truth."""
+        """Whether the loss includes only pixels with ground truth; FlowBench's code includes all, with flow 0 there."""
         return self.variant != "flowbench"
 
     @property
@@ -112,20 +104,12 @@ class Attack(ABC):
         return self.variant == "flowbench"
 
     def budget(self, severity: int) -> float:
-        """Return the budget of a severity, in grey levels or in % of the pixels.
-
-        Raises:
-            UsageError: the severity is not an integer from 1 to 5.
-        """
+        """Return the budget of a severity, in grey levels or in % of the pixels."""
         return GREY_LEVELS[self.norm][check_severity(severity) - 1]
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """Build the attack with options; strings are converted if the option is a number.
-
-        Raises:
-            UsageError: an unknown option.
-        """
+        """Build the attack with options; strings are converted if the option is a number."""
         known = {each.name: each.default for each in cls._option_fields()}
         for option, value in options.items():
             if option not in known:
@@ -138,8 +122,7 @@ class Attack(ABC):
         return cls(**options)
 
     def with_variant(self, variant: str) -> Self:
-        """Return the attack in a variant, or unchanged if the attack does not support the variant or already has
-        one."""
+        """Return the attack in a variant, or unchanged if it does not support the variant or already has one."""
         chosen = self.variant == "default" and variant in self.variants
         return replace(self, variant=variant) if chosen else self
 
@@ -158,15 +141,13 @@ class Attack(ABC):
 
     @property
     def label(self) -> str:
-        """The name with all options that differ from their defaults, as accepted by `load_attack` and printed in
-        tables: `pgd:steps=40`."""
+        """The name with all options that differ from their defaults, as accepted by `load_attack`: `pgd:steps=40`."""
         text = ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
         return text if norm_of(text) == self.norm else f"{text}:norm={self.norm}"
 
     @property
     def source(self) -> str:
-        """A digest of everything except the label that affects the frames, such as a second model or the user's source
-        code; empty for most attacks."""
+        """A digest of what affects the frames beside the label: a second model, the user's code; empty for most."""
         return "" if is_of_package(type(self)) else source_digest(type(self))
 
     @property
@@ -175,12 +156,7 @@ class Attack(ABC):
         return ""
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
-        """Return the attacks that a run has to train in order to use this attack on a model.
-
-        Returns:
-            Each trained attack, including parts of a composite attack, and the model on which it is trained, keyed by
-            label.
-        """
+        """Return the attacks that a run has to train for this one, and the model of each, keyed by label."""
         return {}
 
     def with_learned(self, learned: Learned) -> Self:
@@ -193,35 +169,18 @@ class Attack(ABC):
         return "gradients" if self.needs_gradients else "nothing" if self.control else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that the attack works with a model.
-
-        Raises:
-            ModelError: the model lacks something that the attack needs.
-        """
+        """Raise a ModelError if the model lacks something that the attack needs."""
         if self.needs_gradients:
             refuse_without_gradient(model, self.name)
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """Build the optimisation problem of this attack for a pair.
-
-        Args:
-            model: the attacked model.
-            pair: the frames and the budget.
-            clean_flow: the model's flow on the clean frames, float32 (H, W, 2), pixels.
-
-        Raises:
-            UsageError: the attack needs ground truth and there is none.
-        """
+        """Build the optimisation problem for a pair, given the model's flow on the clean frames (H, W, 2), pixels."""
         ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, self.per_frame)
         loss, from_clean = self._loss(clean_flow, pair)
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
     def begun(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """Build the problem (see `problem`), and check the model's gradient if the attack needs one.
-
-        Raises:
-            ModelError: `differentiable` and `predict` return different flows.
-        """
+        """Build the problem (see `problem`), and check the model's gradient if the attack needs one."""
         problem = self.problem(model, pair, clean_flow)
         if self.needs_gradients:
             check_gradient(problem, pair.stream("gradient"))
@@ -234,9 +193,7 @@ class Attack(ABC):
             return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
         if pair.truth is None or self.reference == "clean":
             if self.reference == "truth":
-                raise UsageError(
-                    f"attack {self.name} needs ground truth, but the pair has none; pass flow=, or omit reference=truth"
-                )
+                raise UsageError("reference", "the pair has no ground truth; pass flow=, or omit reference=truth")
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
         if self.masked:
             return Loss(pair.truth, pair.valid, self.loss, agreeing=self.agreeing), False

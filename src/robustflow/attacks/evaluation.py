@@ -38,7 +38,7 @@ _Result = TypeVar("_Result")
 _PATIENCE = 5.0
 """Maximum time to wait for an interrupted thread, in seconds."""
 
-_RETURNED = "the model's method differentiable returned"
+_RETURNED = "the model's method returned"
 _EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTorch's graph"
 
 
@@ -111,8 +111,7 @@ def _answer(group: Sequence[_Lane[Any]]) -> None:
 
 
 def _settings() -> Any:
-    """Return a context with reproducible PyTorch settings, so that attacks that change and restore settings do not
-    affect each other."""
+    """Return a context with reproducible settings of PyTorch, which attacks change and restore in any order."""
     if "torch" not in sys.modules:
         return nullcontext()
     from ..models.torch.model import reproducible
@@ -210,7 +209,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
         above = np.ascontiguousarray(np.stack([slope for _, slope in slopes]).transpose(0, 3, 1, 2))
         (pulled,) = torch.autograd.grad(flow, images, torch.from_numpy(above).to(flow), allow_unused=True)
     if pulled is None:
-        raise ModelError(f"{_RETURNED} a flow that does not depend on the images; {_EXPECTED}")
+        raise ModelError("differentiable", f"{_RETURNED} a flow that does not depend on the images; {_EXPECTED}")
     gradients = pulled.cpu().numpy()
     return [Answer(there, value, slope) for there, (value, _), slope in zip(flows, slopes, gradients, strict=True)]
 
@@ -219,7 +218,7 @@ def _check(flow: Any, expected: tuple[int, ...], gradient: bool) -> None:
     import torch
 
     if not isinstance(flow, torch.Tensor):
-        raise ModelError(f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
+        raise ModelError("differentiable", f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
     if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
         what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
-        raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, in this case of shape {expected}")
+        raise ModelError("differentiable", f"{_RETURNED} {what}; {_EXPECTED}, in this case of shape {expected}")

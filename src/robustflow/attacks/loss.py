@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..core.errors import UsageError
+from ..core.errors import UsageError, unknown_name
 from ..core.types import Flow, Mask
 
 LOSSES = ("epe", "mse", "cosine", "capped")
@@ -31,9 +31,9 @@ class Loss:
 
     def __post_init__(self) -> None:
         if self.kind not in LOSSES:
-            raise UsageError(f"unknown attack loss '{self.kind}': choose from {', '.join(LOSSES)}")
+            raise unknown_name("attack loss", self.kind, LOSSES)
         if self.valid is not None and not self.valid.any():
-            raise UsageError("the ground truth has no valid pixels, so there is nothing to attack")
+            raise UsageError("valid", "the ground truth has no valid pixels, so there is nothing to attack")
 
     def of(self, flow: Flow, weighted: bool = True) -> float:
         """Compute the loss of a flow, float32 (H, W, 2), including CosPGD's weight unless `weighted` is False."""
@@ -48,8 +48,7 @@ class Loss:
         return float(values[counted].mean()), slopes.astype(np.float32)
 
     def score(self, loss: float) -> float:
-        """Compute the score, which attacks maximise: the loss, or its negative if the reference is a target
-        (`towards`)."""
+        """Compute the score, which attacks maximise: the loss, or its negative if the reference is a target."""
         return -loss if self.towards else loss
 
     @property

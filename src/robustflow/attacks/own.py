@@ -25,7 +25,6 @@ Made = Any
 """The user's attack, as a class or object."""
 
 _own: dict[str, Made] = {}
-_GUIDE = "see the guide 'add your attack'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +62,9 @@ class OwnAttack(Attack):
         return bool(getattr(self.made_by_user, "needs_gradients", True))
 
     def known_options(self) -> set[str]:
-        """See `Attack.known_options`."""
         return {*_parameters(type(self.made_by_user)), *_COMMON}
 
     def options(self) -> dict[str, Any]:
-        """See `Attack.options`."""
         options = super().options()
         return {name: options[name] for name in _COMMON if name in options} | dict(self.given)
 
@@ -77,7 +74,6 @@ class OwnAttack(Attack):
         return source_digest(self.made_by_user)
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """See `Attack.problem`; the arrays of the pair are read-only."""
         first, second = (frame.view() for frame in pair.frames)
         problem = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
         for array in (first, second, problem.ball.clean):
@@ -85,7 +81,6 @@ class OwnAttack(Attack):
         return problem
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         run = self.made_by_user.run
         images: Images = called(f"attack '{self.name}' failed", lambda: run(problem, rng), read_only="the pair")
         return images
@@ -95,11 +90,11 @@ _COMMON = tuple(each.name for each in fields(Attack))
 
 
 def register_attack(made: Made) -> str:
-    """Register a class or an object under its name, and return that name; a later registration replaces an earlier
-    one.
-    """
+    """Register a class or an object under its name, which replaces an earlier one of that name; return the name."""
     if not callable(getattr(made, "run", None)):
-        raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
+        raise UsageError(
+            described(made), "it has no method run, so it is not an attack; see the guide 'add your attack'"
+        )
     name = checked_name(made, "attack", ATTACKS.__contains__)
     _own[name] = made
     return name
@@ -125,8 +120,7 @@ def is_own(name: str) -> bool:
 
 
 def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user's attacks that occur in `names`, including parts of composite attacks, so that workers can pass
-    them to `register_attack`."""
+    """Return the user's attacks that occur in `names`, also inside composite attacks, for workers to register."""
     parts = {part for name in names for part in re.split(r"[:=+]", name)}
     return tuple(made for name, made in _own.items() if name in parts)
 

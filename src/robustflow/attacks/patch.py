@@ -1,5 +1,5 @@
-"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022).
-Control: a disc of random colours at the same position as in the attack `patch`.
+"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022), and
+its control, a disc of random colours.
 """
 
 from __future__ import annotations
@@ -45,22 +45,18 @@ class Patch(Trained):
             raise unknown_name("moved of attack patch", self.moved, ("both", "first", "second"))
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; the model is not queried."""
         pattern = self.pattern(problem)
         disc = Disc.of(problem, problem.pair.stream("patch"))
         return paste(problem, stripes(problem), disc) if pattern is None else paste(problem, pattern, disc.turned())
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """See `Trained.first`: a random pattern as large as the largest disc."""
         size = max(diameter(problem) for problem in problems)
         return rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
 
     def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
-        """See `Trained.placed`."""
         return paste(problem, pattern, Disc.of(problem, rng).turned())
 
     def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
-        """See `Trained.pulled`."""
         place = Disc.of(problem, rng).turned()
         there = (gradient[place.frames][(..., *place.where)] * place.mask).sum(axis=0)
         pull, (rows, columns) = np.zeros_like(pattern), place.taken_from(pattern)
@@ -69,18 +65,15 @@ class Patch(Trained):
         return pull
 
     def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
-        """See `Trained.stepped`."""
         return np.clip(pattern + np.float32(_REACH * share) * np.sign(pull), 0, 1).astype(np.float32)
 
     @classmethod
     def fits(cls, array: Pattern) -> bool:
-        """See `Trained.fits`."""
         return array.ndim == 3 and array.shape[0] == 3 and array.shape[1] == array.shape[2] > 0
 
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
-        """See `Trained.checked_pattern`."""
         if not self.fits(array):
-            raise DataError(f"{self.file} is an array {array.shape}; expected (3, N, N) with values in 0..1")
+            raise DataError(self.file, f"an array {array.shape}; expected (3, N, N) with values in 0..1")
         return np.clip(array, 0, 1)
 
 
@@ -125,16 +118,9 @@ def diameter(problem: Problem) -> int:
     size = int(2 * np.sqrt(most / np.pi)) + 2
     while size and np.count_nonzero(_disc(size)) > most:
         size -= 1
-    if not size:
-        raise DataError(
-            f"a patch of {problem.ball.budget:g} % of {height}x{width} pixels is smaller than one pixel; choose a "
-            "higher severity, a larger budget or larger frames"
-        )
-    if size > min(height, width):
-        raise DataError(
-            f"a patch of {problem.ball.budget:g} % of {height}x{width} pixels has a diameter of {size}, which does not "
-            "fit into the frame; choose a lower severity, a smaller budget or larger frames"
-        )
+    if not 0 < size <= min(height, width):
+        what = f"the diameter of a patch of {problem.ball.budget:g} % of {height}x{width} pixels"
+        raise DataError("budget", f"{what} would be {size} pixels; choose a different severity, budget or frame size")
     return size
 
 
@@ -169,7 +155,6 @@ class RandomPatch(Control):
     norm: str = "area"
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         size = diameter(problem)
         colours = rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
         return paste(problem, colours, Disc.of(problem, problem.pair.stream("patch")))

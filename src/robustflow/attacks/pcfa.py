@@ -48,10 +48,9 @@ class Pcfa(Attack):
         if self.box not in BOXES:
             raise unknown_name("box of attack pcfa", self.box, BOXES)
         if self.moved == "joint" and self.box != "clipping":
-            raise UsageError("pcfa with moved=joint requires box=clipping")
+            raise UsageError("box", "pcfa with moved=joint requires box=clipping")
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; deterministic."""
         from ..models.torch.model import reproducible
 
         if self.box == "change" and _saturated(problem.ball.clean) > _SATURATED:
@@ -100,8 +99,7 @@ class _Search:
         self.objective(keep=True)
 
     def objective(self, keep: bool = False) -> float:
-        """Compute the distance plus the penalty and store the gradient in the variables; with `keep`, also update the
-        best pair."""
+        """Return the distance plus the penalty, and store its gradient; with `keep`, also update the best pair."""
         import torch
 
         for variable in self.variables:

@@ -1,8 +1,5 @@
-"""PGD: steps along the sign of the gradient from random starts, projected into the ball (Madry et al. 2018). FGSM:
-a single step of the full budget along the sign of the gradient (Goodfellow et al. 2015). BIM: PGD from the clean
-pair (Kurakin et al. 2017). CosPGD: PGD in which pixels are weighted by their agreement with the reference
-(Agnihotri et al. 2024). APGD: PGD with momentum and automatic step halving (Croce and Hein 2020, as in
-AutoAttack).
+"""Steps along the gradient, projected into the ball: FGSM (Goodfellow et al. 2015), BIM (Kurakin et al. 2017), PGD
+(Madry et al. 2018), CosPGD (Agnihotri et al. 2024) and APGD (Croce and Hein 2020, as in AutoAttack).
 """
 
 from __future__ import annotations
@@ -39,7 +36,7 @@ def climb(problem: Problem, images: Images, sizes: Sequence[float], keep_best: b
 
 @dataclass(frozen=True, kw_only=True)
 class Pgd(Attack):
-    """Projected gradient ascent."""
+    """Projected gradient ascent from random starts, with falling steps."""
 
     name: ClassVar[str] = "pgd"
     variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")
@@ -54,14 +51,11 @@ class Pgd(Attack):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.step, int | float) or not 0 <= self.step <= 2:
-            raise UsageError(f"step of attack {self.name} must be a fraction of the budget, 0 to 2, not {self.step!r}")
+            raise UsageError("step", f"must be a fraction of the budget of {self.name}, 0 to 2, not {self.step!r}")
         if self.variant == "flowbench" and self.starts not in (1, type(self).starts):
-            raise UsageError(
-                f"attack {self.name} has a single start in the variant flowbench; omit starts={self.starts}"
-            )
+            raise UsageError("starts", f"{self.name} has a single start in the variant flowbench; omit it")
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         images = problem.ball.clean
         default = self.variant == "default"
         for number in range(self.starts if default else 1):
@@ -82,15 +76,12 @@ class Pgd(Attack):
 
 @dataclass(frozen=True, kw_only=True)
 class Fgsm(Attack):
-    """A single gradient step. If the loss is the distance to the clean flow, which has no gradient at the clean frames,
-    the attack starts at a random pair.
-    """
+    """A single step of the full budget, from a random pair if the loss has no gradient at the clean one."""
 
     name: ClassVar[str] = "fgsm"
     variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         ball = problem.ball
         images = start_of(problem, rng, at_random=False)
         _, gradient = problem.slope(images)
@@ -108,15 +99,12 @@ class Bim(Pgd):
     starts: int = 1
 
     def step_sizes(self, budget: float) -> list[float]:
-        """See `Pgd.step_sizes`."""
         return [budget] * self.steps if self.variant == "flowbench" else super().step_sizes(budget)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CosPgd(Pgd):
-    """PGD in which the loss of each pixel is weighted by the cosine between softmax(u, v) of the flow and of the
-    reference.
-    """
+    """PGD in which a pixel's loss is weighted by the cosine of softmax(u, v) between the flow and the reference."""
 
     name: ClassVar[str] = "cospgd"
     agreeing: ClassVar[bool] = True
@@ -144,7 +132,6 @@ class Apgd(Attack):
     starts: int = 3
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         for number in range(self.starts):
             problem.begin()
             self._climb(problem, problem.ball.random(rng.spawn(number)))

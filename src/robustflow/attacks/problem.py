@@ -1,5 +1,5 @@
-"""The optimisation problem of an attack: the loss of a pair, its gradient, and the cost so far. Check the gradient
-that a white-box attack is about to follow.
+"""The optimisation problem of an attack: the loss of a pair, its gradient, and the cost so far; and a check of that
+gradient before a white-box attack follows it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """Return the random stream of an attack on this pair. An attack has the same stream when it is part of a
-        composite attack."""
+        """Return the random stream of an attack on this pair, the same inside a composite attack."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
@@ -87,8 +86,7 @@ class Problem:
         return self._best
 
     def loss_at(self, images: Images) -> float:
-        """Return the loss of images without CosPGD's weight; the loss is not recorded, and only computed if it is not
-        cached."""
+        """Return the loss of images without CosPGD's weight, which is not recorded."""
         if images is self.ball.clean:
             return self.loss.of(self.clean_flow, weighted=False)
         if images is self.best:
@@ -100,8 +98,7 @@ class Problem:
         return self.note(images, self.loss.of(self.flow(images), weighted=False))
 
     def query(self, images: Images) -> float:
-        """Compute the score of images after rounding to 8 bits, for attacks without gradients; recorded like
-        `score`."""
+        """Compute the score of images after rounding to 8 bits, for attacks without gradients."""
         return self.score_of_frames(frames_of(self.ball.to_8_bits(images)))
 
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
@@ -116,16 +113,13 @@ class Problem:
         return evaluate(Evaluation(self.model, self.pair.key, images=images)).flow
 
     def slope(self, images: Images) -> tuple[float, Images]:
-        """Compute the score of images, recorded like `score`, and its gradient, which includes CosPGD's weight if the
-        loss does.
-        """
+        """Compute the score of images and its gradient, which includes CosPGD's weight if the loss does."""
         loss, flow, gradient = self.loss_and_gradient(images)
         plain = self.loss.of(flow, weighted=False) if self.loss.agreeing else loss
         return self.note(images, plain), -gradient if self.loss.towards else gradient
 
     def loss_and_gradient(self, images: Images) -> tuple[float, Flow, Images]:
-        """Compute the loss, the flow (H, W, 2), and the gradient of the loss with respect to the images; not
-        recorded."""
+        """Compute the loss, the flow (H, W, 2), and the gradient of the loss; not recorded."""
         self.evaluations += 1
         self.gradients += 1
         answer = evaluate(Evaluation(self.model, self.pair.key, images=images, loss=self.loss))
@@ -139,19 +133,12 @@ class Problem:
         return answer.value, answer.flow, gradient
 
     def checked(self, images: Any, attack: str) -> Images:
-        """Project the images that an attack returned into the ball.
-
-        Raises:
-            UsageError: the images are not finite float32 images with the shape of the pair.
-        """
+        """Project the images that an attack returned into the ball, after a check of their shape and values."""
         shape = self.ball.clean.shape
         if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:
-            raise UsageError(
-                f"attack '{attack}' returned {described_array(images)}: run must return a float32 array of shape "
-                f"{shape}"
-            )
+            raise UsageError(attack, f"run returned {described_array(images)}, not a float32 array of shape {shape}")
         if not np.isfinite(images).all():
-            raise UsageError(f"attack '{attack}' returned values that are NaN or infinite")
+            raise UsageError(attack, "run returned values that are NaN or infinite")
         return images if self.ball.holds(images) else self.ball.project(images)
 
     def charge(self, other: Problem) -> None:
@@ -184,8 +171,7 @@ class Problem:
 
     @property
     def late_gain(self) -> float | None:
-        """How much the last quarter of the evaluations raised the highest score of the best start, which begins at the
-        score of the clean pair; None for fewer than eight evaluations."""
+        """How much the last quarter of the evaluations raised the highest score of the best start; None for few."""
         curve = max(self.curves, key=lambda each: each[-1] if each else -np.inf)
         if len(curve) < _FEWEST:
             return None
@@ -200,12 +186,15 @@ def _finite(value: float) -> float | None:
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:
     """Check that a model provides the gradients that an attack needs."""
     if not isinstance(model, Differentiable):
-        name = model_identity(model).get("name") or type(model).__name__
         raise ModelError(
-            f"model '{name}' provides no gradient of its flow, which the attack {attack} needs; use square, which "
-            "needs only flows, install the extra torch (for tiny), or add a method "
-            "differentiable(images1, images2) to the model"
+            _name_of(model),
+            f"the model provides no gradient, which attack {attack} needs; use square, or add a method "
+            "differentiable(images1, images2) to the model (for tiny, install the extra torch)",
         )
+
+
+def _name_of(model: object) -> str:
+    return model_identity(model).get("name") or type(model).__name__
 
 
 _APART, _ROUNDING = 0.05, 0.01
@@ -225,17 +214,16 @@ def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where:
     lengths = np.linalg.norm(predicted[usable].astype(np.float64), axis=-1)
     apart = np.linalg.norm(differentiable[usable].astype(np.float64) - predicted[usable], axis=-1).mean()
     if not apart <= _APART * lengths.mean() + _ROUNDING:
-        name = model_identity(model).get("name") or type(model).__name__
         raise ModelError(
-            f"model '{name}' {where}: the flow of its method differentiable is {apart:.3g} px from the flow of predict "
-            f"on average (mean length {lengths.mean():.3g} px); both must return the same flow"
+            _name_of(model),
+            f"{where}, the flow of the model's method differentiable is {apart:.3g} px from the flow of predict on "
+            f"average (mean length {lengths.mean():.3g} px); both must return the same flow",
         )
 
 
 def check_gradient(problem: Problem, rng: Rng) -> None:
-    """Compare the flows of `differentiable` and `predict` on the clean pair, and the change of the loss along the
-    sign of the gradient with its change in random directions, at a random pair in the ball. The evaluations are
-    not counted as the attack's.
+    """Compare the flows of `differentiable` and `predict` on the clean pair, and the change of the loss along the sign
+    of the gradient with that in random directions, without counting the evaluations.
     """
     asked = Evaluation(problem.model, problem.pair.key, images=problem.ball.clean)
     where = f"on the clean pair of '{problem.pair.key}'" if problem.pair.key else "on the clean pair"

@@ -1,6 +1,4 @@
-"""Control: Gaussian noise whose root mean square equals the budget. Control: every value changes by the full
-budget, up or down at random.
-"""
+"""Controls: Gaussian noise with the whole budget, and values that change by the whole budget, up or down."""
 
 from __future__ import annotations
 
@@ -25,7 +23,6 @@ class RandomGauss(Control):
     norm: str = "rms"
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         return problem.ball.random(rng)
 
 
@@ -37,7 +34,6 @@ class RandomSign(Control):
     norms: ClassVar[tuple[str, ...]] = ("linf",)
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         ball = problem.ball
         up = (rng.bits(ball.clean.size) & np.uint64(1)).astype(np.float32).reshape(ball.clean.shape)
         if ball.moved == "joint":

@@ -29,9 +29,9 @@ _CLASSES = {
     "apgd": "pgd:Apgd",
     "pcfa": "pcfa:Pcfa",
     "square": "square:Square",
-    "transfer": "transfer:Transfer",
-    "worst_of": "worst_of:WorstOf",
-    "universal": "universal:Universal",
+    "transfer": "composed:Transfer",
+    "worst_of": "composed:WorstOf",
+    "universal": "trained:Universal",
     "patch": "patch:Patch",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
@@ -55,7 +55,7 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
     for part in parts:
         option, is_option, value = part.partition("=")
         if is_option and option.strip() in options:
-            raise UsageError(f"'{name}' sets the option {option.strip()} twice")
+            raise UsageError(option.strip(), f"'{name}' sets this option twice")
         if is_option:
             options[option.strip()] = value.strip()
         elif options:

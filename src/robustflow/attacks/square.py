@@ -34,7 +34,6 @@ class Square(Attack):
     queries: int = 1000
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`."""
         ball = problem.ball
         clean, budget = grey_levels_of(ball.clean), int(ball.budget)
         _, channels, height, width = clean.shape

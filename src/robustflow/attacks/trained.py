@@ -1,4 +1,6 @@
-"""Attacks that are trained once on held-out samples and then applied to the measured samples."""
+"""Attacks that are trained once on held-out samples and then applied to the measured samples; among them, one
+perturbation for all samples (Moosavi-Dezfooli et al. 2017; for optical flow, Schmalfuss et al. 2022).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from ..core.paths import user_path
 from ..core.rng import Rng
 from ..core.types import Flow
 from ..models.base import AnyModel
-from .ball import Images
+from .ball import Ball, Images
 from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep
 from .problem import Pair, Problem, check_gradient, refuse_without_gradient
@@ -42,27 +44,23 @@ class Trained(Attack):
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """See `Attack.made`."""
         if "train" in options:
             options["train"] = str(options["train"])
         attack = super().made(**options)
         if attack.train and attack.file:
-            raise UsageError(f"attack {attack.name}: give training samples or a file, not both")
+            raise UsageError("file", f"give {attack.name} training samples or a file, not both")
         if attack.train.isdecimal() and not int(attack.train):
-            raise UsageError(f"attack {attack.name}: train=0 leaves nothing to train on")
+            raise UsageError("train", "train=0 leaves nothing to train on")
         return attack
 
     @property
     def trains(self) -> str:
-        """See `Attack.trains`."""
         return self.train
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
-        """See `Attack.training`."""
         return {self.label: (self, model)} if self.train else {}
 
     def with_learned(self, learned: Learned) -> Self:
-        """See `Attack.with_learned`."""
         return replace(self, learned=learned.get(self.label, {}))
 
     @property
@@ -72,7 +70,6 @@ class Trained(Attack):
 
     @property
     def needs(self) -> str:
-        """See `Attack.needs`."""
         return "any model"
 
     def check(self, model: AnyModel) -> None:
@@ -81,9 +78,7 @@ class Trained(Attack):
             refuse_without_gradient(model, self.name)
 
     def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng, batch_size: int = 1) -> Pattern:
-        """Train the pattern by gradient ascent with momentum on the mean score of all samples, with a decaying step
-        size.
-        """
+        """Train the pattern: gradient ascent with momentum and falling steps on the mean score of all samples."""
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         check_gradient(problems[0], rng.spawn("gradient"))
         pattern = self.first(problems, rng)
@@ -112,10 +107,7 @@ class Trained(Attack):
         if not self.train:
             return None
         if problem.pair.severity not in self.learned:
-            raise UsageError(
-                f"attack {self.name} can only be trained by a run (robustflow run --attacks {self.label}); "
-                "outside a run, give file="
-            )
+            raise UsageError("train", f"only a run trains {self.name} (--attacks {self.label}); else, give file=")
         return self.learned[problem.pair.severity]
 
     @abstractmethod
@@ -149,12 +141,12 @@ def read_file(path: str) -> bytes:
     file = user_path(path)
     try:
         if not file.is_file():
-            raise DataError(f"{path} is not a file; give a NumPy array (.npy) written by PCFA or by a run")
+            raise DataError(path, "not a file; give a NumPy array (.npy) written by PCFA or by a run")
         if file.stat().st_size > _LARGEST:
-            raise DataError(f"{path} is larger than {_LARGEST >> 20} MB, which is too large for a perturbation")
+            raise DataError(path, f"larger than {_LARGEST >> 20} MB, which is too large for a perturbation")
         return file.read_bytes()
     except (OSError, ValueError) as error:
-        raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise DataError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_array(path: str) -> Pattern:
@@ -164,13 +156,107 @@ def read_array(path: str) -> Pattern:
     try:
         array = np.lib.format.open_memmap(file, mode="r") if content[:6] == b"\x93NUMPY" else None
     except Exception as error:  # NumPy's parser can raise any exception on a manipulated header
-        raise DataError(
-            f"{path} is damaged, or not an array of numbers ({' '.join(str(error).split())[:100]})"
-        ) from error
+        reason = " ".join(str(error).split())[:100]
+        raise DataError(path, f"damaged, or not an array of numbers ({reason})") from error
     if array is None or array.dtype.kind != "f" or array.ndim not in (3, 4) or not 0 < array.size <= _LARGEST // 2:
         what = "not a NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"
-        raise DataError(f"{path} is {what}; expected a floating-point array (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
+        raise DataError(path, f"{what}; expected a floating-point array (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
-        raise DataError(f"{path} contains NaN or infinite values")
+        raise DataError(path, "it contains NaN or infinite values")
     return values
+
+
+_REACH = 2.5
+"""Sum of all training step sizes, as a multiple of the budget."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Universal(Trained):
+    """Add the same perturbation to every pair, projected to the budget and clipped to 0..255."""
+
+    name: ClassVar[str] = "universal"
+    needs_gradients: ClassVar[bool] = False
+
+    second: str = ""
+
+    @classmethod
+    def made(cls, **options: Any) -> Self:
+        attack = super().made(**options)
+        if attack.second and not attack.file:
+            raise UsageError("second", "the perturbation of frame 2 needs file=, the perturbation of frame 1")
+        return attack
+
+    @property
+    def source(self) -> str:
+        """A digest of the files."""
+        files = [read_file(each) for each in (self.file, self.second) if each]
+        return digest_of_bytes(*files, size=8) if files else ""
+
+    def check(self, model: AnyModel) -> None:
+        if not self.train and not self.file:
+            raise UsageError(
+                "universal",
+                "the attack needs training samples (universal:train=8 or universal:train=KEYS.txt) or a stored "
+                "perturbation (universal:file=PERTURBATION.npy)",
+            )
+        super().check(model)
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        pattern = self.pattern(problem)
+        assert pattern is not None
+        return self.placed(problem, pattern, rng)
+
+    def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
+        shapes = [problem.ball.clean.shape[2:] for problem in problems]
+        height, width = (max(sizes) for sizes in zip(*shapes, strict=True))
+        ball = self._around_grey(problems[0], (height, width))
+        return ball.random(rng) - ball.clean
+
+    def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
+        ball = problem.ball
+        height, width = ball.clean.shape[2:]
+        missing = [(0, 0), (0, 0), (0, max(height - pattern.shape[2], 0)), (0, max(width - pattern.shape[3], 0))]
+        change = np.pad(pattern, missing, mode="wrap")[..., :height, :width]
+        return ball.project(ball.clean + change)
+
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
+        pull = np.zeros_like(pattern)
+        height, width = gradient.shape[2:]
+        pull[..., :height, :width] = gradient
+        return pull
+
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
+        ball = self._around_grey(problem, pattern.shape[2:])
+        return ball.step(ball.clean + pattern, pull, _REACH * ball.budget * share) - ball.clean
+
+    @classmethod
+    def fits(cls, array: Pattern) -> bool:
+        return array.ndim == 4 and array.shape[:2] == (2, 3) and array.size > 0
+
+    def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
+        first, second = self._frames(array, self.file), None
+        if self.second:
+            second = self._frames(read_array(self.second), self.second)
+            if len(first) != 1 or len(second) != 1 or first.shape != second.shape:
+                raise DataError(self.second, f"{self.file} and it are not perturbations of two frames of equal size")
+        shape, frames = first.shape[2:], problem.ball.clean.shape[2:]
+        if shape != frames:
+            raise DataError(
+                self.file,
+                f"it is for frames of {shape[0]}x{shape[1]} pixels, but the frames of sample '{problem.pair.key}' are "
+                f"{frames[0]}x{frames[1]}; give a file for this size",
+            )
+        return np.concatenate([first, first if second is None else second]) if len(first) == 1 else first
+
+    @staticmethod
+    def _frames(array: Pattern, path: str) -> Pattern:
+        whole = array[None] if array.ndim == 3 else array
+        if whole.shape[1] != 3 or len(whole) > 2:
+            raise DataError(path, f"an array {array.shape}; expected (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
+        return whole
+
+    def _around_grey(self, problem: Problem, shape: tuple[int, ...]) -> Ball:
+        """Return the ball around grey frames, where no value of a perturbation is clipped."""
+        grey = np.full((*shape, 3), 128, np.uint8)
+        return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, self.per_frame)

@@ -307,7 +307,7 @@ def called(doing: str, function: Callable[[], Any], advice: str = "", read_only:
     except Exception as error:
         if read_only and "read-only" in str(error):
             advice = f"copy {read_only} before changing it"
-        raise UsageError(f"{doing}: {type(error).__name__}: {error}" + (f"; {advice}" if advice else "")) from error
+        raise UsageError(doing, f"{type(error).__name__}: {error}" + (f"; {advice}" if advice else "")) from error
 
 
 def described(made: Any) -> str:

@@ -100,17 +100,14 @@ def model_identity(model: Any) -> dict[str, Any]:
     if hasattr(model, "identity"):
         identity = model.identity()
         if not isinstance(identity, Mapping):
-            raise ModelError(
-                f"the model's identity() returned {type(identity).__name__}; "
-                "expected a dict of everything that affects its results"
-            )
+            expected = "expected a dict of everything that affects the model's results"
+            raise ModelError("identity", f"it returned {type(identity).__name__}; {expected}")
         try:
             text = json.dumps({str(key): identity[key] for key in identity}, default=str, allow_nan=False)
         except (TypeError, ValueError, RecursionError) as error:
-            raise ModelError(
-                f"the model's identity() cannot be written as JSON ({first_line(error)}); return only "
-                "finite numbers, strings, and lists and dicts of these"
-            ) from error
+            advice = "return only finite numbers, strings, and lists and dicts of these"
+            reason = f"the model's identity cannot be written as JSON ({first_line(error)})"
+            raise ModelError("identity", f"{reason}; {advice}") from error
         named: dict[str, Any] = json.loads(text)
         return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
@@ -162,9 +159,8 @@ def predict_batch_checked(
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
-        raise ModelError(
-            f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one per pair"
-        )
+        message = f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one per pair"
+        raise _fault(where, message)
     return [
         checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]
@@ -194,18 +190,24 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 
 @contextmanager
 def naming_errors(where: str) -> Iterator[None]:
-    """Convert any exception raised by a model to a `ModelError` that states where it was raised, and return to the
-    working folder if the model left it."""
+    """Convert any exception raised by a model to a `ModelError` that states where; keep the working folder."""
     try:
         with working_folder_kept():
             yield
     except RobustFlowError as error:
-        raise ModelError(f"{error} (on {where})") from error
+        *culprit, message = error.args
+        raise ModelError(*culprit, f"{message} (on {where})") from error
     except (Exception, SystemExit) as error:
-        raise ModelError(
-            f"the model raised {type(error).__name__} on {where}: {' '.join(str(error).split()) or 'no message'}"
-            f"{traceback_hint(error)}; use --debug for the full traceback"
-        ) from error
+        reason = f"{' '.join(str(error).split()) or 'no message'}{traceback_hint(error)}"
+        message = f"the model raised {type(error).__name__} on {where}: {reason}; use --debug for the full traceback"
+        raise _fault(where, message) from error
+
+
+def _fault(where: str, message: str) -> ModelError:
+    """Return the error of a model on the frames that `where` describes."""
+    error = ModelError(message)
+    error.culprit = where
+    return error
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
@@ -222,16 +224,14 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
         array = np.asarray(unmasked(flow))
     except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ModelError(
-            f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "
-            "array (for a tensor: flow.detach().cpu().numpy())"
-        ) from error
+        message = (
+            f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy"
+        )
+        raise _fault(where, f"{message} array (for a tensor: flow.detach().cpu().numpy())") from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"
-        raise ModelError(
-            f"the model returned {what} on {where}; expected a float array of shape {expected}, "
-            "(u right, v down) in pixels"
-        )
+        wanted = f"expected a float array of shape {expected}, (u right, v down) in pixels"
+        raise _fault(where, f"the model returned {what} on {where}; {wanted}")
     return np.array(array, np.float32, order="C")
 
 
@@ -273,9 +273,9 @@ def window_of(model: Any) -> Window:
     counts_valid = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
     if not (counts_valid and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
         raise ModelError(
-            f"the model's window is {declared!r}; declare (before, after), the numbers of frames before frame 1 and "
-            "after frame 2, at least one in total, and optionally the behaviour at the ends: "
-            f"{', '.join(get_args(Ends))}"
+            "window",
+            f"it is {declared!r}; declare (before, after), the numbers of frames before frame 1 and after frame 2, at "
+            f"least one in total, and optionally the behaviour at the ends: {', '.join(get_args(Ends))}",
         )
     return Window(*parts)
 

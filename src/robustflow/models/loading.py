@@ -327,7 +327,9 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; pass cpu alone, with --workers")
+            raise UsageError(
+                "--device", f"only GPUs can be listed, not {','.join(listed)}; pass cpu alone, with --workers"
+            )
         return listed
     own = device_of(model)
     if not is_accelerator(own):
