@@ -7,9 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.attacks import load_attack  # noqa: E402
 from robustflow.attacks.pcfa import _saturated, _Search  # noqa: E402
-from robustflow.core.errors import UsageError  # noqa: E402
 
 from .numpy_problem import curved_flow, numpy_problem  # noqa: E402
 
@@ -122,9 +120,3 @@ def test_values_of_black_and_white_count_as_saturated():
         problem.ball.clean[:] = value
         attack.run(problem, problem.pair.stream("pcfa"))
         assert ("saturated" in problem.troubles) == (value == 1)
-
-
-@pytest.mark.parametrize("options", [{"box": "none"}, {"moved": "joint"}])
-def test_an_unknown_box_or_a_joint_change_of_variables_is_refused(options):
-    with pytest.raises(UsageError):
-        load_attack("pcfa", **options)
