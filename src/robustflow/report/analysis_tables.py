@@ -14,8 +14,6 @@ from ..stats.conditions import SeedGroup
 from ..stats.effective import effective_robustness
 from ..stats.flat_and_depth import TwinComparison, TwinErrors, twin_comparisons
 from ..stats.model_result import ModelResult
-from ..stats.observations import observations
-from ..stats.published.tables import published_results
 from ..stats.ranking import LEAST_MODELS
 from ..stats.results import METRIC_LABELS, SETTING_LABELS, long_label
 from ..stats.run_results import named_runs
@@ -108,19 +106,6 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     )
     remarks = (explained, *differences_remark(named))
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), remarks, "Part")
-
-
-def observations_table() -> Table:
-    """Tabulate the paper's ten observations with the verdicts on its published results."""
-    columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
-    sections = []
-    for observation in observations(published_results()):
-        lines = [
-            Line.of("main" if part.main else "also", (part.verdict, part.claim, part.message))
-            for part in observation.parts
-        ]
-        sections.append(Section(f"{observation.number}. {observation.title}: {observation.verdict}", tuple(lines)))
-    return Table("observations", "The paper's observations", columns, tuple(sections), row_header="Part")
 
 
 def _estimate(row: dict[str, float | None] | None) -> str:

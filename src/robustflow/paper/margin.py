@@ -7,19 +7,22 @@ but not to other images.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 import polars as pl
 
-from ...core.text import counted
-from ..ranking import rank_correlation
-from ..uncertainty.bootstrap import LEVEL
-from ..uncertainty.paired import holm
-from ..uncertainty.standings import standings
-from .evidence import THIN, Verdict
+from ..core.text import counted
+from ..stats.ranking import rank_correlation
+from ..stats.uncertainty.bootstrap import LEVEL
+from ..stats.uncertainty.paired import holm
+from ..stats.uncertainty.standings import standings
+
+Verdict = Literal["holds", "does not hold", "too little evidence"]
+THIN: Verdict = "too little evidence"
 
 _TAIL = (1 + LEVEL) / 2
 
@@ -43,25 +46,13 @@ class Margin:
         >>> str(Margin(1.45, 0.921, 1.983, "9 families"))
         '+1.45 [+0.92, +1.98] over 9 families'
         """
-        return self._text("")
-
-    @property
-    def in_px(self) -> str:
-        """The margin of a number in pixels, as text.
-
-        >>> Margin(1.45, 0.921, 1.983, "9 families").in_px
-        '+1.45 px [+0.92, +1.98] over 9 families'
-        """
-        return self._text(" px")
-
-    def _text(self, unit: str) -> str:
-        return f"{self.estimate:+.2f}{unit} [{self.low:+.2f}, {self.high:+.2f}] over {self.over}"
+        return f"{self.estimate:+.2f} [{self.low:+.2f}, {self.high:+.2f}] over {self.over}"
 
 
-def all_hold(margins: Sequence[Margin]) -> Verdict:
+def joint(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the joint verdict on several claims."""
-    verdicts = {margin.verdict for margin in margins}
-    return "does not hold" if "does not hold" in verdicts else THIN if THIN in verdicts else "holds"
+    found = set(verdicts)
+    return "does not hold" if "does not hold" in found else THIN if THIN in found else "holds"
 
 
 def of_mean(values: Sequence[float], over: str) -> Margin:

@@ -1,0 +1,137 @@
+"""The paper's results by model, and the statements that follow from them.
+
+As in the paper's discussion (Sec. 5.2), the knowledge-driven methods and FlowDiffuser are left out, except in
+statements about all models.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import fmean
+
+from ..corruptions.registry import PAPER_ORDER
+from ..data.benchmarks import benchmark_facts
+from ..stats.cost_ranks import printed_cost_ranks
+from ..stats.model_result import ModelResult
+from ..stats.published.tables import Method, method_of, not_discussed
+from ..stats.results import AVERAGE, CLEAN, family_crer
+from .margin import THIN, Margin, Verdict, joint
+
+ModelInSetting = tuple[str, str]
+"""(setting, model)."""
+
+
+class Evidence:
+    """The paper's results, by model."""
+
+    def __init__(self, results: Sequence[ModelResult]) -> None:
+        self.cost_ranks = printed_cost_ranks(results)
+        self._without = not_discussed(results)
+        self._epe: dict[ModelInSetting, dict[str, float]] = {}
+        self.rcre: dict[ModelInSetting, dict[str, float]] = {}
+        self._cre: dict[ModelInSetting, Mapping[str, float]] = {}
+        for line in results:
+            model = line.setting, line.name
+            if benchmark_facts(line.benchmark).has_flow:
+                self._epe[model], self._cre[model] = line.numbers("epe"), line.cre
+            else:
+                self.rcre[model] = line.numbers("rcre")
+        self.entries = list(self._epe)
+        self.settings = [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
+        self.corruptions = [name for name in PAPER_ORDER if name in self._epe[self.entries[0]]]
+
+    def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[ModelInSetting]:
+        """Select the models of a setting, optionally by kind ("supervised", "unsupervised") and by encoder."""
+        return [
+            entry
+            for entry in self.entries
+            if entry[0] == setting
+            and entry[1] not in self._without
+            and kind in (None, self.method(entry).type)
+            and (encoder is None or encoder in self.method(entry).encoder.split("+"))
+        ]
+
+    def method(self, entry: ModelInSetting) -> Method:
+        """Return the method of a model; all sizes of a method form one family."""
+        method = method_of(entry[1])
+        assert method is not None
+        return method
+
+    def by_family(self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]) -> list[float]:
+        """Return the mean value over each family's models, one per family in order of first appearance."""
+        members: dict[str, list[float]] = {}
+        for entry in entries:
+            members.setdefault(self.method(entry).method, []).append(value(entry))
+        return list(map(fmean, members.values()))
+
+    def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
+        """Return the mean EPE, in pixels."""
+        return self._epe[entry][corruption]
+
+    def clean(self, entry: ModelInSetting) -> float:
+        """Return the EPE on the clean frames, in pixels."""
+        return self._epe[entry][CLEAN]
+
+    def cre(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
+        """Return the CRE computed from the EPE, in pixels; some printed ones differ."""
+        return self._cre[entry][corruption]
+
+    def log_ratio(self, entry: ModelInSetting) -> float:
+        """Return ln(EPE / clean EPE), computed from the means."""
+        return math.log(self.epe(entry) / self.clean(entry))
+
+    def crer(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
+        """Return CRE / clean EPE."""
+        return self.cre(entry, corruption) / self.clean(entry)
+
+    def family_crer(self, entry: ModelInSetting) -> dict[str, float]:
+        """Return the mean CREr by family of corruptions."""
+        return family_crer(self._cre[entry], self.clean(entry))
+
+    def ood_id_pairs(self) -> list[tuple[ModelInSetting, ModelInSetting]]:
+        """Return the (OOD, ID) pair of every supervised model that was measured in both settings."""
+        ood = set(self.discussed("OOD", "supervised"))
+        return [(("OOD", m), (s, m)) for s, m in self.discussed("ID", "supervised") if ("OOD", m) in ood]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of an observation with its verdict and the numbers that the verdict follows from."""
+
+    claim: str
+    verdict: Verdict
+    margin: Margin | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    main: bool = False
+
+    @property
+    def text(self) -> str:
+        """The numbers, for a table."""
+        margin = [] if self.margin is None else [str(self.margin)]
+        return "; ".join([*margin, *(f"{name} {value:.4g}" for name, value in self.numbers.items())])
+
+
+@dataclass(frozen=True)
+class Observation:
+    """An observation from the paper."""
+
+    number: int
+    title: str
+    parts: Sequence[Statement]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The joint verdict on the main parts."""
+        return joint(part.verdict for part in self.parts if part.main)
+
+
+def part(claim: str, margin: Margin, main: bool = False, **numbers: float) -> Statement:
+    """Create a statement whose verdict is that of a margin."""
+    return Statement(claim, margin.verdict, margin, numbers, main)
+
+
+def single(claim: str, **ranks: float) -> Statement:
+    """Create a statement on one rank for each model, of which no interval can be computed."""
+    return Statement(claim, THIN, None, ranks)
