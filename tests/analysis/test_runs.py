@@ -274,7 +274,7 @@ def test_published_rows_keep_their_marks_beside_runs(runs):
 
 
 def test_every_table_is_rendered_in_every_format(runs):
-    tables = tables_of(runs, published=True) + tables_of([], published=True, wanted=["observations"])
+    tables = tables_of(runs, published=True)
     assert {table.name for table in tables} == set(ALL_TABLES) - {*ATTACK_TABLES, FLAT_AND_DEPTH}
     for format in FORMATS:
         texts = [render(table, format) for table in tables]

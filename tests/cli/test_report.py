@@ -48,15 +48,15 @@ def test_table_row_prints_one_latex_line_per_run(robustflow, runs):
         robustflow.refuses("report", *runs, *wrong)
 
 
-def test_observations_are_a_table_of_the_published_results_only(robustflow, runs):
-    """So is effective robustness here, because two runs are too few for a trend."""
-    title, trend = "### The paper's observations", "### Effective robustness: published models"
-    assert title in robustflow.prints("report", "--published", "-f", "markdown")
+def test_effective_robustness_of_two_runs_is_only_that_of_the_published_results(robustflow, runs):
+    """Two runs are too few for a trend."""
     whole = robustflow.prints("report", *runs, "--published", "-f", "markdown")
-    assert title not in whole
-    assert [line for line in whole.splitlines() if line.startswith("### Effective")] == [trend]
-    for given in (runs, (*runs, "--published"), ("--published", "--only-own", *runs)):
-        assert "'observations'" in robustflow.refuses("report", *given, "--table", "observations")
+    headings = [line for line in whole.splitlines() if line.startswith("### Effective")]
+    assert headings == ["### Effective robustness: published models"]
+
+
+def test_the_observations_are_printed(robustflow):
+    assert robustflow.prints("reproduce", "observations").count("too little evidence") >= 5
 
 
 def test_figures_on_request_show_only_the_run_beside_published_tables(robustflow, runs):

@@ -14,7 +14,7 @@ import pytest
 from rich.cells import cell_len
 
 from robustflow.core.errors import UsageError
-from robustflow.report.analysis_tables import observations_table
+from robustflow.paper.observations import observations_table
 from robustflow.report.render import FORMATS, render
 from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal

@@ -1,6 +1,5 @@
-"""`robustflow reproduce audit`: check results for internal consistency. `robustflow reproduce displacement`:
-distribution of flow magnitudes in a benchmark. `robustflow reproduce experiment`: train networks with and
-without corruptions.
+"""Subcommands of `robustflow reproduce`: consistency of results, the paper's observations, the distribution of flow
+magnitudes in a benchmark, and training with and without corruptions.
 """
 
 from __future__ import annotations
@@ -60,6 +59,19 @@ def audit(
         typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
     if not audit.fits:
         raise typer.Exit(FOUND)
+
+
+def observations() -> None:
+    """Check the paper's ten observations on its published results: a verdict and its numbers for each statement.
+
+    \b
+    Example:
+      robustflow reproduce observations
+    """
+    from ..paper.observations import observations_table
+    from .tables import for_stdout
+
+    typer.echo(for_stdout(observations_table()), nl=False)
 
 
 def displacement(

@@ -58,7 +58,7 @@ def report(
             "-t",
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
-            "observations (the paper's), attacks, security, corruptions-and-attacks, flat-and-depth; "
+            "attacks, security, corruptions-and-attacks, flat-and-depth; "
             "row, a line of LaTeX per run; or all, every table that can be made.",
         ),
     ] = None,

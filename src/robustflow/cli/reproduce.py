@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 from ..core.errors import UsageError
 from .complete import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
-from .paper import audit, displacement, experiment
+from .paper import audit, displacement, experiment, observations
 
 if TYPE_CHECKING:
     from ..api import Result
@@ -33,6 +33,7 @@ app = typer.Typer(
     cls=_TableByDefault, help="Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments."
 )
 app.command()(audit)
+app.command()(observations)
 app.command()(displacement)
 app.command()(experiment)
 

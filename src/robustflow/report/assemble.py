@@ -20,7 +20,6 @@ from .analysis_tables import (
     depth_table,
     effective_table,
     means_table,
-    observations_table,
 )
 from .attack_table import ATTACK_TABLES, attack_tables
 from .confidence_table import uncoupled_table
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from ..run.run import Run
 
 ROW = "row"
-ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES, FLAT_AND_DEPTH)
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", *ATTACK_TABLES, FLAT_AND_DEPTH)
 """Tables made by default, if none is requested by name. `ROW` is not included because it repeats the means."""
 _MOST_NAMED = 4
 
@@ -64,10 +63,6 @@ def tables_of(
             return [build_table(name, results, seeds)]
         if name == "effective":
             return _tables_by_sample_set(about, effective_table)
-        if name == "observations":
-            if runs or not published:
-                raise UsageError(f"the table '{name}' is about the paper's results: use --published, without runs")
-            return [observations_table()]
         if not runs:
             raise UsageError(f"the table '{name}' requires runs: give at least one run")
         if name in ATTACK_TABLES:
