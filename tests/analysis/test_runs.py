@@ -245,7 +245,7 @@ def test_runs_of_one_model_are_named_by_what_was_measured_or_by_digest_and_numbe
     assert run_names([dis, few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
     change_manifest(more, samples={**more.manifest.samples, "other": ()})
     assert run_names([dis, more]) == ["DIS (1 pair)", "DIS (2 pairs)"]
-    change_manifest(files, file_digests=dict.fromkeys(files.manifest.samples, ("0" * 16,) * 3))
+    change_manifest(files, samples=dict.fromkeys(files.manifest.samples, (("a.png", "0" * 16),)))
     names = run_names([dis, files])
     assert all(name.startswith("DIS (files ") for name in names)
     assert len(set(names)) == 2

@@ -23,10 +23,10 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.report.attack_table import attack_table
 from robustflow.run.attack_stage import learned_patterns
-from robustflow.run.file_digests import write_array
 from robustflow.run.plan import Unit
 from robustflow.run.setup import set_up
 from robustflow.run.store import RunFolder
+from robustflow.run.trust import write_array
 from robustflow.stats.attacks import attack_scores
 from robustflow.testing import TexturePairs
 

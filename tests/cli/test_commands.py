@@ -312,7 +312,7 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, runs, 
     def refuse(path, data):
         raise DataError(f"cannot write {path}: Read-only file system; choose an existing folder with enough free space")
 
-    monkeypatch.setattr("robustflow.run.staleness.write_bytes", refuse)
+    monkeypatch.setattr("robustflow.run.trust.write_bytes", refuse)
     with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):
         out = robustflow.prints("report", "run")
     assert "clean EPE" in out

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robustflow.run.trust import DERIVED
 
 from robustflow.api import evaluate
 from robustflow.core.errors import DataError, UsageError
@@ -23,7 +24,6 @@ from robustflow.report.site.figures import page_figures
 from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
 from robustflow.run.run import Run
-from robustflow.run.staleness import CACHED_VALUES_FILE
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.stats.uncertainty import intervals
@@ -117,7 +117,7 @@ def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_pa
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     folders = [evaluate("dis", "demo", output=tmp_path / f"{seed}", seed=seed, **chosen).path for seed in (0, 1)]
     for folder in folders:
-        (folder / CACHED_VALUES_FILE).unlink(missing_ok=True)
+        (folder / DERIVED).unlink(missing_ok=True)
     asked = []
 
     def counted(rows, *, corruptions, families):

@@ -16,7 +16,7 @@ from pathlib import Path
 import robustflow as rf
 import robustflow.api
 import robustflow.run.compute_missing
-import robustflow.run.file_digests
+import robustflow.run.data_files
 from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import BrightnessFlow, TexturePairs
 

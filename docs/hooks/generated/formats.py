@@ -95,10 +95,9 @@ def _record() -> str:
         "# Records",
         f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) describes the "
         "other entries of the file, what `record verify` checks, and what it cannot show. See also "
-        "[`manifest.json`](manifest.md), the [columns of `rows.csv`](rows.md) and [`summary.json`](summary.md).",
+        "[`manifest.json`](manifest.md) and the [columns of `rows.csv`](rows.md).",
     ]
-    for model in (contents.Record, contents.PackedEntry):
-        parts += _model(model)
+    parts += _model(contents.Record)
     return "\n\n".join(parts)
 
 

@@ -119,7 +119,7 @@ def digests(
     """
     from ..core.display import ProgressBar
     from ..core.errors import DataError
-    from ..run.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
+    from ..run.data_files import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     if not data.is_dir():
         raise DataError(data, "no such folder; give the folder of the dataset")

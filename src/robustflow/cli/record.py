@@ -56,7 +56,7 @@ def pack(
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
-    The record contains the manifest, rows and means of the run, but no images, command lines, paths or machine names.
+    The record contains the manifest and the rows of the run, but no images, command lines, paths or machine names.
     Packing is deterministic.
 
     \b
@@ -117,7 +117,7 @@ def verify(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
-    """Check records: the file, its hashes, the plan, the rows, and every mean, which is recomputed from the rows.
+    """Check records: the file, its hashes, the plan and the rows, from which the means are computed.
 
     With --data, everything except the prediction is recomputed for random rows: the input frames, byte for byte, and
     the values that depend on the ground truth. With --model as well, the same rows are predicted again. Exit codes: 0

@@ -27,10 +27,11 @@ from ..metrics.error_maps import epe_map
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
 from .cells import Cell
-from .file_digests import file_digests, read_array, write_array
+from .data_files import file_digests
 from .plan import Plan, RunOptions, Unit
 from .seconds import Seconds, timed
 from .store import RunFolder
+from .trust import read_array, write_array
 
 
 def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:

@@ -1,17 +1,8 @@
-"""Warn if the flow of a run's first pair is not (u right, v down) in pixels from frame 1 to frame 2. Check, before
-a run continues, that the model and the data are unchanged since its rows were measured. Compute the units that
-are missing from a run folder, and write each one as soon as it is finished.
-
-An identity does not cover everything: for a user's model it includes the source file, but no imported modules or other
-files; for data, only the names and sizes of files. So one clean row is measured again, for the sample with the most
-recently changed files. Frames and ground truth are always compared; the prediction is compared unless the model is
-identified by a hash of its content. All other samples are compared in the same way when their units continue (see
-`Worker`).
-"""
+"""Compute the units that a run lacks, and write each one as soon as it is finished. Warn if the flow of the first pair
+is not (u right, v down) in pixels from frame 1 to frame 2."""
 
 from __future__ import annotations
 
-import re
 import time
 import warnings
 from collections import Counter
@@ -19,7 +10,6 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ..core.errors import DataError
 from ..core.processes import one_opencv_thread
@@ -29,13 +19,11 @@ from ..metrics.rows import CLEAN
 from .attack_stage import learned_patterns
 from .engines.base import Engine, Job
 from .manifest import Manifest, clips_of
-from .measure_stage import check_same_data, check_same_model, stored_clean_rows
-from .open_manifest import changed_files, last_changed, now, open_manifest
-from .plan import Plan, Unit, unfinished_samples
+from .plan import unfinished_samples
 from .progress import Progress, TerminalProgress
+from .resume import changed_files, check_before_resuming, now, open_manifest, stored_clean_rows
 from .setup import Setup
 from .store import RunFolder
-from .worker import NoMotion, temporary_worker
 
 
 def check_first_pair(job: Job, key: str) -> None:
@@ -54,34 +42,6 @@ def check_first_pair(job: Job, key: str) -> None:
         )
 
 
-_HASH = re.compile(r"[0-9a-f]{64}")
-
-
-def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
-    """Measure one clean row of a run again and compare it; do nothing if there is no row yet."""
-    stored = stored_clean_rows(folder, plan.benchmark.keys)
-    if not stored:
-        return
-    before = stored[last_changed(plan, stored)]
-    only_data = job.options.window is None and is_named_by_content(plan.model_identity)
-    model = NoMotion() if only_data else job.load_model()
-    alone = job.options.measuring.model_copy(update={"confidence": None})
-    options = replace(job.options, measuring=alone) if only_data else job.options
-    with temporary_worker(job.dataset, model, options) as worker:
-        (now,) = worker.run(Unit(before["sample"], CLEAN, (0,)))
-    check_same_data(before, now)
-    if not only_data:
-        check_same_model(before, now)
-
-
-def is_named_by_content(identity: dict[str, Any]) -> bool:
-    """Return whether a model's identity includes the SHA-256 of its weights or files, and the model has no user
-    code.
-    """
-    users = "source" in identity or "object" in identity
-    return not users and any(isinstance(value, str) and _HASH.fullmatch(value) for value in identity.values())
-
-
 def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
     """Compute and write the planned units that do not exist yet."""
     plan, named = setup.plan, setup.model
@@ -91,7 +51,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     cells = folder.tidy()
     check_before_resuming(folder, job, plan)
     folder.write_manifest(manifest)
-    folder.settle(manifest.samples, unfinished_samples(manifest, cells), cells)
+    folder.keep_clean(key for key in unfinished_samples(manifest, cells) if (key, CLEAN, 0) in cells)
     units = plan.missing(cells)
     learned = learned_patterns(folder, plan, named.model, units, batch_size)
     job = replace(job, options=replace(plan.options, learned=learned, run=manifest.identity_digest))
@@ -140,6 +100,7 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
     key, path = next(iter(changed.items()))
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     raise DataError(
-        f"{path} changed while the run was reading it, so the rows of sample '{key}'{more} were removed; run the same "
-        "command again once no process is writing to the data"
+        path,
+        f"changed while the run was reading it, so the rows of sample '{key}'{more} were removed; run the same command "
+        "again once no process is writing to the data",
     )

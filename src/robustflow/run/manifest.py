@@ -1,34 +1,23 @@
-"""Read and write `manifest.json`, which describes a run, in a run's folder and in a record. List the files from
-which a sample is read: those of the pair, of the frames around it, and of its depth.
-
-The file also contains the version of these classes and a digest of its content; it is rejected if either does not
-match.
-"""
+"""The manifest of a run, `manifest.json` in its folder and in a record: what was asked for, on which data, and when."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, JsonValue, ValidationError, model_validator
+from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from ..attacks.registry import SHIPPED, split_name
-from ..core.errors import RunError, first_misfit
-from ..core.files import sealed
-from ..core.plugins import called
-from ..core.text import plain
 from ..core.types import Untrusted
 from ..corruptions.stack import levels_of
-from ..data.datasets.base import Clips, Dataset, Depths
-from ..data.datasets.clips import ContextFrames
 from ..metrics.rows import ROW_SCHEMA_VERSION
-from ..models.base import Window
 from .cells import Cells, Levels, union
 from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Provenance, Text
+from .trust import document_bytes
 
-MANIFEST_SCHEMA = 4
+LARGEST_MANIFEST = 2**30
+"""Maximum size of the file in bytes: of a run with millions of samples."""
 
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
@@ -43,12 +32,12 @@ class Clip(Untrusted):
 
 
 class Manifest(Untrusted):
-    """The description of a run."""
+    """The description of a run; `samples` contains the name and the digest of each sample's files."""
 
+    version: Literal[5]
     identity: Identity
     identity_digest: _Digest
-    samples: dict[Text, tuple[tuple[str, int], ...]]
-    file_digests: dict[Text, tuple[_Digest, ...]] = {}
+    samples: dict[Text, tuple[tuple[str, _Digest], ...]]
     provenance: Provenance
     planned: tuple[Cells, ...]
     left_out: dict[Text, Levels] = {}
@@ -61,7 +50,12 @@ class Manifest(Untrusted):
     clips: tuple[Clip, ...] = ()
 
     @model_validator(mode="after")
-    def _samples_fit(self) -> Manifest:
+    def _parts_fit(self) -> Manifest:
+        if self.identity_digest != self.identity.digest():
+            raise ValueError("the identity does not match its digest")
+        measuring = self.identity.measuring
+        if (versions := (measuring.version, measuring.rows)) != (known := (IDENTITY_VERSION, ROW_SCHEMA_VERSION)):
+            raise ValueError(f"written with versions {versions} of identity and rows, but this version reads {known}")
         planned = [key for part in self.planned for key in part.samples]
         if len(planned) != len(self.samples) or set(planned) != self.samples.keys():
             raise ValueError("every sample must be in exactly one part of the plan")
@@ -98,18 +92,9 @@ class Manifest(Untrusted):
             if name in part.attacks or not levels_of(name, ())
         }
 
-    @classmethod
-    def read(cls, content: dict[str, Any]) -> Manifest:
-        """Parse a manifest from the content of a file. The caller has to check the schema and the digest of the
-        identity.
-        """
-        body = {name: value for name, value in content.items() if name not in ("schema", "digest")}
-        return cls.model_validate_json(json.dumps(body))
-
-    def record(self) -> dict[str, Any]:
-        """Return the content of the file, without its digest (`sealed`) and without fields that have their default
-        values."""
-        return {**self.model_dump(mode="json", exclude_defaults=True), "schema": MANIFEST_SCHEMA}
+    def document(self) -> bytes:
+        """Return the content of the file, without fields that have their default values."""
+        return document_bytes(self.model_dump(mode="json", exclude_defaults=True))
 
     def shareable(self) -> Manifest:
         """Return the manifest for a record: without the user's attacks, the command line, the machines of a cluster,
@@ -130,7 +115,6 @@ class Manifest(Untrusted):
         keys = [key for part in planned for key in part.samples]
         update = {
             "samples": {key: self.samples[key] for key in keys},
-            "file_digests": {key: self.file_digests[key] for key in keys if key in self.file_digests},
             "planned": tuple(planned),
             "left_out": dict(left_out),
         }
@@ -151,63 +135,3 @@ def _shipped(attacks: Mapping[str, Levels]) -> dict[str, Levels]:
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
     """Return the records of a dataset about its clips (`robustflow.data.datasets.base.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
-
-
-def read_manifest(path: Path) -> Manifest | None:
-    """Read the manifest in a file; None if there is no such file."""
-    try:
-        with open(path, encoding="utf-8") as file:
-            content = json.load(file)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError, RecursionError) as error:
-        raise _damaged(path, " ".join(str(error).split())) from error
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
-        raise _unreadable_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
-    if not isinstance(content, dict) or schema is None:
-        raise _damaged(path, "it is not the manifest of a run")
-    if content != sealed(content):
-        raise _changed(path, "its content does not match its digest")
-    try:
-        manifest = Manifest.read(content)
-    except ValidationError as error:
-        raise _damaged(path, plain(first_misfit(error), 200)) from error
-    if manifest.identity_digest != manifest.identity.digest():
-        raise _changed(path, "its identity does not match its stored digest")
-    measuring = manifest.identity.measuring
-    if measuring.rows != ROW_SCHEMA_VERSION:
-        raise _unreadable_version(path, f"version {measuring.rows} of the rows", ROW_SCHEMA_VERSION)
-    if measuring.version != IDENTITY_VERSION:
-        raise _unreadable_version(path, f"version {measuring.version} of the identity", IDENTITY_VERSION)
-    return manifest
-
-
-def _changed(path: Path, why: str) -> RunError:
-    return RunError(
-        f"{path} was changed after it was written ({why}); restore it from a backup, or choose another folder "
-        "with --output"
-    )
-
-
-def _unreadable_version(path: Path, what: str, here: int) -> RunError:
-    return RunError(
-        f"{path} was written with {what}, but this version reads {here}; choose another folder "
-        "with --output, or use the version that wrote it"
-    )
-
-
-def _damaged(path: Path, why: str) -> RunError:
-    return RunError(
-        f"{path} is damaged ({why}); restore it from a backup, or leave it and choose another folder with --output"
-    )
-
-
-def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
-    """Return the files from which a sample is read; files used only for depth come last."""
-    files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
-    of_depth = [] if depths is None else [path for path in depths.depth_files(key) if path not in files]
-    return [*files, *of_depth]

@@ -1,19 +1,14 @@
-"""Compute the columns of a row that describe the confidence of its flow. Measure a clean row again and compare it
-with the stored one, to detect changed frames, ground truth or model. The last stage of a cell: compare its flow
-with the clean flow and the ground truth, and return one row.
-"""
+"""The last stage of a cell: compare its flow with the clean flow and the ground truth, and return one row."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from math import isclose
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 
-from ..core.errors import ModelError, RunError
+from ..core.errors import ModelError
 from ..core.types import Flow, Mask, Sample
 from ..corruptions.stack import truth_under
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
@@ -22,11 +17,10 @@ from ..metrics.rows import CLEAN, COVERAGES, measure
 from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
 from .cells import Cell
-from .file_digests import read_array, write_array
 from .frame_stage import Loaded, frames_digest, memory_errors_named
 from .plan import RunOptions
 from .seconds import Seconds, timed
-from .store import RunFolder
+from .trust import check_same, read_array, write_array
 
 
 def confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict[str, Any]:
@@ -53,57 +47,6 @@ def confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict
         columns[f"error_at_{share}"] = float(curves.by_confidence[STEPS - share])
         columns[f"oracle_at_{share}"] = float(curves.by_error[STEPS - share])
     return columns
-
-
-_FRAMES = ("frames_digest", "height", "width")
-_PREDICTION = ("pred_magnitude_sum", "photometric_sum", "epe_sum", "n_invalid")
-"""Columns that depend on the model; the first two do not need ground truth."""
-_TOLERANCE = 1e-3
-"""Relative tolerance: larger than the rounding differences between two runs on a GPU, smaller than the effect of a
-changed model."""
-
-KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTION)
-"""Columns that are compared."""
-
-
-def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the clean rows that a run already has for these samples, by sample and with only the columns in `KEPT`."""
-    samples = set(keys)
-    if not samples:
-        return {}
-    rows = folder.rows(KEPT, CLEAN).filter(pl.col("sample").is_in(list(samples)))
-    return {row["sample"]: row for row in rows.iter_rows(named=True)}
-
-
-def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare the columns that depend on frames and ground truth."""
-    if any(before[column] != now[column] for column in _FRAMES):
-        raise _data_differ(before["sample"], "frames")
-    if before["truth_digest"] != now["truth_digest"]:
-        raise _data_differ(before["sample"], "ground truth")
-
-
-def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare the columns that depend on the model."""
-    if not all(_close(before[column], now[column]) for column in _PREDICTION):
-        raise RunError(
-            f"the model predicts a different flow on sample '{before['sample']}' than when this run measured it, "
-            "although the model's name is the same: its code, a module that it imports or its weights have changed; "
-            "choose a different folder with --output, or restore the model"
-        )
-
-
-def _data_differ(key: str, what: str) -> RunError:
-    return RunError(
-        f"sample '{key}' has different {what} than when this run measured it, although the names and sizes "
-        "of its files are the same; restore the data, or choose a different folder with --output"
-    )
-
-
-def _close(before: float | None, now: float | None) -> bool:
-    if before is None or now is None:
-        return before is now
-    return before == now or isclose(before, now, rel_tol=_TOLERANCE)
 
 
 class MeasureStage:
@@ -182,8 +125,7 @@ class MeasureStage:
         if before is not None:
             digest = self.digest(loaded.sample.frames)
             now = self.row(loaded, clean, clean, digest, (loaded.sample.key, CLEAN, 0))
-            check_same_data(before, now)
-            check_same_model(before, now)
+            check_same(before, now)
 
 
 def _spread(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:

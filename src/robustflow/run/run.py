@@ -24,9 +24,9 @@ from ..models.catalog import methods
 from .cells import UNEVEN, Cell
 from .identity import Provenance
 from .manifest import Manifest
-from .staleness import CachedValues, is_current, source_digest, write_made
 from .store import RunFolder
 from .summary import Averages, Measured, summarize
+from .trust import DerivedValues, is_current, source_digest, write_derived
 
 SUMMARY = "summary.json"
 
@@ -44,7 +44,7 @@ class Run:
         self._asked = asked
         manifest = asked or self._folder.manifest()
         if manifest is None:
-            raise RunError(f"{self.path} is not a run folder (it has no manifest.json); give a folder written by 'run'")
+            raise RunError(self.path, "not a run folder (it has no manifest.json); give a folder written by 'run'")
         self.manifest: Manifest = manifest
 
     @cached_property
@@ -226,7 +226,7 @@ class Run:
         if self._asked is not None:
             Run(self.path).write_means()
         elif not is_current(self.path, SUMMARY, self._source):
-            write_made(self.path, SUMMARY, json_bytes(self.document()), self._source)
+            write_derived(self.path, SUMMARY, json_bytes(self.document()), self._source)
             _ = self.averages
             self._cached.write()
 
@@ -252,8 +252,8 @@ class Run:
             pass  # The folder is read-only, so the next page computes the values again.
 
     @cached_property
-    def _cached(self) -> CachedValues:
-        return CachedValues(self.path, self._source)
+    def _cached(self) -> DerivedValues:
+        return DerivedValues(self.path, self._source)
 
     @cached_property
     def _computed(self) -> Averages:
@@ -264,7 +264,7 @@ class Run:
 
     @cached_property
     def _source(self) -> str:
-        return source_digest(self.path, self.rows_digest, self.manifest, beside=False)
+        return source_digest(self.path, self.rows_digest, self.manifest.document(), beside=False)
 
     def planned(self) -> list[Cell]:
         """Return every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""

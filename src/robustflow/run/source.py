@@ -61,7 +61,7 @@ class RunSource:
         except FileNotFoundError:
             return cls()
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise RunError(f"{folder / FILE} is damaged; delete it, and give --model and --data instead") from error
+            raise RunError(folder / FILE, "damaged; delete it, and give --model and --data instead") from error
 
     def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
         """Return the recorded model with the options that the user gives now; None for a Python object, which has no

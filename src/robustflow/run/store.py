@@ -2,10 +2,10 @@
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
-clean/*.npy        clean flows of samples that are not finished yet (`sealed_array`)
-attacks/*.npy      perturbations that attacks were trained to make (`sealed_array`)
+clean/*.npy        clean flows of samples that are not finished yet (`trust.write_array`)
+attacks/*.npy      perturbations that attacks were trained to make (`trust.write_array`)
 summary.json, report.html
-examples/           pictures of the worst and the median sample
+examples/          pictures of the worst and the median sample
 source.json        where model and data were on this machine
 """
 
@@ -22,14 +22,13 @@ import polars as pl
 from filelock import FileLock, Timeout
 
 from ..core.errors import RunError
-from ..core.files import TEMPORARY, digest_of_bytes, make_folder, sealed, write_json
+from ..core.files import TEMPORARY, digest_of_bytes, make_folder, write_bytes
 from ..core.paths import refuse_links, user_path
-from ..metrics.rows import CLEAN, rows_frame
+from ..metrics.rows import rows_frame
 from .cells import Cell
-from .manifest import Manifest, read_manifest
+from .manifest import LARGEST_MANIFEST, Manifest
 from .plan import Unit
 from .shards import (
-    PACK,
     cells_of,
     list_shards,
     merge_shards,
@@ -40,6 +39,7 @@ from .shards import (
     shards_digest,
     write_shard,
 )
+from .trust import read_document
 
 _MANY_SHARDS = 64
 """Number of small shards to merge into one."""
@@ -48,6 +48,7 @@ _SMALL_SHARD = 2**20
 _INSIDE = ("rows", "clean", "attacks", "examples")
 """Subfolders of a run's folder."""
 _CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
+_UNUSABLE = "restore it from a backup, use the version that wrote it, or choose another folder with --output"
 _RETRIES = 1000
 """Maximum number of times that a reader lists the shards again while another process writes."""
 
@@ -86,13 +87,11 @@ class RunFolder:
         try:
             lock.acquire(blocking=False)
         except Timeout:
-            raise RunError(
-                f"{self.path} is locked by another run; wait for it to end, or choose another folder with --output"
-            ) from None
+            why = "locked by another run; wait for it to end, or choose another folder with --output"
+            raise RunError(self.path, why) from None
         except OSError as error:
-            raise RunError(
-                f"cannot write {self.path}: {error.strerror or error}; choose another folder with --output"
-            ) from error
+            why = f"cannot be written ({error.strerror or error}); choose another folder with --output"
+            raise RunError(self.path, why) from error
         self._lock, self._lock_inode = lock, _inode(self.lock_path)
         for folder in (self.path, *(self.path / name for name in _INSIDE)):
             for path in folder.glob(f"{TEMPORARY}*"):
@@ -111,20 +110,21 @@ class RunFolder:
         """Raise if this path has become a different folder, to which a different run may write."""
         if _inode(self.lock_path) != self._lock_inode:
             raise RunError(
-                f"{self.path} is no longer locked: it was moved or deleted, or its .lock was; nothing more is written "
-                "there; run the same command again once the folder is back, or choose another folder with --output"
+                self.path,
+                "no longer locked: it was moved or deleted, or its .lock was; nothing more is written there; run the "
+                "same command again once the folder is back, or choose another folder with --output",
             )
 
     def manifest(self) -> Manifest | None:
         """Read the manifest; None if the folder has no manifest yet."""
         if os.path.lexists(self.manifest_path):
             refuse_links(self.path, *_INSIDE)
-        return read_manifest(self.manifest_path)
+        return read_document(Manifest, self.manifest_path, LARGEST_MANIFEST, _UNUSABLE)
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest atomically; raise a RunError if the folder is no longer locked."""
         self._check_lock()
-        write_json(self.manifest_path, sealed(manifest.record()))
+        write_bytes(self.manifest_path, manifest.document())
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard; raise a RunError if the folder is no longer locked."""
@@ -132,12 +132,7 @@ class RunFolder:
         write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
-        """Merge the shards of a finished sample into one, and delete its clean flow."""
-        name = _slug(key)
-        shards = list_shards(self.rows_folder)
-        parts = [path for path in shards if shard_name(path) == name or shard_name(path).startswith(f"{name}.")]
-        if [shard_name(path) for path in parts] != [name]:
-            merge_shards(parts, name)
+        """Delete the clean flow of a finished sample, and merge the small shards if there are many."""
         self.clean_path(key).unlink(missing_ok=True)
         self.pack(_MANY_SHARDS)
 
@@ -154,38 +149,21 @@ class RunFolder:
             self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
-        """Merge small shards of finished samples into one, if there are `at_least` of them; raise a RunError if the
-        folder is no longer locked."""
+        """Merge small shards into one, if there are `at_least` of them; raise a RunError if the folder is no longer
+        locked."""
         self._check_lock()
-        small = [
-            path
-            for path in list_shards(self.rows_folder)
-            if "." not in shard_name(path) and path.stat().st_size < _SMALL_SHARD
-        ]
+        small = [path for path in list_shards(self.rows_folder) if path.stat().st_size < _SMALL_SHARD]
         if len(small) >= at_least:
-            merge_shards(small, PACK)
+            merge_shards(small)
 
     def tidy(self) -> set[Cell]:
         """Return the existing cells. Remove rows that occur twice because a run was killed between merging shards and
         removing the parts.
         """
-        shards = list_shards(self.rows_folder)
-        cells, twice = cells_of(shards)
+        cells, twice = cells_of(list_shards(self.rows_folder))
         if twice:
-            merge_shards(twice, PACK)
+            merge_shards(twice)
         return cells
-
-    def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
-        """Clean up after a killed run: merge the shards of finished samples and remove clean flows that are no longer
-        needed.
-        """
-        in_parts = {
-            shard_name(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in shard_name(path)
-        }
-        for key in samples:
-            if key not in unfinished and _slug(key) in in_parts:
-                self.finish_sample(key)
-        self.keep_clean([key for key in unfinished if (key, CLEAN, 0) in cells])
 
     def keep_clean(self, keys: Iterable[str]) -> None:
         """Remove all clean flows except those of the given samples; keep other files."""
@@ -212,9 +190,7 @@ class RunFolder:
                 return read(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
-        raise RunError(
-            f"{gone} is listed but missing; run the command again when no other process is writing to its folder"
-        )
+        raise RunError(gone, "listed but missing; run the command again when no other process is writing to its folder")
 
     def clean_path(self, key: str) -> Path:
         """Return the path at which the clean flow of a sample is stored until the sample is finished."""

@@ -19,7 +19,7 @@ from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
 from ..models import ModelSpec
 from ..models.base import AnyModel
-from .file_digests import file_digests
+from .data_files import file_digests
 from .identity import differing_fields
 from .named_model import load_predictor
 from .predict import flows_of

@@ -102,7 +102,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "corruptions", _named(planned.corruptions, "corruption")
     yield "severities", "severities " + ", ".join(map(str, planned.severities or SEVERITIES))
     yield "samples", counted(len(run.manifest.samples), "pair")
-    yield "files", f"files {digest_of_value(dict(run.manifest.file_digests))[:_DIGITS]}"
+    yield "files", f"files {digest_of_value(dict(run.manifest.samples))[:_DIGITS]}"
 
 
 def _texts(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

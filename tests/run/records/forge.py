@@ -12,6 +12,7 @@ from typing import Any
 import polars as pl
 
 from robustflow.core.files import json_bytes
+from robustflow.core.files import sealed as with_digest
 from robustflow.run.records.container import container_bytes, read_container
 from robustflow.run.records.contents import rows_from_text, rows_to_text
 from robustflow.run.records.read import Reader
@@ -28,9 +29,7 @@ def sealed(entries: dict[str, bytes]) -> bytes:
     """Write the entries as a file, with the sizes and hashes in `record.json` updated."""
     record = json.loads(entries["record.json"])
     record["entries"] = {
-        name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-        for name, data in entries.items()
-        if name != "record.json"
+        name: hashlib.sha256(data).hexdigest() for name, data in entries.items() if name != "record.json"
     }
     return container_bytes(entries | {"record.json": json_bytes(record)})
 
@@ -40,6 +39,7 @@ def with_json(data: bytes, name: str, edit: Edit) -> bytes:
     entries = entries_of(data)
     value = json.loads(entries[name])
     edit(value)
+    value = with_digest(value) if name == "manifest.json" else value
     return sealed(entries | {name: json_bytes(value)})
 
 
@@ -82,8 +82,7 @@ def failure(data: bytes | Verification) -> tuple[str, str]:
     return check.name, check.message
 
 
-def assert_fails(data: bytes, check: str, words: str = "") -> None:
-    """Assert that the given check is the first to fail, and that its message contains the given words."""
+def assert_fails(data: bytes, check: str) -> None:
+    """Assert that the given check is the first to fail."""
     name, message = failure(data)
     assert name == check, message
-    assert words in message

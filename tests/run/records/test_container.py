@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from robustflow.core.errors import DataError
 from robustflow.run.records.container import LIMITS, container_bytes, read_container, read_file
 
-from .forge import entries_of, failure
+from ...refusals import refusal
+from .forge import assert_fails, entries_of
 
 
 def _zip(entries: list[tuple[str, bytes]], compress: int = zipfile.ZIP_STORED, **of_rows: object) -> bytes:
@@ -30,13 +31,9 @@ def _zip(entries: list[tuple[str, bytes]], compress: int = zipfile.ZIP_STORED, *
     return out.getvalue()
 
 
-def _refused(data: bytes) -> str:
-    with pytest.raises(DataError) as error:
-        read_container(data, "x.robustflow")
-    name, says = failure(data)
-    assert name == "container"
-    assert "\n" not in str(error.value)
-    return says
+def _refused(data: bytes) -> None:
+    refusal(lambda: read_container(data, "x.robustflow"), DataError, "x.robustflow")
+    assert_fails(data, "container")
 
 
 def test_the_same_entries_are_the_same_bytes(packed):
@@ -64,17 +61,17 @@ def test_the_same_entries_are_the_same_bytes(packed):
 def test_any_other_name_is_refused(packed, name):
     entries = list(entries_of(packed).items())
     for data in (_zip([*entries, (name, b"x")]), _zip([(name, b"x"), *entries]), _zip([(name, entries[0][1])])):
-        assert "found" in _refused(data)
+        _refused(data)
 
 
 def test_repeated_or_missing_entry_is_refused(packed):
     entries = list(entries_of(packed).items())
     with pytest.warns(UserWarning, match="Duplicate name"):
         duplicated = _zip([*entries, entries[1]])
-    assert "exactly once" in _refused(duplicated)
+    _refused(duplicated)
     for index in range(len(entries)):
-        assert "expected each" in _refused(_zip(entries[:index] + entries[index + 1 :]))
-    assert "found nothing" in _refused(_zip([]))
+        _refused(_zip(entries[:index] + entries[index + 1 :]))
+    _refused(_zip([]))
 
 
 def test_compressed_entries_are_refused_unread(packed):
@@ -82,7 +79,7 @@ def test_compressed_entries_are_refused_unread(packed):
     entries = dict(entries_of(packed))
     bomb = _zip(list((entries | {"rows.csv": b"0" * 50_000_000}).items()), zipfile.ZIP_DEFLATED)
     assert len(bomb) < 100_000
-    assert "compressed" in _refused(bomb)
+    _refused(bomb)
 
 
 def test_entry_that_claims_terabytes_is_refused_unread(packed):
@@ -90,14 +87,14 @@ def test_entry_that_claims_terabytes_is_refused_unread(packed):
     at = packed.rindex(b"PK\x01\x02")
     claimed = bytearray(packed)
     claimed[at + 20 : at + 28] = struct.pack("<II", 0xFFFFFFFE, 0xFFFFFFFE)
-    assert "claims 4294967294 bytes" in _refused(bytes(claimed))
+    _refused(bytes(claimed))
     huge = io.BytesIO()
     info = zipfile.ZipInfo("rows.csv")
     with zipfile.ZipFile(huge, "w") as file:
         for name, data in entries_of(packed).items():
             file.writestr(name if name != "rows.csv" else info, data)
         info.file_size = info.compress_size = 1 << 44
-    assert _refused(huge.getvalue())
+    _refused(huge.getvalue())
 
 
 @pytest.mark.parametrize(
@@ -109,23 +106,23 @@ def test_entry_that_claims_terabytes_is_refused_unread(packed):
 def test_an_entry_that_is_not_plain_is_refused(packed, field, value):
     entries = list(entries_of(packed).items())
     assert _zip(entries) == packed
-    assert "not a plain entry" in _refused(_zip(entries, **{field: value}))
+    _refused(_zip(entries, **{field: value}))
 
 
 def test_encrypted_entries_are_refused(packed):
     at = packed.rindex(b"PK\x01\x02")
     marked = bytearray(packed)
     marked[at + 8] |= 1
-    assert "encrypted" in _refused(bytes(marked))
+    _refused(bytes(marked))
 
 
 def test_extra_bytes_around_or_between_entries_are_refused(packed):
-    assert "before or after" in _refused(packed + b"x" * 10)
-    assert _refused(b"#!/bin/sh\n" + packed)
+    _refused(packed + b"x" * 10)
+    _refused(b"#!/bin/sh\n" + packed)
     commented = io.BytesIO(packed)
     with zipfile.ZipFile(commented, "a") as file:
         file.comment = b"hidden"
-    assert "before or after" in _refused(commented.getvalue())
+    _refused(commented.getvalue())
 
 
 def test_flipped_bit_anywhere_is_refused(packed):
@@ -138,9 +135,8 @@ def test_flipped_bit_anywhere_is_refused(packed):
     for place, bit in flips:
         changed = bytearray(packed)
         changed[place] ^= bit
-        with pytest.raises(DataError):
-            read_container(bytes(changed), "x.robustflow")
-    assert failure(bytes(changed))[0] == "container"
+        refusal(lambda data=bytes(changed): read_container(data, "x.robustflow"), DataError, "x.robustflow")
+    assert_fails(bytes(changed), "container")
 
 
 @pytest.mark.parametrize("offset", [4, 6, 12, 14, 36], ids=["version", "needed", "time", "date", "internal"])
@@ -148,14 +144,14 @@ def test_changed_unused_header_fields_are_refused(packed, offset):
     """Changes in ignored fields would give one run many SHA-256 sums, and could carry arbitrary data."""
     changed = bytearray(packed)
     changed[packed.index(b"PK\x01\x02") + offset] ^= 1
-    assert "zip headers" in _refused(bytes(changed))
+    _refused(bytes(changed))
 
 
 def test_changed_byte_of_each_entry_is_refused(packed):
-    for name, data in entries_of(packed).items():
+    for data in entries_of(packed).values():
         changed = bytearray(packed)
         changed[packed.index(data) + len(data) // 2] ^= 4
-        assert failure(bytes(changed))[0] == "container", name
+        _refused(bytes(changed))
 
 
 @settings(max_examples=40)
@@ -170,21 +166,14 @@ def test_random_bytes_are_refused_with_a_message(packed, garbage, place):
     place %= len(packed)
     for data in (garbage, packed[:place] + garbage, packed[:place] + garbage + packed[place + len(garbage) :]):
         if data != packed:
-            failure(data)
+            assert_fails(data, "container")
 
 
 def test_too_large_entries_and_files_are_refused(tmp_path):
-    with pytest.raises(DataError, match="the limit"):
-        container_bytes({"record.json": bytes(LIMITS["record.json"] + 1)})
-    path = tmp_path / "sparse.robustflow"
-    with open(path, "wb") as file:
+    too_large = {"record.json": bytes(LIMITS["record.json"] + 1)}
+    refusal(lambda: container_bytes(too_large), DataError, "record.json")
+    with open(tmp_path / "sparse", "wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises(DataError, match="larger than"):
-        read_file(path)
-    with pytest.raises(DataError, match="is not a file"):
-        read_file(tmp_path)
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(DataError, match="is not a file"):
-        read_file(tmp_path / "pipe")
-    with pytest.raises(DataError, match="cannot be read"):
-        read_file(tmp_path / "nowhere")
+    for name in ("sparse", "pipe", "nowhere", ""):
+        refusal(lambda path=tmp_path / name: read_file(path), DataError, tmp_path / name)

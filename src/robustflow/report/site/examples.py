@@ -34,7 +34,7 @@ from ...data.benchmarks.demo import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image, shrunk
 from ...run.example_cells import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
-from ...run.staleness import code_digest
+from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label
 from ..gallery.page import example_slider

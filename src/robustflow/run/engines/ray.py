@@ -21,7 +21,7 @@ from ...corruptions.stack import needs_depth
 from ...models import ModelSpec
 from ...models.base import describe_cell
 from ...models.loading import device_of, is_accelerator
-from ..manifest import files_of_sample
+from ..data_files import files_of_sample
 from ..plan import Unit
 from .base import FinishedUnit, FinishedUnits, Job, Schedule, pickled
 from .processes import too_slow

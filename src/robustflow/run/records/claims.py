@@ -39,15 +39,11 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     extra, missing = present - planned, planned - present
     if extra:
         sample, corruption, severity = min(extra)
-        problems.append(
-            f"{len(extra)} rows were not planned; the first one is for sample '{plain(sample)}', {plain(corruption)} "
-            f"severity {severity}"
-        )
+        where = f"sample '{plain(sample)}', {plain(corruption)} severity {severity}"
+        problems.append(f"{len(extra)} rows were not planned; the first one is for {where}")
     if bool(missing) == reader.facts.complete:
-        message = "complete" if reader.facts.complete else "not complete"
-        problems.append(
-            f"record.json says that the run is {message}, but {len(missing)} of {len(planned)} rows are missing"
-        )
+        stated = "complete" if reader.facts.complete else "not complete"
+        problems.append(f"stated as {stated}, but {len(missing)} of {len(planned)} rows are missing")
     without = {sample for sample, _, _ in present} - {sample for sample, name, _ in present if name == CLEAN}
     if without:
         problems.append(f"sample '{plain(min(without))}' has no row for its clean frames")
@@ -60,13 +56,12 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
     """Find implausible frame digests."""
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
-        return ["a frames_digest consists of zeros and cannot be the digest of any frames"]
+        return ["a frames_digest consists of zeros"]
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
-    shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
-    if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
-        return [
-            f"{shared.height} of {of_sample.height} samples have the same frames_digest under different corruptions"
-        ]
+    several = of_sample.filter(pl.col("len") > 1)
+    shared = several.filter(pl.col("shared") > _MOST_SHARED).height
+    if 2 * shared > several.height:
+        return [f"{shared} of {of_sample.height} samples have the same frames_digest under different corruptions"]
     return []
 
 

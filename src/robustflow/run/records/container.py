@@ -1,8 +1,8 @@
-"""Strictly parse JSON from untrusted sources, and reject text that is unsafe to display. The container of a record:
-a zip file with a few named, uncompressed entries.
+"""The container of a record: a zip file with a few named, uncompressed entries, and the JSON in it.
 
 Uncompressed entries have the same bytes with every version of zlib, and a small file cannot expand into a large one.
-The reader only accepts entries with the expected names, and never writes to disk under a name from the file.
+The reader accepts only the bytes that the writer makes of the same entries, and never writes to disk under a name from
+the file. Text that is unsafe to display is refused.
 """
 
 from __future__ import annotations
@@ -10,10 +10,8 @@ from __future__ import annotations
 import io
 import json
 import re
-import struct
 import unicodedata
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,26 +20,86 @@ from ...core.errors import DataError
 from ...core.files import json_bytes, read_bounded
 from ...core.text import plain
 
+LIMITS = {"record.json": 1 << 16, "manifest.json": 1 << 24, "rows.csv": 1 << 29, "profile.json": 1 << 16}
+"""Entries of a record in order, with the maximum size of each in bytes."""
+REQUIRED = ("record.json", "manifest.json", "rows.csv")
 LONGEST = 2000
 """Maximum length of a text field in a record, in characters."""
 
+_LARGEST = sum(LIMITS.values()) + 1024
+_PACK = "give a file written by 'robustflow record pack'"
 _DEEPEST = 24
+_UNSAFE = ("Cc", "Cf", "Cs", "Co", "Zl", "Zp")
+"""Unicode categories of characters that control a terminal or the direction of text."""
 _PATH = re.compile(r"""(?:^|[\s'"=;,(\[])(?:/[^/\s]+/|~[/\\]|[A-Za-z]:[\\/]|\\\\)""")
+
+
+def container_bytes(entries: Mapping[str, bytes]) -> bytes:
+    """Return the bytes of a record with these entries; the same entries always produce the same bytes."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as file:
+        for name, limit in LIMITS.items():
+            if name not in entries:
+                continue
+            if len(entries[name]) > limit:
+                raise DataError(name, f"{len(entries[name])} bytes; the limit for a record is {limit}")
+            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            info.create_system, info.external_attr = 3, 0o100644 << 16
+            file.writestr(info, entries[name])
+    return out.getvalue()
+
+
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a record file."""
+    if path.is_file() and path.stat().st_size <= _LARGEST:  # reading a pipe could block forever
+        return read_bounded(path, _LARGEST, _PACK)
+    raise DataError(path, f"not a file of at most {_LARGEST >> 20} MiB; {_PACK}")
+
+
+def read_container(data: bytes, name: str) -> dict[str, bytes]:
+    """Return the entries of a record file."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            infos = file.infolist()
+            _check_headers(infos, name)
+            entries = {info.filename: file.read(info) for info in infos}
+    except DataError:
+        raise
+    except Exception as error:  # zipfile raises many kinds for a damaged file, not just BadZipFile
+        reason = f"{type(error).__name__}: {str(error)[:80]}"
+        raise DataError(name, f"not a record, or damaged ({reason}); download it or pack it again") from error
+    # Header fields and gaps that readers ignore could contain anything, so one run could have many SHA-256 hashes.
+    if container_bytes(entries) != data:
+        raise DataError(name, "not as 'robustflow record pack' writes it (headers, or bytes outside the entries)")
+    return entries
+
+
+def _check_headers(infos: list[zipfile.ZipInfo], name: str) -> None:
+    """Check names and sizes before an entry is read."""
+    names = [info.orig_filename for info in infos]
+    if names != [entry for entry in LIMITS if entry in REQUIRED or entry in names]:
+        wrong = next((entry[:60] for entry in names if entry not in LIMITS), ", ".join(names[:9]))
+        raise DataError(name, f"not a record: found {wrong!r}; expected each of {', '.join(REQUIRED)} exactly once")
+    for info in infos:
+        stored = info.compress_type == zipfile.ZIP_STORED and info.compress_size == info.file_size
+        if not stored or info.file_size > LIMITS[info.filename]:
+            limit = LIMITS[info.filename]
+            raise DataError(name, f"{info.filename} is compressed, or claims more than its limit of {limit} bytes")
 
 
 def read_json(data: bytes, name: str) -> dict[str, Any]:
     """Parse a JSON object that `json_bytes` wrote."""
     try:
-        value = json.loads(data.decode(), parse_constant=_refuse)
+        value = json.loads(data)
         if not isinstance(value, dict):
-            raise DataError(f"{name} is not a JSON object")
+            raise DataError(name, "not a JSON object")
         for where, text in texts(value):
             check_text(text, f"{name}, {where or 'a name'}")
-        canonical = json_bytes(value) == data
+        canonical = json_bytes(value) == data  # refuses NaN
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{name} is not JSON ({plain(str(error), 80)})") from error
+        raise DataError(name, f"not JSON ({plain(str(error), 80)})") from error
     if not canonical:
-        raise DataError(f"{name} is not in canonical form (order of keys, notation of numbers, spaces)")
+        raise DataError(name, "not in canonical form (order of keys, notation of numbers, spaces)")
     return value
 
 
@@ -54,7 +112,7 @@ def check_text(text: str, where: str) -> None:
     """
     if len(text) > LONGEST:
         raise DataError(where, f"{len(text)} characters, but a record allows at most {LONGEST}; shorten it")
-    if not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
+    if not text.isprintable() and any(unicodedata.category(character) in _UNSAFE for character in text):
         raise DataError(where, f"'{plain(text, 60)}' contains a character that cannot be displayed; remove it")
 
 
@@ -83,92 +141,3 @@ def holds_path(text: str) -> bool:
     False
     """
     return _PATH.search(text) is not None
-
-
-def _refuse(constant: str) -> Any:
-    raise ValueError(f"{constant} is not a number")
-
-
-LIMITS = {
-    "record.json": 1 << 16,
-    "manifest.json": 1 << 24,
-    "rows.csv": 1 << 29,
-    "summary.json": 1 << 24,
-    "profile.json": 1 << 16,
-}
-"""Entries of a record in order, with the maximum size of each in bytes."""
-
-REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
-
-_LOCAL, _CENTRAL, _END = 30, 46, 22
-"""Sizes of the zip format's headers without names, in bytes."""
-_UNREADABLE = (
-    *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
-    *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
-)
-"""Exceptions that zipfile raises for a damaged file, which are not limited to BadZipFile."""
-_LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
-
-
-def container_bytes(entries: Mapping[str, bytes]) -> bytes:
-    """Return the bytes of a record with these entries; the same entries always produce the same bytes."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as file:
-        for name, limit in LIMITS.items():
-            if name not in entries:
-                continue
-            if len(entries[name]) > limit:
-                raise DataError(f"{name} of this run has {len(entries[name])} bytes; the limit for a record is {limit}")
-            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-            info.create_system, info.external_attr = 3, 0o100644 << 16
-            file.writestr(info, entries[name])
-    return out.getvalue()
-
-
-def read_file(path: Path) -> bytes:
-    """Return the bytes of a record file."""
-    if path.exists() and not path.is_file():  # reading a pipe could block forever
-        raise DataError(f"{path} is not a file; give a file written by 'robustflow record pack'")
-    return read_bounded(path, _LARGEST, "give a file written by 'robustflow record pack'")
-
-
-def read_container(data: bytes, name: str) -> dict[str, bytes]:
-    """Return the entries of a record file."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as file:
-            infos = file.infolist()
-            _check(infos, file, len(data), name)
-            entries = {info.filename: file.read(info) for info in infos}
-    except DataError:
-        raise
-    except _UNREADABLE as error:
-        reason = f"{type(error).__name__}: {str(error)[:80]}"
-        raise DataError(f"{name} is not a record or is damaged ({reason}); download it or pack it again") from error
-    # Header fields that readers ignore could contain anything, so one run could have many SHA-256 hashes.
-    if container_bytes(entries) != data:
-        raise DataError(name, "its zip headers differ from those of 'robustflow record pack'; pack the run again")
-    return entries
-
-
-def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name: str) -> None:
-    names = [info.orig_filename for info in infos]
-    if names != [entry for entry in LIMITS if entry in REQUIRED or entry in names]:
-        wrong = next((entry for entry in names if entry not in LIMITS), None)
-        reason = f"found {wrong[:60]!r}" if wrong is not None else f"found {', '.join(names[:9]) or 'nothing'}"
-        raise DataError(f"{name} is not a valid record: {reason}; expected each of {', '.join(REQUIRED)} exactly once")
-    end = 0
-    for info in infos:
-        if info.file_size > LIMITS[info.filename]:
-            raise DataError(
-                name, f"{info.filename} claims {info.file_size} bytes; the limit is {LIMITS[info.filename]}"
-            )
-        if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
-            raise DataError(name, f"{info.filename} is compressed, but the entries of a record must not be")
-        if info.flag_bits or info.external_attr != 0o100644 << 16 or info.extra or info.comment:
-            raise DataError(name, f"{info.filename} is not a plain entry (encrypted, a link, or with extra fields)")
-        if info.header_offset != end:
-            raise DataError(name, "there are bytes between its entries, or two entries overlap")
-        end += _LOCAL + len(info.filename) + info.file_size
-    directory = sum(_CENTRAL + len(info.filename) for info in infos)
-    if file.start_dir != end or size != end + directory + _END or file.comment:
-        raise DataError(name, "there are bytes before or after the record")

@@ -14,16 +14,18 @@ from tempfile import mkdtemp
 from typing import TypeVar, overload
 
 import polars as pl
+from pydantic import ValidationError
 
-from ...core.errors import DataError, RunError, UsageError
-from ...core.files import json_bytes, sealed, write_bytes
+from ...core.errors import DataError, RunError, UsageError, first_misfit
+from ...core.files import json_bytes, write_bytes
 from ...core.paths import user_path
 from ..costs import PROFILE, read_cost
 from ..run import Run
+from ..trust import document_bytes
 from .container import check_text, container_bytes, read_file
-from .contents import PackedEntry, Record, parsed, rows_to_text, shareable_manifest
+from .contents import Record, rows_to_text, shareable_manifest
 from .read import Reader
-from .verify import verify_read
+from .verify import verified, verify_read
 
 SUFFIX = ".robustflow"
 
@@ -48,10 +50,10 @@ def pack(
         raise UsageError(target, f"the name of a record must end in {SUFFIX}")
     verification = verify_read(Reader(data, str(target)))
     if not verification.ok:
-        raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")
+        raise RunError(run.path, f"not packed, because it would not verify: {verification.first_failure()}")
     if not overwrite and target.exists() and _run_of(target) != run.manifest.identity_digest:
         raise RunError(
-            f"{target} exists and is not a record of this run; choose a different file with -o, or give --overwrite"
+            target, "exists and is not a record of this run; choose a different file with -o, or give --overwrite"
         )
     write_bytes(target, data)
     return target
@@ -78,32 +80,29 @@ def record_bytes(
     keep_paths: bool = False,
 ) -> bytes:
     """Return the bytes of the file that `record pack` writes."""
+    texts = {"author": author, "link": link, "description": description}
+    stated = {name: " ".join(text.split()) for name, text in texts.items()}
+    for name, text in stated.items():
+        check_text(text, f"--{name}")
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
     missing = sum(len(units.samples) for units in run.measured.missing)
     missing += sum(len(list(part.attacked())) for part in manifest.planned) - attacked.height
     if missing and not partial:
         raise RunError(
-            f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "
-            "pack the unfinished run with --partial"
+            run.path,
+            f"not finished: {missing} rows are missing; run the same command again to continue, or pack the unfinished "
+            "run with --partial",
         )
-    entries = {
-        "manifest.json": json_bytes(manifest.record()),
-        "rows.csv": rows_to_text(pl.concat([run.rows, attacked])),
-        "summary.json": json_bytes(run.document()),
-    }
-    cost = read_cost(run)
-    if cost is not None:
-        entries[PROFILE] = json_bytes(sealed(cost.model_dump()))
-    texts = {"author": author, "link": link, "description": description}
-    stated = {name: " ".join(text.split()) for name, text in texts.items()}
-    for name, text in stated.items():
-        check_text(text, f"--{name}")
-    packed = {
-        name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()) for name, data in entries.items()
-    }
-    facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": packed, **stated}
-    record = parsed(Record.model_validate, facts, "the record")
+    entries = {"manifest.json": manifest.document(), "rows.csv": rows_to_text(pl.concat([run.rows, attacked]))}
+    if (cost := read_cost(run)) is not None:
+        entries[PROFILE] = document_bytes(cost.model_dump())
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in entries.items()}
+    try:
+        facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": hashes}
+        record = Record.model_validate(facts | stated)
+    except ValidationError as error:
+        raise UsageError(f"--{error.errors()[0]['loc'][0]}", first_misfit(error)) from error
     return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})
 
 
@@ -135,7 +134,7 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
             continue
         inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
         if not inside:
-            raise RunError(f"{path} contains no run or record; give a run folder, or a folder that contains runs")
+            raise RunError(path, "contains no run or record; give a run folder, or a folder that contains runs")
         found += inside
     return found
 
@@ -153,12 +152,8 @@ def is_record(path: str | Path) -> bool:
 
 
 def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
-    from .container import read_file
-    from .read import Reader
-    from .verify import verified
-
     if not is_record(path):
-        raise RunError(f"{path} is neither a run folder nor a record; give one written by 'run' or 'record pack'")
+        raise RunError(path, "neither a run folder nor a record; give one written by 'run' or 'record pack'")
     reader = Reader(read_file(path), str(path))
     verified(reader)
     folder = Path(mkdtemp(prefix="robustflow-"))

@@ -7,12 +7,11 @@ of lengths are compared up to a relative rounding error of 1e-9.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Mapping
 from functools import reduce
 from itertools import chain
 from operator import add, or_
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -226,20 +225,6 @@ RULES: dict[str, _Expr] = {
 """Description of a violation -> condition that detects it. `<column>_clean` is the column in the sample's clean row."""
 
 
-_CLOSE = 1e-9
-
-
-def summary_problems(summary: dict[str, Any], run: Run) -> tuple[list[str], int]:
-    """Compare a summary with that of a run's rows; return the problems and the number of values."""
-    values = [leaf for leaf in _leaves((), summary, run.document()) if leaf[0] != ("run",)]
-    problems = [
-        f"summary.json: {'.'.join(path)} is {_value_text(left)}, but according to the rows it is {_value_text(right)}"
-        for path, left, right in values
-        if not _equal_values(left, right)
-    ]
-    return problems, len(values)
-
-
 def row_problems(run: Run) -> tuple[list[str], int]:
     """Check that no row breaks a rule of `row_rules`; return the problems and the number of comparisons."""
     rows, broken_rows = run.rows, [broken_rules(run.rows)]
@@ -253,41 +238,3 @@ def row_problems(run: Run) -> tuple[list[str], int]:
         for row in broken.iter_rows(named=True)
     ]
     return problems, rows.height * len(RULES)
-
-
-_ABSENT = object()
-
-
-def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Yield the path of every leaf together with its value on each side; either value may be missing."""
-    if isinstance(left, dict) and isinstance(right, dict):
-        for name in dict.fromkeys((*left, *right)):
-            yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))
-    elif isinstance(left, list) and isinstance(right, list) and len(left) == len(right):
-        for index, (one, two) in enumerate(zip(left, right, strict=True)):
-            yield from _leaves((*path, str(index)), one, two)
-    else:
-        yield path, left, right
-
-
-def _equal_values(left: Any, right: Any) -> bool:
-    one, two = _number(left), _number(right)
-    if one is not None and two is not None:
-        return math.isclose(one, two, rel_tol=_CLOSE, abs_tol=_CLOSE)
-    return type(left) is type(right) and bool(left == right)
-
-
-def _number(value: Any) -> float | None:
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:  # an integer with hundreds of digits
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _value_text(value: Any) -> str:
-    if value is _ABSENT:
-        return "missing"
-    return f"{value:.6g}" if _number(value) is not None else str(value)[:80]

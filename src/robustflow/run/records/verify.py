@@ -1,5 +1,5 @@
-"""The subject of a record: which model was evaluated on which data, and what no check of the file can prove. Verify
-that a record is consistent, as far as possible without the model and the data.
+"""Verify that a record is consistent, as far as possible without the model and the data; state what it is about, and
+what no check of the file can prove.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .claims import cell_problems, training_problems
 from .container import read_file
 from .contents import Record
 from .read import STEPS, Reader
-from .row_rules import row_problems, summary_problems
+from .row_rules import row_problems
 
 if TYPE_CHECKING:
     from ..manifest import Manifest
@@ -96,7 +96,6 @@ VERIFICATION_CHECKS = {
     "training": "the setting matches the training sets",
     "cells": "all rows were planned, and their corruptions are known",
     "measurements": "rows are plausible and consistent with each other",
-    "summary": "means match the rows",
     "frames": "corrupted frames computed locally match the digests in the rows",
     "predictions": "predictions of the local model match the rows",
     "exported": "files exported from the run match the record",
@@ -166,8 +165,8 @@ def verified(reader: Reader) -> Subject:
     verification = verify_read(reader)
     if not verification.ok or verification.subject is None:
         raise RunError(
-            f"{reader.name} does not verify: {verification.first_failure()}; for details run: robustflow record verify "
-            f"{reader.name}"
+            reader.name,
+            f"does not verify: {verification.first_failure()}; for details run: robustflow record verify {reader.name}",
         )
     return verification.subject
 
@@ -213,12 +212,12 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
         out["cells"] = _outcome(problems, message)
         if problems:
             return out, None  # sums over unplanned cells are meaningless
+        problems, count = row_problems(run)
+        out["measurements"] = _outcome(problems, f"{count} comparisons")
         try:
-            found = {"measurements": row_problems(run), "summary": summary_problems(reader.summary, run)}
+            return out, subject_of(run, reader.plan)
         except RobustFlowError as error:
-            return out | {"summary": ("failed", str(error))}, None
-        subject = subject_of(run, reader.plan)
-    return out | {check: _outcome(each, f"{count} comparisons") for check, (each, count) in found.items()}, subject
+            return out | {"measurements": ("failed", str(error))}, None
 
 
 def _outcome(problems: list[str], message: str) -> _Outcome:

@@ -1,4 +1,4 @@
-"""Stored means and reports are reused while nothing changes, and never used for different rows."""
+"""Files and values derived from a run are reused while nothing changes, and never used for different rows."""
 
 import json
 import shutil
@@ -8,18 +8,20 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.core import files as atomic
+from robustflow.core import files
 from robustflow.core.errors import DataError, RunError
+from robustflow.core.files import sealed
 from robustflow.report.site import page as site_write
 from robustflow.run import run as run_module
 from robustflow.run.comparable import measured_in_words, sample_set
 from robustflow.run.shards import list_shards
-from robustflow.run.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, write_made
 from robustflow.run.store import RunFolder
+from robustflow.run.trust import DERIVED, DerivedValues, code_digest
 from robustflow.stats.exclusion import exclusion_reasons
 from robustflow.stats.uncertainty.intervals import interval_ends
 from robustflow.testing import ConstantFlow
 
+from ..refusals import refusal
 from .edited import edit_manifest, edit_rows
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -80,7 +82,7 @@ def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
     written = []
-    monkeypatch.setattr(site_write, "write_made", lambda *file: written.append(file))
+    monkeypatch.setattr(site_write, "write_derived", lambda *file: written.append(file))
     run = rf.load_run(folder)
     run.write_report()
     assert not written
@@ -107,29 +109,33 @@ def _edit_manifest(folder):
     edit_manifest(folder, lambda manifest: {**manifest, "planned": [{"samples": list(manifest["samples"])}]})
 
 
-def _replace_cached(content):
-    return lambda folder: write_made(folder, CACHED_VALUES_FILE, content, rf.load_run(folder)._source)
+def _with_values(values):
+    """Write values as another version could, with matching digests."""
+
+    def edit(folder):
+        derived = DerivedValues(folder, rf.load_run(folder)._source)
+        derived._known, derived._new = values, True
+        derived.write()
+
+    return edit
 
 
-def _replace_note(content):
-    return lambda folder: (folder / STALENESS_FILE).write_text(content)
+def _list_of(content):
+    return lambda folder: (folder / DERIVED).write_text(content)
 
 
 EDITS = {
     "none": lambda folder: None,
     "summary": _edit_json("summary.json", epe_clean=0.001),
     "rows": _double_errors,
-    "cached values": _edit_json(CACHED_VALUES_FILE, **{"sample_set": "0", "exclusion reasons": ["a lie"]}),
+    "values": lambda folder: _edit_json(DERIVED, values={"sample_set": "0", "exclusion reasons": ["a lie"]})(folder),
     "manifest": _edit_manifest,
-    "cached list": _replace_cached(b"[]"),
-    "no cached json": _replace_cached(b"{"),
-    "cached types": _replace_cached(
-        b'{"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'
-    ),
-    "no note": _replace_note(""),
-    "note list": _replace_note("[]"),
-    "note without entries": _replace_note('{"summary.json": 3}'),
-    "deep note": _replace_note("[" * 100_000),
+    "list of values": _with_values([]),
+    "types of values": _with_values({"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}),
+    "empty list": _list_of(""),
+    "list without digest": _list_of('{"summary.json": 3}'),
+    "list of another type": _list_of(json.dumps(sealed({"summary.json": 3, "values": 3}))),
+    "deep list": _list_of("[" * 100_000),
 }
 
 
@@ -141,10 +147,10 @@ def _page_values(run):
 
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
 def test_stored_summary_equals_a_computed_one(folder, tmp_path, edit):
-    assert (folder / CACHED_VALUES_FILE).is_file(), "the run's report stored the values"
+    assert "values" in json.loads((folder / DERIVED).read_text()), "the run's report stored the values"
     edit(folder)
     bare = shutil.copytree(folder, tmp_path / "copy")
-    for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
+    for name in (DERIVED, "summary.json"):
         (bare / name).unlink(missing_ok=True)
     computed = rf.load_run(bare)
     run = rf.load_run(folder)
@@ -155,7 +161,7 @@ def test_stored_summary_equals_a_computed_one(folder, tmp_path, edit):
 
 
 def test_stored_summary_is_read_without_the_rows(folder, monkeypatch):
-    for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
+    for name in (DERIVED, "summary.json"):
         (folder / name).unlink()
     run = rf.load_run(folder)
     whole = _page_values(run)
@@ -169,7 +175,6 @@ def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
     run = rf.load_run(folder)
     assert run.rows.height
     _double_errors(folder)
-    (folder / CACHED_VALUES_FILE).unlink()
     before = exclusion_reasons(run)
     run.keep()
     later = rf.load_run(folder)
@@ -180,23 +185,26 @@ def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
 def test_means_written_by_another_process_meanwhile_are_not_used(folder, monkeypatch):
     earlier = (folder / "summary.json").read_bytes()
     _double_errors(folder)
-    monkeypatch.setattr(
-        "robustflow.run.staleness.write_bytes", lambda path, data: atomic.write_bytes(path, earlier)
-    )  # the other process replaces the file as soon as it is written
+    write = files.write_bytes
+
+    def write_and_lose(path, data):
+        write(path, earlier if path.name == "summary.json" else data)
+
+    monkeypatch.setattr("robustflow.run.trust.write_bytes", write_and_lose)  # replaced as soon as it is written
     run = rf.load_run(folder)
     run.write_means()
     assert rf.load_run(folder).means == run.average().means
 
 
 def test_read_only_run_folder_stores_no_summary(folder, monkeypatch):
-    (folder / STALENESS_FILE).unlink()
+    (folder / DERIVED).unlink()
     run = rf.load_run(folder)
     whole = _page_values(run)
 
     def refuse(*_):
         raise DataError("read-only")
 
-    monkeypatch.setattr("robustflow.run.staleness.write_bytes", refuse)
+    monkeypatch.setattr("robustflow.run.trust.write_bytes", refuse)
     run.keep()
     assert _page_values(rf.load_run(folder)) == whole
 
@@ -209,8 +217,7 @@ def test_the_digest_of_a_folder_is_of_its_shards(folder):
     data[len(data) // 2] ^= 1
     shard.write_bytes(data)
     assert RunFolder(folder).digest() != whole
-    with pytest.raises(RunError, match="damaged"):
-        _ = rf.load_run(folder).means
+    refusal(lambda: rf.load_run(folder).means, RunError, shard)
 
 
 def test_package_file_deleted_while_listed_is_ignored(monkeypatch):

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import threading
+from functools import partial
 
 import pytest
 from PIL import Image
@@ -18,8 +19,10 @@ from robustflow.core.errors import DataError, RobustFlowError, RunError
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.media.images import image_size, read_image, stored_size
-from robustflow.run.file_digests import DIGEST_LIST, file_digests
+from robustflow.run.data_files import DIGEST_LIST, file_digests
 from robustflow.testing import ZeroFlow
+
+from ..refusals import refusal
 
 CHOSEN = {"corruptions": ["contrast"], "severities": [1]}
 
@@ -48,6 +51,10 @@ def flip(path):
     path.write_bytes(bytes(content))
 
 
+def _run(model, frames, output):
+    return rf.evaluate(model, "folder", frames, output, **CHOSEN)
+
+
 def test_runs_over_two_own_clips_are_two_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short, long = _clip(tmp_path / "short", 3), _clip(tmp_path / "long", 9, 200)
@@ -55,10 +62,8 @@ def test_runs_over_two_own_clips_are_two_runs(tmp_path, monkeypatch):
     assert list(first.manifest.samples) == ["1"]
     assert list(second.manifest.samples) == ["4"]  # without a common sample, the data do not conflict
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
-    with pytest.raises(RunError, match="made from different files for sample '1'"):
-        rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
-    with pytest.raises(RunError, match="made from different frames that include a sample '4'"):
-        rf.evaluate("dis", "folder", short, second.path, limit=1, **CHOSEN)
+    for clip, path in ((long, first.path), (short, second.path)):
+        refusal(partial(rf.evaluate, "dis", "folder", clip, path, limit=1, **CHOSEN), RunError, path)
     assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest.samples) == ["0", "1"]
 
 
@@ -81,18 +86,16 @@ class _Changes(ZeroFlow):
 
 def test_a_file_that_changes_during_a_run_is_detected_at_its_end(three, tmp_path):
     before = (three / "2.bmp").read_bytes()
-    with pytest.raises(
-        DataError, match=r"2\.bmp changed while the run was reading it.* sample '1' .* run the same command again"
-    ):
-        rf.evaluate(_Changes(three / "2.bmp", flip), "folder", three, tmp_path / "run", **CHOSEN)
+    changing = partial(_run, _Changes(three / "2.bmp", flip), three, tmp_path / "run")
+    refusal(changing, DataError, three / "2.bmp")
     left = rf.load_run(tmp_path / "run")
-    assert set(left.rows["sample"]) == set(left.manifest.samples) == set(left.manifest.file_digests) == {"0"}
+    assert set(left.rows["sample"]) == set(left.manifest.samples) == {"0"}
     assert left.manifest.finished is None
     (three / "2.bmp").write_bytes(before)
-    again = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "run", **CHOSEN)
-    fresh = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "fresh", **CHOSEN)
+    again = _run(_Changes(three, print), three, tmp_path / "run")
+    fresh = _run(_Changes(three, print), three, tmp_path / "fresh")
     assert again.rows.equals(fresh.rows)
-    assert again.manifest.file_digests == fresh.manifest.file_digests
+    assert again.manifest.samples == fresh.manifest.samples
 
 
 def test_a_file_that_is_written_again_with_the_same_bytes_is_no_change(three, tmp_path):
@@ -109,17 +112,14 @@ def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path
     assert _digests("--data", frames).exit_code == 0
     if b2sum := shutil.which("b2sum"):
         subprocess.run([b2sum, "--check", "--quiet", DIGEST_LIST], cwd=frames, check=True)
-    rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
+    _run(ZeroFlow(), frames, tmp_path / "run")
     flip(frames / "1.bmp")
-    with pytest.raises(
-        DataError, match=r"1\.bmp does not match its digest in the digests\.b2sum of .* \(1 of 2 files differ\)"
-    ):
-        rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
+    refusal(partial(_run, ZeroFlow(), frames, tmp_path / "elsewhere"), DataError, frames / "1.bmp")
     checked = _digests("--data", frames)
     assert isinstance(checked.exception, DataError)
-    assert "1.bmp has changed" in str(checked.exception)
+    assert "1.bmp" in str(checked.exception)
     assert _digests("--data", frames, "--overwrite").exit_code == 0
-    rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
+    _run(ZeroFlow(), frames, tmp_path / "elsewhere")
 
 
 def test_a_second_call_checks_the_whole_data_set(frames):
@@ -130,19 +130,18 @@ def test_a_second_call_checks_the_whole_data_set(frames):
     (frames / "0.bmp").unlink()
     checked = _digests("--data", frames)
     assert isinstance(checked.exception, DataError)
-    assert "0.bmp is missing" in str(checked.exception)
+    assert "0.bmp" in str(checked.exception)
     assert (frames / DIGEST_LIST).read_bytes() == before
 
 
 def test_files_that_no_list_names_are_reported_and_a_damaged_list_is_refused(three, tmp_path):
     assert _digests("--data", three).exit_code == 0
     (three / DIGEST_LIST).write_text("".join((three / DIGEST_LIST).read_text().splitlines(keepends=True)[:-1]))
-    with pytest.warns(UserWarning, match=r"does not list 1 file that the run reads \(2\.bmp"):
-        rf.evaluate(ZeroFlow(), "folder", three, tmp_path / "run", **CHOSEN)
+    with pytest.warns(UserWarning, match=r"1 file .*2\.bmp"):
+        _run(ZeroFlow(), three, tmp_path / "run")
     with open(three / DIGEST_LIST, "a") as file:
         file.write("nonsense\n")
-    with pytest.raises(DataError, match=r"digests\.b2sum: line 3 is not a digest and a name"):
-        rf.evaluate(ZeroFlow(), "folder", three, tmp_path / "run", **CHOSEN)
+    refusal(partial(_run, ZeroFlow(), three, tmp_path / "run"), DataError, three / DIGEST_LIST)
 
 
 def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_path):
@@ -151,8 +150,7 @@ def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_p
     assert _digests("--data", tmp_path / "fc").exit_code == 0
     (frame, _) = sorted((tmp_path / "fc" / "contrast_1").rglob("*.png"))
     flip(frame)
-    with pytest.raises(DataError, match="does not match its digest"):
-        rf.evaluate(ZeroFlow(), "kitti-fc", tmp_path / "fc", tmp_path / "run")
+    refusal(lambda: rf.evaluate(ZeroFlow(), "kitti-fc", tmp_path / "fc", tmp_path / "run"), DataError, frame)
 
 
 @pytest.fixture
@@ -166,5 +164,6 @@ def pipe(tmp_path):
 
 @pytest.mark.parametrize("read", [lambda path: file_digests({"a": [path]}), image_size, stored_size, read_image])
 def test_a_pipe_among_the_data_is_refused_unopened(pipe, read):
-    with pytest.raises(RobustFlowError, match=r"frame_0002\.png: .*not a (regular )?file"):
+    with pytest.raises(RobustFlowError) as error:
         read(pipe)
+    assert error.value.culprit == str(pipe)

@@ -1,19 +1,14 @@
-"""Compute a digest of every file from which a run's samples are read, to detect any later change. Store arrays that
-can be recomputed: clean flows of samples in progress, and perturbations of trained attacks.
+"""The files from which a run's samples are read, and digests of them, to detect any later change.
 
 Many formats (BMP, PPM, uncompressed TIFF, .flo) have no checksum, and JPEG and WebP detect few errors. A dataset's
 folder may contain a list of digests, `digests.b2sum`, written by `robustflow prepare digests` and also readable by
 `b2sum --check`. A run compares every file that it reads with the nearest list in a parent folder, so a copied dataset
 is checked when it is used, at no extra cost.
-
-A file contains a NumPy array, followed by 16 bytes: the digest of the array and of a description of its inputs. If the
-digest does not match (truncated or changed file, or different inputs), the file counts as missing.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import re
 import warnings
@@ -21,12 +16,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from ..core.errors import DataError, RunError
-from ..core.files import sealed_bytes, unsealed_bytes, write_bytes
+from ..core.files import read_bounded, write_bytes
+from ..core.plugins import called
 from ..core.text import counted, plain
+from ..data.datasets.base import Clips, Dataset, Depths
+from ..data.datasets.clips import ContextFrames
+from ..models.base import Window
 
 DIGEST_LIST = "digests.b2sum"
 """File name of the list of digests in a dataset's folder."""
@@ -35,6 +31,17 @@ _THREADS = 4
 """Number of threads that read files: hashing releases the GIL, and disks are faster with several requests at a time."""
 _LARGEST_LIST = 2**30
 _LINE = re.compile(r"([0-9a-f]{16})  ([^\\\n]+)")
+_REWRITE = "write it again with robustflow prepare digests --data FOLDER --overwrite"
+
+
+def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
+    """Return the files from which a sample is read: those of the pair, of the frames around it, and, last, those only
+    of its depth."""
+    files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
+    if window is not None:
+        assert isinstance(dataset, Clips)
+        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    return files if depths is None else list(dict.fromkeys([*files, *depths.depth_files(key)]))
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
@@ -44,45 +51,39 @@ def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
     return {key: [digests[path] for path in paths] for key, paths in listed.items()}
 
 
-def check_listed(files: Mapping[Path, str | None]) -> None:
-    """Compare files with the digests in the nearest `DIGEST_LIST` in a parent folder; files without a list pass."""
+def check_listed(known: Mapping[Path, str], more: Iterable[Path] = ()) -> None:
+    """Compare files, by their digests if these are known, with the nearest `DIGEST_LIST` in a parent folder; files
+    without a list pass. `more` is read only if there is a list."""
     nearest: dict[Path, Path | None] = {}
+    if not any(_nearest_list(path.absolute().parent, nearest) for path in known):
+        return
     lists: dict[Path, dict[str, str]] = {}
     wanted: dict[Path, str] = {}
     unlisted: dict[Path, list[Path]] = {}
-    for path in files:
+    for path in {**known, **dict.fromkeys(more)}:
         folder = _nearest_list(path.absolute().parent, nearest)
         if folder is None:
             continue
         if folder not in lists:
             lists[folder] = read_list(folder)
-        digest = lists[folder].get(path.absolute().relative_to(folder).as_posix())
-        if digest is None:
-            unlisted.setdefault(folder, []).append(path)
-        else:
+        if digest := lists[folder].get(path.absolute().relative_to(folder).as_posix()):
             wanted[path] = digest
-    known = {path: digest for path, digest in files.items() if digest is not None}
-    known |= dict(_digests(path for path in wanted if path not in known))
-    differing = [path for path, digest in wanted.items() if known[path] != digest]
-    if differing:
-        folder = nearest[differing[0].absolute().parent]
+        else:
+            unlisted.setdefault(folder, []).append(path)
+    digests = {**known, **dict(_digests(path for path in wanted if path not in known))}
+    if differing := [path for path, digest in wanted.items() if digests[path] != digest]:
+        of = f"({len(differing)} of {counted(len(wanted), 'file')} differ)"
         raise DataError(
-            f"{differing[0]} does not match its digest in the {DIGEST_LIST} of {folder} ({len(differing)} of "
-            f"{counted(len(wanted), 'file')} differ); copy the data again, or, if the change is intended, write the "
-            f"list again with robustflow prepare digests --data {folder} --overwrite"
+            differing[0],
+            f"does not match its digest in the {DIGEST_LIST} of {nearest[differing[0].absolute().parent]} {of}; "
+            f"copy the data again, or, if the change is intended, {_REWRITE}",
         )
     for folder, paths in unlisted.items():
         warnings.warn(
             f"{folder / DIGEST_LIST} does not list {counted(len(paths), 'file')} that the run reads ({paths[0].name}, "
-            f"...), so not every file can be checked; write it again with robustflow prepare digests --data {folder} "
-            "--overwrite",
+            f"...), so not every file can be checked; {_REWRITE}",
             stacklevel=2,
         )
-
-
-def is_under_a_list(folder: Path) -> bool:
-    """Return whether a folder or one of its parents contains a `DIGEST_LIST`."""
-    return _nearest_list(folder.absolute(), {}) is not None
 
 
 def listed_files(folder: Path) -> list[str]:
@@ -111,19 +112,10 @@ def write_list(folder: Path, digests: Mapping[str, str]) -> Path:
 def read_list(folder: Path) -> dict[str, str]:
     """Read the digests in the `DIGEST_LIST` of a folder, by file name."""
     path = folder / DIGEST_LIST
-    try:
-        if path.stat().st_size > _LARGEST_LIST:
-            raise DataError(path, f"larger than {_LARGEST_LIST >> 20} MiB, too large for a list of digests; delete it")
-        lines = path.read_bytes().decode(errors="surrogateescape").removesuffix("\n").split("\n")
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror}); check its permissions") from error
-    matches = [_LINE.fullmatch(line) for line in lines]
+    text = read_bounded(path, _LARGEST_LIST, "check its permissions").decode(errors="surrogateescape")
+    matches = [_LINE.fullmatch(line) for line in text.removesuffix("\n").split("\n")]
     if None in matches:
-        raise DataError(
-            path,
-            f"line {matches.index(None) + 1} is not a digest and a name; write the list again with robustflow "
-            f"prepare digests --data {folder} --overwrite",
-        )
+        raise DataError(path, f"line {matches.index(None) + 1} is not a digest and a name; {_REWRITE}")
     return {match[2]: match[1] for match in matches if match}
 
 
@@ -165,28 +157,3 @@ def _digest(path: Path) -> str:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=8)).hexdigest()
     except OSError as error:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
-
-
-Array = npt.NDArray[np.float32]
-
-
-def write_array(path: Path, array: Array, made_of: str) -> None:
-    """Store an array."""
-    file = io.BytesIO()
-    np.save(file, np.ascontiguousarray(array, np.float32), allow_pickle=False)
-    write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a lost array is recomputed
-
-
-def read_array(path: Path, made_of: str) -> Array | None:
-    """Read an array stored earlier; None unless it is intact and was computed from the same inputs."""
-    try:
-        data = unsealed_bytes(path.read_bytes(), made_of)
-    except OSError:
-        return None
-    if data is None:
-        return None
-    try:
-        array = np.load(io.BytesIO(data), allow_pickle=False)
-    except Exception:  # NumPy's parser can raise any exception on a manipulated header
-        return None
-    return array if isinstance(array, np.ndarray) and array.dtype == np.float32 else None

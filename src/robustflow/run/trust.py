@@ -1,0 +1,271 @@
+"""Trust in the files of a run, which anyone may have changed: each is written with a digest, and used only if that
+still matches. The one comparison between what a run has and what is measured now.
+
+A document is JSON that contains the digest of its content. An array is followed by a digest of its bytes and of what
+it was computed from; one that does not match counts as missing. Files and values computed from a run's rows are listed
+in `.derived.json`, with digests of their bytes and of everything from which they were computed: rows, manifest, code.
+One that does not match is computed again, so an unchanged run is shown without decoding a row. (The digest of a shard
+is in its name, see `shards`.)
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from math import isclose
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from ..core.errors import DataError, RunError, first_misfit
+from ..core.files import (
+    digest_of_bytes,
+    digest_of_value,
+    json_bytes,
+    read_bounded,
+    sealed,
+    sealed_bytes,
+    unsealed,
+    unsealed_bytes,
+    write_bytes,
+)
+from ..core.text import plain
+from ..metrics.regions import REGIONS
+
+Content = TypeVar("Content", bound=BaseModel)
+Value = TypeVar("Value")
+Array = npt.NDArray[np.float32]
+
+DERIVED = ".derived.json"
+"""Name of the list of derived files and values."""
+_VALUES = "values"
+_NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", "summary.json", "report.html")
+_LARGEST_DERIVED = 2**28
+
+
+def document_bytes(content: Mapping[str, Any]) -> bytes:
+    """Return JSON content as a document."""
+    return json_bytes(sealed(content))
+
+
+def parse_document(kind: type[Content], data: bytes, name: str | Path, remedy: str) -> Content:
+    """Parse a document, or raise a RunError that names it and ends with the remedy."""
+    content = unsealed(data)
+    if content is None:
+        raise RunError(name, f"damaged: its content does not match its digest; {remedy}")
+    try:
+        return kind.model_validate_json(content)
+    except ValidationError as error:
+        raise RunError(name, f"{plain(first_misfit(error), 200)}; {remedy}") from error
+
+
+def read_document(kind: type[Content], path: Path, largest: int, remedy: str) -> Content | None:
+    """Read a document of limited size; None if there is no such file."""
+    if not path.is_file():
+        return None  # reading a pipe could block
+    try:
+        return parse_document(kind, read_bounded(path, largest, remedy), path, remedy)
+    except DataError as error:
+        raise RunError(path, f"cannot be read or is larger than {largest >> 20} MiB; {remedy}") from error
+
+
+def write_array(path: Path, array: Array, made_of: str) -> None:
+    """Store an array with the description of its inputs."""
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(array, np.float32), allow_pickle=False)
+    write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a lost array is recomputed
+
+
+def read_array(path: Path, made_of: str) -> Array | None:
+    """Read an array stored earlier; None unless it is intact and was computed from the same inputs."""
+    try:
+        data = unsealed_bytes(path.read_bytes(), made_of)
+        array = None if data is None else np.load(io.BytesIO(data), allow_pickle=False)
+    except Exception:  # NumPy's parser can raise any exception on a manipulated header
+        return None
+    return array if isinstance(array, np.ndarray) and array.dtype == np.float32 else None
+
+
+_SAME_CLIP = ("frames_digest", "height", "width")
+_SAME_TRUTH = ("truth", "truth_digest")
+_TRUTH_SUMS = ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
+_MEANS = {
+    "pred_magnitude_sum": "n_all",
+    "rcre_all_sum": "n_all",
+    "spread_sum": "n_all",
+    "photometric_sum": "n_photometric",
+    "epe_sum": "n_valid",
+    "n_invalid": "height",
+}
+"""Sums that depend on the model, and what they are divided by."""
+COMPARED = (
+    *(*_SAME_CLIP, "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
+    *("pred_magnitude_sum", "photometric_sum", "epe_sum"),
+)
+"""The columns of a clean row that are compared when a run continues."""
+_TOLERANCE = 1e-3
+"""Larger than the rounding differences between two runs on a GPU, smaller than the effect of a changed model."""
+
+
+def row_difference(
+    before: Mapping[str, Any], now: Mapping[str, Any], *, model: bool = True, relative: float = 0.0, pixels: float = 0.0
+) -> str:
+    """Return what differs between two measurements of one cell: "frames", "group", "ground truth", "flow", or "".
+
+    Args:
+        before: the earlier row; only the columns that it has are compared.
+        now: the row of a new measurement.
+        model: whether the same model predicted both flows.
+        relative, pixels: tolerances for the means of a flow's errors.
+    """
+
+    def differ(columns: tuple[str, ...]) -> bool:
+        return any(before[column] != now[column] for column in columns if column in before)
+
+    whole = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
+    if differ(_SAME_CLIP):
+        return "frames"
+    if differ(("group",)):
+        return "group"
+    if differ(_SAME_TRUTH) or (whole and differ(_TRUTH_SUMS)):
+        return "ground truth"
+    if not model:
+        return ""
+    known = [(total, count) for total, count in _MEANS.items() if total in before]
+    means = ((_mean(before, total, count), _mean(now, total, count)) for total, count in known)
+    close = all(
+        then is today if then is None or today is None else isclose(then, today, rel_tol=relative, abs_tol=pixels)
+        for then, today in means
+    )
+    return "" if close else "flow"
+
+
+def check_same(before: Mapping[str, Any], now: Mapping[str, Any], *, model: bool = True) -> None:
+    """Raise a RunError if a row that a run continues from differs from a new measurement of its cell."""
+    what = row_difference(before, now, model=model, relative=_TOLERANCE)
+    if what == "flow":
+        raise RunError(
+            before["sample"],
+            "the model predicts a different flow on this sample than when this run measured it, although the model's "
+            "name is the same: its code, a module that it imports or its weights have changed; restore the model, or "
+            "choose a different folder with --output",
+        )
+    if what:
+        raise RunError(
+            before["sample"],
+            f"this sample has different {what} than when this run measured it, although the digests of its files are "
+            "the same; restore the data, or choose a different folder with --output",
+        )
+
+
+def _mean(row: Mapping[str, Any], total: str, count: str) -> float | None:
+    """Return a row's mean; None if it was not measured, and infinity if no pixel was."""
+    value: float | None = row[total]
+    return None if value is None else value / row[count] if row[count] else float("inf")
+
+
+def source_digest(folder: Path, rows: str, manifest: bytes, *, beside: bool) -> str:
+    """Return a hash of everything from which a file of a run is made: the digest of its rows, its manifest, the code
+    and, if the file shows them, the other files `beside` it."""
+    files = list(_files(folder)) if beside else []
+    return digest_of_value([rows, digest_of_bytes(manifest), files, code_digest()], size=16)
+
+
+def is_current(folder: Path, name: str, source: str) -> bool:
+    """Return whether a derived file exists, is unchanged, and was made from the same source."""
+    data = _read(folder / name)
+    return data is not None and _derived(folder).get(name) == _entry(source, data)
+
+
+def write_derived(folder: Path, name: str, data: bytes, source: str) -> None:
+    """Write a derived file. The digest is that of `data`, because another process may replace the file."""
+    write_bytes(folder / name, data)
+    _list_derived(folder, name, _entry(source, data))
+
+
+class DerivedValues:
+    """Values of a run by name, read once and computed if missing."""
+
+    def __init__(self, folder: Path, source: str) -> None:
+        self._folder, self._source = folder, source
+        entry = _derived(folder).get(_VALUES)
+        known = entry.get(_VALUES) if isinstance(entry, dict) and entry.get("source") == source else None
+        self._known: dict[str, Any] = known if isinstance(known, dict) else {}
+        self._new = False
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._known
+
+    def get(self, name: str, kind: type[Value], make: Callable[[], Value]) -> Value:
+        """Return a value; compute it if it is missing or has a different type."""
+        try:
+            return TypeAdapter(kind).validate_python(self._known[name])
+        except (KeyError, ValidationError):
+            self._known[name], self._new = make(), True
+            return self._known[name]
+
+    def write(self) -> None:
+        """Store the values computed since they were read."""
+        if self._new:
+            _list_derived(self._folder, _VALUES, {"source": self._source, _VALUES: self._known})
+            self._new = False
+
+
+def _entry(source: str, data: bytes) -> dict[str, str]:
+    return {"source": source, "digest": digest_of_bytes(data)}
+
+
+def _derived(folder: Path) -> dict[str, Any]:
+    """Read the list of derived files; empty if it is missing or damaged."""
+    content: dict[str, Any] = json.loads(unsealed(_read(folder / DERIVED) or b"") or b"{}")
+    return content
+
+
+def _list_derived(folder: Path, name: str, entry: dict[str, Any]) -> None:
+    write_bytes(folder / DERIVED, document_bytes({**_derived(folder), name: entry}))
+
+
+def _read(path: Path) -> bytes | None:
+    try:
+        if path.is_file() and path.stat().st_size <= _LARGEST_DERIVED:
+            return path.read_bytes()
+    except OSError:
+        pass
+    return None
+
+
+def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
+    """Yield name, size and modification time of everything in a run's folder except rows and derived files."""
+    for path in sorted(folder.rglob("*")):
+        inside = path.relative_to(folder)
+        hidden = any(part.startswith(".") for part in inside.parts)
+        if not hidden and inside.parts[0] not in _NOT_BESIDE and (stat := _stat(path)) is not None:
+            yield str(inside), stat.st_size, stat.st_mtime_ns
+
+
+@cache
+def code_digest() -> str:
+    """Return a hash of the installed package: name, size and modification time of its files."""
+    package = Path(__file__).parents[1]
+    stats = [
+        (str(path.relative_to(package)), stat)
+        for path in sorted(package.rglob("*"))
+        if "__pycache__" not in path.parts and (stat := _stat(path)) is not None
+    ]
+    return digest_of_value([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats], size=16)
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    """Return the status of a file; None for anything else, and for a file that disappears in the meantime."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat if S_ISREG(stat.st_mode) else None
