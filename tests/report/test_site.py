@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robustflow.run.trust import DERIVED
 
 from robustflow.api import evaluate
 from robustflow.core.errors import DataError, UsageError
@@ -24,6 +23,7 @@ from robustflow.report.site.figures import page_figures
 from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
 from robustflow.run.run import Run
+from robustflow.run.trust import DERIVED
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.stats.uncertainty import intervals

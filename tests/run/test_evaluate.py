@@ -138,7 +138,7 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
 
     folder = tmp_path / "run"
     first = rf.evaluate(constant(1.0), output=folder, **SMALLEST)
-    with pytest.raises(RunError, match="predicts a different flow on sample 'motorcycle'"):
+    with pytest.raises(RunError, match="motorcycle: "):
         rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
     assert rf.Result(folder).rows.equals(first.rows)
     more = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[2])

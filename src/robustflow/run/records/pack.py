@@ -16,7 +16,7 @@ from typing import TypeVar, overload
 import polars as pl
 from pydantic import ValidationError
 
-from ...core.errors import DataError, RunError, UsageError, first_misfit
+from ...core.errors import DataError, RunError, UsageError
 from ...core.files import json_bytes, write_bytes
 from ...core.paths import user_path
 from ..costs import PROFILE, read_cost
@@ -102,7 +102,7 @@ def record_bytes(
         facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": hashes}
         record = Record.model_validate(facts | stated)
     except ValidationError as error:
-        raise UsageError(f"--{error.errors()[0]['loc'][0]}", first_misfit(error)) from error
+        raise DataError(f"--{error.errors()[0]['loc'][0]}", error.errors()[0]["msg"]) from error
     return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})
 
 
