@@ -7,8 +7,7 @@ import pytest
 from robustflow.core.errors import UsageError
 from robustflow.report.tables import TABLES, build_table
 from robustflow.stats.conditions import SeedGroup
-from robustflow.stats.cost_ranks import printed_cost_ranks
-from robustflow.stats.model_result import ModelResult
+from robustflow.stats.model_result import ModelResult, printed_cost_ranks
 from robustflow.stats.published.tables import published_costs, published_results
 from robustflow.stats.results_file import parse_results
 from tests.made_rows import values_frame

@@ -118,6 +118,9 @@ CLEAN_MEASURES: dict[str, Measure] = {
 }
 """Measures of the clean frames alone."""
 
+BEFORE = Measure("EPE before", pl.col("clean_epe_sum"), _valid, explanation="Clean EPE over the pixels of EPE")
+"""The part of CRE that is subtracted."""
+
 REGION_MEASURES = {region: _of_errors(f"n_{region}", f"_{region}") for region in REGIONS}
 
 CONFIDENCE: dict[str, Measure] = {

@@ -18,8 +18,7 @@ import polars as pl
 from ..core.text import counted
 from ..stats.ranking import rank_correlation
 from ..stats.uncertainty.bootstrap import LEVEL
-from ..stats.uncertainty.paired import holm
-from ..stats.uncertainty.standings import standings
+from ..stats.uncertainty.paired import holm, standings
 
 Verdict = Literal["holds", "does not hold", "too little evidence"]
 THIN: Verdict = "too little evidence"

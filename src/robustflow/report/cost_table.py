@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from ..core.errors import UsageError
 from ..run.costs import COUNTED_SIZE, RunCost
-from ..stats.cost_ranks import counted_size, printed_cost_ranks, printed_costs
-from ..stats.model_result import ModelResult
+from ..stats.model_result import ModelResult, printed_cost_ranks, printed_costs
 from ..stats.published.tables import COUNTED_ITERATIONS, PAPER
 from .table import Column, Line, Section, Table, TableCell, full_note, number_text
 
@@ -83,6 +82,6 @@ def _other_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
 
 def _counted_note(cost: RunCost) -> str:
     conditions = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
-    if counted_size(cost) != COUNTED_SIZE:
+    if (cost.height, cost.width) != COUNTED_SIZE:
         conditions.append(f"frames of {cost.height}x{cost.width}")
     return f"FLOPs of {', '.join(conditions)}" if conditions else ""

@@ -9,14 +9,11 @@ from ..core.errors import RunError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
-from ..stats.best import Compared, best_of_columns
 from ..stats.conclusion import CAVEAT
-from ..stats.cost_ranks import printed_cost_ranks
 from ..stats.exclusion import PHANTOM
-from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
-from ..stats.paper_means import paper_rows
+from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames, printed_cost_ranks
 from ..stats.published.tables import PAPER
-from ..stats.ranking import competition_ranks
+from ..stats.ranking import Compared, best_of_columns, competition_ranks
 from ..stats.results import (
     AVERAGE,
     CLEAN,
@@ -28,6 +25,7 @@ from ..stats.results import (
     short_label,
 )
 from ..stats.uncertainty import compare_all
+from ..stats.uncertainty.intervals import paper_rows
 from ..stats.uncertainty.paired import MOST_COMPARED
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 

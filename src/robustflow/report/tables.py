@@ -16,11 +16,11 @@ from ..corruptions.registry import ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
 from ..metrics.measures import UNCOUPLED
-from ..stats.best import Compared, best_of_columns
 from ..stats.conditions import SeedGroup
 from ..stats.exclusion import PHANTOM
 from ..stats.frame import uncoupled_means
 from ..stats.model_result import ModelResult, Value
+from ..stats.ranking import Compared, best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,

@@ -1,4 +1,4 @@
-"""Ranks as in the paper's Tab. 3, and rank correlation.
+"""Ranks as in the paper's Tab. 3, rank correlation, and the best number of each column.
 
 Equal printed values share the smallest rank, and the following rank is skipped (1, 2, 2, 4). FLOPs are ranked over all
 14 models regardless of setting, CREr over the models of one setting, both as printed. The average rank is the rank of
@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -94,3 +95,38 @@ def partial_spearman(first: Sequence[float], second: Sequence[float], given: Seq
         return both  # a constant variable explains nothing
     rest = (1 - one * one) * (1 - other * other)
     return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None
+
+
+@dataclass(frozen=True)
+class Compared(Generic[Name]):
+    """A line of printed numbers; lower is better."""
+
+    group: Hashable
+    texts: Mapping[Name, str]
+    excluded: bool = False
+
+
+def best_of_columns(lines: Sequence[Compared[Name]]) -> list[set[Name]]:
+    """Return, for each line, the columns in which it has the smallest printed number. As in the paper, all lines with
+    the same smallest printed number are marked; a line that is alone in its group is not marked.
+
+    >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
+    >>> best_of_columns(lines)
+    [{'epe'}, {'epe'}, set()]
+    """
+    groups: dict[Hashable, list[Compared[Name]]] = {}
+    for line in lines:
+        if not line.excluded:
+            groups.setdefault(line.group, []).append(line)
+    least: dict[tuple[Hashable, Name], float] = {}
+    for group, members in groups.items():
+        if len(members) > 1:
+            for line in members:
+                for key, text in line.texts.items():
+                    least[group, key] = min(float(text), least.get((group, key), float("inf")))
+    return [
+        set()
+        if line.excluded
+        else {key for key, text in line.texts.items() if least.get((line.group, key)) == float(text)}
+        for line in lines
+    ]

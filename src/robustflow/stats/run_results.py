@@ -18,8 +18,8 @@ from ..run.cells import UNEVEN
 from ..run.comparable import conditions_of, recipe_in_words, sample_set
 from .exclusion import exclusions
 from .model_result import ModelResult, Value
-from .paper_means import more_than_paper, paper_condition
 from .results import AVERAGE, CLEAN, RESULT_METRICS, benchmark_label, benchmark_words, inside, long_label
+from .uncertainty.intervals import more_than_paper, paper_condition
 
 if TYPE_CHECKING:
     from ..run.run import Run

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..cost_ranks import printed_costs
-from ..model_result import ModelResult
+from ..model_result import ModelResult, printed_costs
 from ..published.tables import published_results
 from .checks import check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ..cost_ranks import printed_cost_ranks, printed_costs
-from ..model_result import ModelResult, PrintedCost, Value
+from ..model_result import ModelResult, PrintedCost, Value, printed_cost_ranks, printed_costs
 from ..results import AVERAGE, CLEAN
 from .findings import Finding, misfits, ratio_range
 

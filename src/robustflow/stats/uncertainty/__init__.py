@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 from .intervals import intervals
-from .paired import compare_all, compare_leaders, compare_rows, difference_sentence
-from .standings import standings
+from .paired import compare_all, compare_leaders, compare_rows, difference_sentence, standings
 from .variance import variance_split
 
 __all__ = [

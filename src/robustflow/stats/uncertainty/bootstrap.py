@@ -15,7 +15,7 @@ without any spread are more frequent than the tail. `log_scale` computes the int
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -63,14 +63,28 @@ def bootstrap(
     whole = np.ones((1, clusters))
     found = {key: statistic(whole) for key, statistic in statistics.items()}
     tested = {key: one for key, one in statistics.items() if enough_clusters(one.clusters, level)}
-    pivots: dict[Key, list[Array]] = {key: [] for key in tested}
-    for weights in resampled_weights(clusters, resamples, seed) if tested else ():
-        for key, values in values_of(tested, weights):
-            pivots[key].append(pivots_of(values, found[key].theta[0]))
+    pivots = resampled_pivots(tested, clusters, resamples, seed)
     return {
-        key: _interval(values, np.concatenate(pivots[key]), level) if key in tested else without_interval(values)
+        key: _interval(values, pivots[key][1], level) if key in tested else without_interval(values)
         for key, values in found.items()
     }
+
+
+def resampled_pivots(
+    statistics: Mapping[Key, Statistic],
+    clusters: int,
+    resamples: int,
+    seed: int,
+    transform: Callable[[Key, StatisticValues], StatisticValues] = lambda _, values: values,
+) -> dict[Key, tuple[float, Array]]:
+    """Return the value of each transformed statistic, and its pivots in all resamples."""
+    whole = np.ones((1, clusters))
+    centers = {key: float(transform(key, statistic(whole)).theta[0]) for key, statistic in statistics.items()}
+    pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
+    for weights in resampled_weights(clusters, resamples, seed) if statistics else ():
+        for key, values in values_of(statistics, weights):
+            pivots[key].append(pivots_of(transform(key, values), centers[key]))
+    return {key: (centers[key], np.concatenate(parts)) for key, parts in pivots.items()}
 
 
 def check_options(level: float, resamples: int) -> None:

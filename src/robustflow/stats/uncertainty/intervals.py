@@ -11,8 +11,8 @@ from typing import Any
 import polars as pl
 
 from ...corruptions.registry import MEMBERS
+from ...metrics.means import PAPER
 from ...run.run import Run
-from ..paper_means import more_than_paper, paper_rows
 from .bootstrap import LEVEL, RESAMPLES
 from .log_scale import error_intervals, log_deviation
 from .sums import AVERAGE, CLEAN, INTERVAL_METRICS, ClusterSums
@@ -93,3 +93,22 @@ def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
     rows = paper_rows(run) if fewer else run.rows
     known = intervals(rows, corruptions=corruptions, families=corruptions).drop_nulls(["low", "high"])
     return list(known.select("metric", "corruption", "low", "high").iter_rows())
+
+
+def paper_condition(run: Run) -> str:
+    """Return the condition of the averages to show next to published ones: over the paper's corruptions if the run has
+    all of them."""
+    return PAPER if run.measured.paper_over else AVERAGE
+
+
+def paper_rows(run: Run) -> pl.DataFrame:
+    """Return the rows that `paper_condition` names."""
+    if not more_than_paper(run):
+        return run.rows
+    return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.measured.paper_over]))
+
+
+def more_than_paper(run: Run) -> bool:
+    """Whether a run's averages include all of the paper's corruptions and additional ones."""
+    measured = run.measured
+    return bool(measured.paper_over) and len(measured.averaged_over) > len(measured.paper_over)

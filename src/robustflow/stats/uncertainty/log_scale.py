@@ -33,8 +33,7 @@ from .bootstrap import (
     Key,
     check_options,
     enough_clusters,
-    pivots_of,
-    resampled_weights,
+    resampled_pivots,
     values_of,
     without_interval,
 )
@@ -85,18 +84,13 @@ def error_intervals(
         if enough_clusters(statistics[key].clusters, level)
         for part, statistic in mean.logarithms().items()
     }
-    centers = {at: float(_logarithm(at[1], statistic(whole)).theta[0]) for at, statistic in parts.items()}
+    pivots = resampled_pivots(parts, clusters, resamples, seed, lambda at, values: _logarithm(at[1], values))
     errors = _jackknife(parts, clusters)
-    pivots: dict[tuple[Key, str], list[Array]] = {at: [] for at in parts}
-    for weights in resampled_weights(clusters, resamples, seed) if parts else ():
-        for at, values in values_of(parts, weights):
-            pivots[at].append(pivots_of(_logarithm(at[1], values), centers[at]))
     shifts: dict[Key, dict[str, tuple[float, Array]]] = {key: {} for key in means}
-    for key, part in parts:
+    for (key, part), (center, drawn) in pivots.items():
         rise = _variance_increase(means[key].mean, found[key]) if part == "size" else 0.0
         error = np.sqrt(errors[key, part] ** 2 + rise)
-        shift = error * _widened_for_few_clusters(np.concatenate(pivots[key, part]), clusters, level)
-        shifts[key][part] = centers[key, part], shift
+        shifts[key][part] = center, error * _widened_for_few_clusters(drawn, clusters, level)
     return {key: _interval(values, shifts[key], level) for key, values in found.items()}
 
 

@@ -1,5 +1,4 @@
-"""Correct p-values for multiple comparisons. Describe in one sentence what can be claimed about a difference.
-Compare two models on the same samples: differences, intervals, p-values with Holm's correction, and a sentence.
+"""Compare models on the same samples: differences per image, intervals, p-values with Holm's correction, and ranks.
 
 An image that is hard for one model is usually hard for the other, so differences are computed per image before
 averaging, and the test is based on the spread of these differences.
@@ -18,6 +17,7 @@ import polars as pl
 from ...core.errors import RunError
 from ...core.text import counted
 from ...run.comparable import common_rows
+from ..ranking import competition_ranks
 from ..results import METRIC_LABELS, UNITS, long_label
 from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .intervals import MetricKey, statistics_of
@@ -38,89 +38,31 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def difference_sentence(
-    names: tuple[str, str],
-    metric: str,
-    corruption: str,
-    interval: Interval,
-    p_holm: float | None,
-    comparisons: int,
-    images: int,
-    clusters: int,
-    level: float,
-    clean_gap: float | None = None,
-    flow_gap: float | None = None,
-    *,
-    equal: int = 0,
-    blow_ups: tuple[int, int] = (0, 0),
-) -> str:
-    """Describe whether two models differ, by how much, with what certainty, and based on how many independent
-    observations.
+def difference_sentence(row: Mapping[str, Any]) -> str:
+    """State the difference between two models in one mean, and its uncertainty (a row of `COMPARISON_SCHEMA`).
 
-    >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
-    >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
-    >>> sentence.partition(" (")[0]
-    'The average CRE of A is lower than that of B by 0.42 px'
-    >>> sentence.partition("): ")[2]
-    'the error of A grows less under corruption, but A is less accurate: EPE +18.00 px.'
+    >>> row = {"first": "A", "second": "B", "metric": "cre", "corruption": "average", "difference": -0.42, "low": -0.7,
+    ...        "high": -0.1, "p_holm": 0.02, "comparisons": 1, "images": 80, "clusters": 80, "level": 0.95}
+    >>> difference_sentence(row)
+    'average CRE of A minus B: -0.42 px (95 % interval -0.70 to -0.10; p = 0.020; 80 images): A is lower.'
     """
-    what = {"average": "average ", "clean": "clean "}.get(corruption, f"{long_label(corruption)} ") + METRIC_LABELS[
-        metric
-    ]
-    unit = f" {UNITS[metric]}" if UNITS[metric] else ""
-    observed = f"{images} images" if clusters == images else f"{images} images in {clusters} sequences"
-    size = abs(interval.estimate)
-    if p_holm is None:
-        units = ("image" if clusters == images else "sequence") + (" is" if clusters == 1 else "s are")
-        outcome = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
-        chance = "to tell whether this is chance" if size else "to say more"
-        return f"The {what} of {names[0]} and {names[1]} {outcome} {clusters} {units} too few {chance}."
-    percent = f"{100 * level:g} %"
-    corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
-    evidence = f"p {p_text(p_holm)}{corrected}; {observed}"
-    blown = "".join(
-        f" On {counted(count, 'image')}, the error of {model} is more than ten times that of {other}."
-        for count, model, other in zip(blow_ups, names, reversed(names), strict=True)
-        if count
-    )
-    ends = "no finite interval"
-    if interval.low is not None and interval.high is not None:
-        ends = f"{percent} interval {interval.low:+.2f} to {interval.high:+.2f}"
-    elif equal:
-        ends += f", because {equal} of {counted(images, 'image')} are equal"
-    if p_holm >= 1 - level or interval.low is None or interval.high is None:
-        return (
-            f"No difference in {what} between {names[0]} and {names[1]} can be claimed: {interval.estimate:+.2f}{unit} "
-            f"({ends}; {evidence}).{blown}"
-        )
-    lower = interval.estimate < 0
-    low, high = sorted((abs(interval.low), abs(interval.high)))
-    gaps = [gap if lower or gap is None else -gap for gap in (clean_gap, flow_gap)]
-    verdict = _verdict(metric, names[0] if lower else names[1], *gaps)
-    return (
-        f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
-        f"({percent} interval {low:.2f} to {high:.2f}; {evidence}): {verdict}.{blown}"
-    )
-
-
-def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float | None) -> str:
-    """Explain what the lower value means. Each gap is the value of the model that `lower` names minus that of the other
-    model. Only RCRE measures how much a flow changes."""
-    if metric == "epe":
-        return f"{lower} is more accurate"
-    if metric == "rcre":
-        clause = f"the flow of {lower} changes less under corruption"
-    else:
-        relative = " relative to its error on clean frames" if metric == "crer" else ""
-        clause = f"the error of {lower} grows less under corruption{relative}"
-        if flow_gap is not None and flow_gap >= 0.005:
-            clause += f", although its flow changes more (RCRE {flow_gap:+.2f} px)"
-    if clean_gap is None:
-        return clause
-    if abs(clean_gap) < 0.005:
-        return f"{clause}, and {lower} is as accurate on clean frames"
-    how = f"but {lower} is less" if clean_gap > 0 else f"and {lower} is more"
-    return f"{clause}, {how} accurate: EPE {clean_gap:+.2f} px"
+    first, second, metric, unit = row["first"], row["second"], row["metric"], UNITS[row["metric"]]
+    what = {AVERAGE: "average", CLEAN: "clean"}.get(row["corruption"], long_label(row["corruption"]))
+    images = counted(row["images"], "image")
+    observed = images if row["clusters"] == row["images"] else f"{images} in {counted(row['clusters'], 'sequence')}"
+    bounded = row["low"] is not None and row["high"] is not None
+    interval = f"interval {row['low']:+.2f} to {row['high']:+.2f}" if bounded else "interval unbounded"
+    evidence = [f"{100 * row['level']:g} % {interval}", observed]
+    if row["p_holm"] is not None:
+        corrected = f", corrected for {row['comparisons']} comparisons" if row["comparisons"] > 1 else ""
+        evidence.insert(1, f"p {p_text(row['p_holm'])}{corrected}")
+    verdict = "they cannot be told apart"
+    if row["p_holm"] is None:
+        verdict = "too few to tell them apart"
+    elif bounded and row["p_holm"] < 1 - row["level"]:
+        verdict = f"{first if row['difference'] < 0 else second} is lower"
+    difference = f"{row['difference']:+.2f} {unit}".rstrip()
+    return f"{what} {METRIC_LABELS[metric]} of {first} minus {second}: {difference} ({'; '.join(evidence)}): {verdict}."
 
 
 def p_text(value: float) -> str:
@@ -228,7 +170,7 @@ class _Sums(NamedTuple):
 
 @dataclass(frozen=True)
 class _Difference:
-    """The difference between two models in one mean; `gaps` are the differences in clean EPE and average RCRE."""
+    """The difference between two models in one mean."""
 
     names: tuple[str, str]
     key: MetricKey
@@ -238,7 +180,6 @@ class _Difference:
     clusters: int
     equal: int
     blow_ups: tuple[int, int]
-    gaps: tuple[float | None, float | None]
 
 
 def _differences(
@@ -258,14 +199,13 @@ def _differences(
         return []
     statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
     intervals = bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed)
-    gaps = _gap(first, second, ("epe", CLEAN, None)), _gap(first, second, ("rcre", AVERAGE, None))
     differences = []
     for key, interval in intervals.items():
         if np.isfinite(interval.estimate):
             equal = int(np.count_nonzero(np.equal(*(one.of_images(key) for one in sums))))
             values = first.mean(*key), second.mean(*key)
             counts = first.images, clusters, equal, _blow_ups(sums, key)
-            differences.append(_Difference(names, key, interval, values, *counts, gaps))
+            differences.append(_Difference(names, key, interval, values, *counts))
     return differences
 
 
@@ -277,11 +217,6 @@ def _blow_ups(sums: tuple[_Sums, _Sums], key: MetricKey) -> tuple[int, int]:
     return int(np.count_nonzero(one > BLOW_UP * other)), int(np.count_nonzero(other > BLOW_UP * one))
 
 
-def _gap(first: ClusterSums, second: ClusterSums, key: MetricKey) -> float | None:
-    """Return the difference of two means (first minus second), in pixels; None if not measured."""
-    return first.mean(*key) - second.mean(*key) if first.measured(*key) and second.measured(*key) else None
-
-
 def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFrame:
     """Tabulate differences, with p-values corrected within each group."""
     records = []
@@ -289,24 +224,40 @@ def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFram
         tested = [one.interval.p for one in group if one.interval.p is not None]
         adjusted = iter(holm(tested))
         for one in group:
-            metric, corruption, _ = one.key
             interval = one.interval
-            p_holm = None if interval.p is None else next(adjusted)
-            counts = (one.images, one.clusters)
-            sentence = difference_sentence(
-                one.names,
-                metric,
-                corruption,
-                interval,
-                p_holm,
-                len(tested),
-                *counts,
-                level,
-                *one.gaps,
-                equal=one.equal,
-                blow_ups=one.blow_ups,
-            )
-            numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, len(tested))
-            about = (*counts, one.equal, *one.blow_ups, level, sentence)
-            records.append((*one.names, metric, corruption, *one.values, *numbers, *about))
-    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+            row: dict[str, Any] = dict(zip(("first", "second"), one.names, strict=True))
+            row |= {"metric": one.key[0], "corruption": one.key[1]}
+            row |= dict(zip(("value_first", "value_second"), one.values, strict=True))
+            row |= {"difference": interval.estimate, "low": interval.low, "high": interval.high, "p": interval.p}
+            row |= {"p_holm": None if interval.p is None else next(adjusted), "comparisons": len(tested)}
+            row |= {"images": one.images, "clusters": one.clusters, "equal": one.equal, "level": level}
+            row |= dict(zip(("blow_ups_first", "blow_ups_second"), one.blow_ups, strict=True))
+            records.append(row | {"sentence": difference_sentence(row)})
+    return pl.DataFrame(records, schema=COMPARISON_SCHEMA)
+
+
+STANDINGS_SCHEMA: dict[str, Any] = {
+    "model": pl.String,
+    "value": pl.Float64,
+    "rank": pl.Int64,
+    "best": pl.Int64,
+    "worst": pl.Int64,
+}
+"""`rank` is determined by the values alone; `best` and `worst` are the best and the worst rank that the tests allow."""
+
+
+def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
+    """Rank several models with ties: each model's rank, and the range of ranks that the paired tests allow."""
+    if pairs.height != len(names) * (len(names) - 1) // 2:
+        raise RunError("not all of these runs measured the same data; a ranking needs runs on the same data")
+    values: dict[str, float] = {}
+    beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    for row in pairs.iter_rows(named=True):
+        values[row["first"]], values[row["second"]] = row["value_first"], row["value_second"]
+        if row["p_holm"] is not None and row["p_holm"] < 1 - row["level"]:
+            better, worse = (row["first"], row["second"])[:: 1 if row["difference"] < 0 else -1]
+            beats[better] += 1
+            beaten[worse] += 1
+    ranks = competition_ranks({name: values[name] for name in names})
+    records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
+    return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import polars as pl
 from ...core.errors import UsageError, unknown_name
 from ...corruptions.registry import MEMBERS, ordered
 from ...metrics.means import AVERAGE, averaged_corruptions
+from ...metrics.measures import BEFORE, MEASURES
 from ...metrics.rows import CLEAN
 from .log_scale import ErrorMean
 from .statistic import Array, Mean, Statistic
@@ -38,21 +40,20 @@ class ClusterSums:
         as in the run's summary."""
         images = image_errors(rows)
         clusters = tuple(images["group"].unique().sort())
-        dirty = images.filter(pl.col("corruption") != CLEAN)
+        clean, dirty = images.filter(corruption=CLEAN), images.filter(pl.col("corruption") != CLEAN)
         conditions = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
-        shape = (len(clusters), len(conditions))
-        columns = pl.DataFrame(conditions, schema={"corruption": pl.String, "severity": pl.Int64}, orient="row")
-        at = _places(dirty, clusters, columns.with_row_index("_column"))
-        sums, counts = {}, {}
-        before = (dirty["epe"] - dirty["cre"]).alias("before")
-        for values in (dirty["epe"], dirty["cre"], dirty["rcre"], before):
-            sums[values.name], counts[values.name] = _sums(values, at, shape)
-        clean = images.filter(corruption=CLEAN)
-        only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
-        clean_sum, clean_count = _sums(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
-        averaged = frozenset(averaged_corruptions(rows))
-        samples = images["sample"].n_unique()
-        return cls(clusters, samples, conditions, averaged, sums, counts, clean_sum, clean_count)
+        added = {name: _sums(dirty, name, clusters, conditions) for name in ("epe", "cre", "rcre", "before")}
+        clean_sum, clean_count = _sums(clean, "epe", clusters, ((CLEAN, 0),))
+        return cls(
+            clusters,
+            images["sample"].n_unique(),
+            conditions,
+            frozenset(averaged_corruptions(rows)),
+            {name: sums for name, (sums, _) in added.items()},
+            {name: counts for name, (_, counts) in added.items()},
+            clean_sum,
+            clean_count,
+        )
 
     def corruptions(self) -> list[str]:
         """Return the corruptions in the rows, starting with the paper's corruptions in the paper's order."""
@@ -118,40 +119,25 @@ class ClusterSums:
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """Tabulate, for each row of a run, the sample, group, corruption, severity and frames_digest, and the image's mean
-    epe, cre and rcre in pixels, null where nothing could be measured. Both errors in CRE are over the same pixels;
-    without ground truth, RCRE is over all pixels."""
-    without_truth = pl.col("n_valid").is_null()
-    images = rows.select(
-        "sample",
-        "group",
-        "corruption",
-        "severity",
-        "frames_digest",
-        epe=pl.when(pl.col("n_valid") > 0).then(pl.col("epe_sum") / pl.col("n_valid")),
-        _before=pl.when(pl.col("n_valid") > 0).then(pl.col("clean_epe_sum") / pl.col("n_valid")),
-        rcre=pl.when(pl.coalesce("n_valid", "n_all") > 0).then(
-            pl.when(without_truth)
-            .then(pl.col("rcre_all_sum") / pl.col("n_all"))
-            .otherwise(pl.col("rcre_sum") / pl.col("n_valid"))
-        ),
-    )
-    clean = images.filter(corruption=CLEAN).select("sample", _clean="epe")
-    joined = images.join(clean, on="sample", how="left", maintain_order="left")
-    moved = pl.when(pl.col("_clean").is_not_null()).then(pl.col("epe") - pl.col("_before"))
-    return joined.with_columns(cre=moved).drop("_before", "_clean")
+    errors in pixels, null where nothing could be measured: epe, rcre, cre, and `before`, the clean epe over the same
+    pixels as epe."""
+    parts = {"epe": MEASURES["epe"], "rcre": MEASURES["rcre"], "before": BEFORE}
+    known = {name: pl.when(one.count > 0).then(one.total / one.count) for name, one in parts.items()}
+    images = rows.select("sample", "group", "corruption", "severity", "frames_digest", **known)
+    seen = images.filter(pl.col("epe").is_not_null(), corruption=CLEAN)["sample"]
+    before = pl.when(pl.col("sample").is_in(seen.implode())).then("before")
+    return images.with_columns(before=before, cre=pl.col("epe") - before)
 
 
-def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cluster index and the condition index of each value."""
-    groups = pl.DataFrame({"group": clusters}, schema={"group": pl.String}).with_row_index("_row")
-    at = values.select("group", "corruption", "severity").join(groups, on="group", how="left", maintain_order="left")
-    at = at.join(columns, on=["corruption", "severity"], how="left", maintain_order="left")
-    return at["_row"].to_numpy(), at["_column"].to_numpy()
-
-
-def _sums(values: pl.Series, at: tuple[np.ndarray, np.ndarray], shape: tuple[int, int]) -> tuple[Array, Array]:
-    known = values.is_not_null().to_numpy()
-    sums, counts = np.zeros(shape), np.zeros(shape)
-    np.add.at(sums, at, np.where(known, values.fill_null(0.0).to_numpy(), 0.0))
-    np.add.at(counts, at, known.astype(np.float64))
+def _sums(
+    images: pl.DataFrame, name: str, clusters: Sequence[str], conditions: Sequence[Column]
+) -> tuple[Array, Array]:
+    """Add up a value and count the images with one, per cluster and condition."""
+    known = images.filter(pl.col(name).is_not_null())
+    column_of = {condition: number for number, condition in enumerate(conditions)}
+    columns = [column_of[at] for at in known.select("corruption", "severity").iter_rows()]
+    at = np.searchsorted(np.array(clusters, object), known["group"].to_numpy()), np.array(columns, np.intp)
+    sums, counts = np.zeros((2, len(clusters), len(conditions)))
+    np.add.at(sums, at, known[name].to_numpy())
+    np.add.at(counts, at, 1.0)
     return sums, counts
