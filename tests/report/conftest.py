@@ -15,7 +15,7 @@ from robustflow.run.identity import Provenance
 from robustflow.run.run import Run
 from tests.made_rows import change_manifest, made_run
 
-from ..analysis.simulated import Truth, rows_of
+from ..stats.simulated import Truth, rows_of
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ from robustflow.run.records.verify import Verification, verify
 from robustflow.stats.uncertainty.intervals import intervals
 from tests.made_rows import made_run
 
-from ..analysis.simulated import Truth, rows_of
+from ..stats.simulated import Truth, rows_of
 
 HOSTILE = '<img src=x onerror=alert(1)>|`*R*`: "y" # {z} [l](javascript:x)'
 HUB = "someone/kitti-fc"

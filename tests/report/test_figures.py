@@ -33,7 +33,7 @@ from robustflow.stats.model_result import ModelResult
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results
 
-from ..analysis.simulated import Truth, rows_of
+from ..stats.simulated import Truth, rows_of
 from .hostile import HOSTILE
 
 _KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]

@@ -29,7 +29,7 @@ from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.stats.uncertainty import intervals
 from robustflow.testing import ConstantFlow
 
-from ..analysis.simulated import Truth, rows_of
+from ..stats.simulated import Truth, rows_of
 from .elements import Elements
 from .hostile import HOSTILE
 

@@ -30,9 +30,15 @@ from ..run.cells import UNEVEN
 from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
-from ..stats.conclusion import CAVEAT, enough_to_compare, without_truth
 from ..stats.conditions import seed_groups, seeds_of
-from ..stats.exclusion import PHANTOM, exclusion_reasons, phantom_motion
+from ..stats.exclusion import (
+    CAVEAT,
+    PHANTOM,
+    enough_to_compare,
+    exclusion_reasons,
+    phantom_motion,
+    without_truth,
+)
 from ..stats.frame import uncoupled_means
 from ..stats.model_result import ModelResult
 from ..stats.results import METRIC_LABELS

@@ -13,8 +13,7 @@ from statistics import fmean
 
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
-from ..stats.cost_ranks import printed_cost_ranks
-from ..stats.model_result import ModelResult
+from ..stats.model_result import ModelResult, printed_cost_ranks
 from ..stats.published.tables import Method, method_of, not_discussed
 from ..stats.results import AVERAGE, CLEAN, family_crer
 from .margin import THIN, Margin, Verdict, joint

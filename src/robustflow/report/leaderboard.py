@@ -9,8 +9,7 @@ from ..core.errors import RunError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
-from ..stats.conclusion import CAVEAT
-from ..stats.exclusion import PHANTOM
+from ..stats.exclusion import CAVEAT, PHANTOM
 from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames, printed_cost_ranks
 from ..stats.published.tables import PAPER
 from ..stats.ranking import Compared, best_of_columns, competition_ranks

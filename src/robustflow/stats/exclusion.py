@@ -10,6 +10,7 @@ from statistics import median_low
 
 import polars as pl
 
+from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
 from ..metrics.means import averaged_rows, clean_mean
 from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
@@ -17,6 +18,7 @@ from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.run import Run
 from .results import NEVER_RANKED, inside, long_label
+from .uncertainty.bootstrap import enough_clusters
 
 PHANTOM = (
     "Nothing moves in these frames, so EPE measures phantom motion: bias on clean frames, flicker under corruption. "
@@ -43,6 +45,24 @@ def phantom_motion(run: Run) -> str:
         draws = run.manifest.identity.measuring.draws
         sentence += f"; the flow's standard deviation over {draws} draws is {spread:.3f} px"
     return sentence
+
+
+CAVEAT = (
+    "RCRE measures how much the flow changes, not whether it is wrong: a model that ignores its frames has the lowest "
+    "RCRE, and only its photometric error, close to that of zero flow, distinguishes it from a robust model."
+)
+
+
+def without_truth(run: Run) -> bool:
+    """Whether a run used frames without ground truth for which the paper has no results, such as the user's own
+    frames."""
+    benchmark = run.benchmark
+    return not benchmark_facts(benchmark).published and run.epe_clean is None and run.rcre is not None
+
+
+def enough_to_compare(run: Run) -> bool:
+    """Whether a run has enough independent pairs to generalise a difference to other frames."""
+    return enough_clusters(run.rows.filter(corruption=CLEAN)["group"].n_unique())
 
 
 ACCURATE_BELOW = 0.5

@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 from .intervals import intervals
-from .paired import compare_all, compare_leaders, compare_rows, difference_sentence, standings
+from .paired import compare_all, compare_rows, difference_sentence, standings
 from .variance import variance_split
 
 __all__ = [
     "compare_all",
-    "compare_leaders",
     "compare_rows",
     "difference_sentence",
     "intervals",

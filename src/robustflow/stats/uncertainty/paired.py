@@ -143,14 +143,6 @@ def compare_all(
     return _table([pairs], level)
 
 
-def compare_leaders(runs: Mapping[str, pl.DataFrame], metric: str) -> dict[str, Any] | None:
-    """Compare the two best of several models on the average of one metric, corrected for all pairs, because the two
-    were selected from these models.
-    """
-    first, second, *_ = runs
-    return next(compare_all(runs, metric).filter(first=first, second=second).iter_rows(named=True), None)
-
-
 class _Sums(NamedTuple):
     """The errors of one run, added up per cluster and per image."""
 

@@ -3,7 +3,7 @@
 The true value is known because the images are drawn from a known population. The fast tests catch gross errors; the
 slow ones measure the rates. The following command prints the coverage in `docs/design/uncertainty.md`:
 
-    python -m tests.analysis.test_coverage
+    python -m tests.stats.test_coverage
 """
 
 from __future__ import annotations

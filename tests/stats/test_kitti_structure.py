@@ -2,7 +2,7 @@
 
 The following command prints the numbers in `docs/design/uncertainty.md`:
 
-    python -m tests.analysis.test_kitti_structure
+    python -m tests.stats.test_kitti_structure
 """
 
 from __future__ import annotations
