@@ -107,14 +107,6 @@ def test_record_with_unplanned_cells_has_no_subject(packed):
     assert status["measurements"] == "not checked"
 
 
-def test_failed_check_states_three_problems_and_the_number_of_the_others(packed):
-    unknown = {f"unknown_{number}": [1] for number in range(5)}
-    check, message = failure(with_json(packed, "manifest.json", put(*_PLANNED, value=unknown)))
-    assert check == "cells"
-    assert [name in message for name in unknown] == [True] * 3 + [False] * 2
-    assert "2 more" in message
-
-
 def test_a_few_equal_frames_are_possible(packed):
     """A corruption that changes nothing (a flat frame, a stream in which no bit was flipped) is not a forgery."""
     same = with_rows(packed, at(_FOG & (pl.col("severity") == 5), frames_digest=pl.col("frames_digest").first()))

@@ -21,9 +21,6 @@ from ..trust import parse_document
 from .container import check_text, read_container, read_json
 from .contents import MOST_ROWS, VERSION, Record, rows_from_text
 
-STEPS = ("container", "record", "hashes", "manifest", "rows")
-"""The methods of `Reader`, in the order in which they must be called."""
-
 _ALWAYS = (
     *("sample", "group", "corruption", "severity", "truth", "frames_digest", "height", "width", "n_invalid", "n_all"),
     *("rcre_all_sum", "pred_magnitude_sum", "n_photometric", "photometric_sum", "photometric_still_sum"),
@@ -35,7 +32,8 @@ _LOWEST = {"attack_way_gone": -_LARGEST_SUM, **dict.fromkeys(SIGNED, -1.0)}
 
 
 class Reader:
-    """Reader of one record. Every step returns a sentence that describes what it checked, or raises."""
+    """Reader of one record: `container`, `record`, `hashes`, `manifest` and `rows`, in this order. Every step returns a
+    sentence that describes what it checked, or raises."""
 
     entries: dict[str, bytes]
     facts: Record

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from functools import reduce
 from operator import add
-from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -20,10 +19,7 @@ from ...attacks.result import WARNINGS
 from ...core.arguments import SEVERITIES
 from ...metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, REGION_MEASURES, Measure
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
-from ...metrics.rows import CLEAN, COVERAGES, ROW_KEY, ROW_SCHEMA
-
-if TYPE_CHECKING:
-    from ..run import Run
+from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA
 
 _CLOSE = 1e-9
 _BEFORE = "_clean"
@@ -185,14 +181,3 @@ def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[
     both = both.with_columns(_attack=pl.col("corruption").is_in(list(attacks)))
     for rule, condition in RULES.items():
         yield rule, both.filter(condition.fill_null(False))
-
-
-def row_problems(run: Run) -> tuple[list[str], int]:
-    """Check that no row breaks a rule; return the problems and the number of comparisons."""
-    rows = pl.concat([run.rows, run.attack_rows.filter(~_is_clean)])
-    problems = [
-        f"sample '{sample}', {corruption} severity {severity} breaks the rule: {rule}"
-        for rule, broken in broken_rules(rows, run.attacks)
-        for sample, corruption, severity in broken.select(ROW_KEY).iter_rows()
-    ]
-    return problems, rows.height * len(RULES)
