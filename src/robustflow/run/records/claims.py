@@ -65,9 +65,7 @@ def check_cells(reader: Reader) -> str:
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
     several = of_sample.filter(pl.col("len") > 1)
     if 2 * (shared := several.filter(pl.col("shared") > _MOST_SHARED).height) > several.height:
-        raise DataError(
-            "frames_digest", f"equal under different corruptions in {shared} of {several.height} samples"
-        )
+        raise DataError("frames_digest", f"equal under different corruptions in {shared} of {several.height} samples")
     if not plan.identity.measuring.allow_invalid and rows["n_invalid"].sum():
         raise DataError("n_invalid", "the rows count NaN or infinite pixels, which the run did not allow")
     return f"{len(present)} of {len(planned)} planned rows"
