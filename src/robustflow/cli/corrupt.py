@@ -1,64 +1,34 @@
 """`robustflow corrupt`: apply corruptions to your own pair of frames."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from . import complete
-from .options import (
-    CommonDraws,
-    Depth,
-    Focal,
-    PsfDir,
-    Seed,
-    SeverityScale,
-    Variant,
-    names,
-    numbers,
-    refuse_unused,
-    use_psf_dir,
+from .options import FRAMES, names, numbers, refuse_unused, shared
+
+
+@shared(
+    *FRAMES,
+    *("depth", "focal"),
+    corruptions="Comma-separated names, families (weather), stacks (fog+snow), or your own module.path:Attribute.",
+    severities="1 (mild) to 5 (severe), e.g. 3 or 1-5; 3 by default.",
+    output="Folder for the corrupted frames; 'corrupted' by default.",
 )
-
-
 def corrupt(
     context: typer.Context,
-    frame1: Annotated[Path | None, typer.Argument(metavar="FRAME1", help="First frame.")] = None,
-    frame2: Annotated[
-        Path | None, typer.Argument(metavar="FRAME2", help="Second frame; same size as the first.")
-    ] = None,
-    corruptions: Annotated[
-        str | None,
-        typer.Option(
-            "--corruptions",
-            "--corruption",
-            "-c",
-            autocompletion=complete.corruptions,
-            help="Comma-separated names, families (weather), stacks (fog+snow), or your own module.path:Attribute.",
-        ),
-    ] = None,
-    severities: Annotated[
-        str, typer.Option("--severities", "--severity", "-s", help="1 (mild) to 5 (severe), e.g. 3 or 1-5.")
-    ] = "3",
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the corrupted frames.")] = Path(
-        "corrupted"
-    ),
-    seed: Seed = 0,
-    variant: Variant = "default",
-    severity_scale: SeverityScale = "paper",
-    common_draws: CommonDraws = False,
-    psf_dir: PsfDir = None,
-    depth: Depth = None,
-    focal: Focal = None,
+    frame1: Annotated[Path | None, Argument(metavar="FRAME1", help="First frame.")] = None,
+    frame2: Annotated[Path | None, Argument(metavar="FRAME2", help="Second frame; same size as the first.")] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Only check that this machine produces the reference bytes.")
+        bool, Option("--check", help="Only check that this machine produces the reference bytes.")
     ] = False,
+    **given: Any,
 ) -> None:
     """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.
 
     \b
     Examples:
-      robustflow corrupt a.png b.png --corruptions fog
       robustflow corrupt a.png b.png -c snow,frost -s 1,3,5 --seed 7 -o corrupted
       robustflow corrupt --check
     """
@@ -77,28 +47,25 @@ def corrupt(
     from ..media.images import read_image, write_image
     from ..run.predict import frames_of
 
-    if frame1 is None or frame2 is None or corruptions is None:
-        raise UsageError("give two frames and --corruptions, or --check alone")
-    use_psf_dir(psf_dir)
-    wanted = with_families(names(corruptions) or [], IMAGE_PAIR)
-    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in wanted]
-    levels = numbers(severities) or []
+    if frame1 is None or frame2 is None or given["corruptions"] is None:
+        raise UsageError("--corruptions", "give two frames and --corruptions, or --check alone")
+    wanted = with_families(names(given["corruptions"]) or [], IMAGE_PAIR)
+    chosen = [load_corruption(corruption_name(name), given["variant"], given["severity_scale"]) for name in wanted]
+    levels = numbers(given["severities"] or "3") or []
     for one in chosen:
         for level in levels:
             one.parameter(level)
     sample = Sample(frame1.stem, (read_image(frame1), read_image(frame2)))
-    dataset = frames_of([frame1, frame2], {})
-    pair = Benchmark("corrupt", dataset, (sample.key,), tuple(one.name for one in chosen))
-    depths = with_own_depth(pair, depth, focal).depth_to_read()
+    pair = Benchmark("corrupt", frames_of([frame1, frame2], {}), (sample.key,), tuple(one.name for one in chosen))
+    depths = with_own_depth(pair, given["depth"], given["focal"]).depth_to_read()
     scene = None if depths is None else depths.depth(sample)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
+    options = {"common_draws": given["common_draws"], "depth": scene}
     for one in chosen:
         for level in levels:
-            folder = output / f"{one.name}_{level}"
+            folder = (given["output"] or Path("corrupted")) / f"{one.name}_{level}"
             make_folder(folder)
-            corrupted = corrupt_pair(
-                *sample.frames, one, level, seed, sample.key, common_draws=common_draws, depth=scene
-            )
+            corrupted = corrupt_pair(*sample.frames, one, level, given["seed"], sample.key, **options)
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             typer.echo(str(folder))

@@ -5,109 +5,63 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from ..core.errors import UsageError
-from .options import (
-    Checkpoint,
-    CommonDraws,
-    Corruptions,
-    Data,
-    DataOptions,
-    Depth,
-    Device,
-    Focal,
-    Limit,
-    ModelOptions,
-    Precision,
-    PsfDir,
-    Seed,
-    Severities,
-    SeverityScale,
-    Split,
-    Variant,
-    data_options,
-    model_options,
-    names,
-    numbers,
-    refuse_unused,
-    use_psf_dir,
-)
+from ..core.errors import UsageError, unknown_name
+from .options import DATASET, FRAMES, MODEL, data_options, model_options, names, refuse_unused, run_arguments, shared
 
-_OF_MODEL = {"model", "checkpoint", "device", "precision", "option"}
-_OF_SUBMISSION = {"benchmark", "format", "data", "output", "corruptions", "limit", *_OF_MODEL}
+_SUBMISSION = {"benchmark", "format", "data", "output", "corruptions", "limit", *MODEL}
 """Parameters that a submission uses."""
 
 
+@shared(
+    *DATASET,
+    *("corruptions", "severities", "limit", "split"),
+    *FRAMES,
+    *(name for name in MODEL if name != "model"),
+    model="With robustspring: model, if the run does not record it.",
+    output="Output folder, or file for rows; by default KITTI-FC, submission, or the name of the format.",
+)
 def export(
     context: typer.Context,
     benchmark: Annotated[
-        str, typer.Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
+        str, Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
     ],
-    data: Data = None,
-    data_option: DataOptions = None,
-    depth: Depth = None,
-    focal: Focal = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Output folder; by default KITTI-FC, submission or the name of the format. Output file for rows.",
-        ),
-    ] = None,
     format: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--format",
             "-f",
             help="Format for a run: csv, parquet or croissant (rows); huggingface (results); robustspring (the model's "
             "flows, as a submission to its server).",
         ),
     ] = None,
-    corruptions: Corruptions = None,
-    severities: Severities = None,
-    limit: Limit = None,
-    split: Split = None,
-    seed: Seed = 0,
-    variant: Variant = "default",
-    severity_scale: SeverityScale = "paper",
-    common_draws: CommonDraws = False,
-    psf_dir: PsfDir = None,
-    model: Annotated[
-        str | None, typer.Option("--model", "-m", help="With robustspring: model, if the run does not record it.")
-    ] = None,
-    checkpoint: Checkpoint = None,
-    device: Device = None,
-    precision: Precision = None,
-    option: ModelOptions = None,
-    hub_dataset: Annotated[
-        str | None, typer.Option("--hub-dataset", help="With huggingface: the benchmark's dataset on the Hub.")
-    ] = None,
+    hub_dataset: Annotated[str | None, Option(help="With huggingface: the benchmark's dataset on the Hub.")] = None,
+    **given: Any,
 ) -> None:
     """Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows or results.
 
     With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
-    fog/test, ...). Flows are written in the layout that its flow_robust_subsampling expects, and results.csv contains
-    the change of the flow under corruption. The files of croissant and huggingface depend only on the run:
-    'robustflow record verify RECORD --exported FILE' compares them with the run's record. Existing complete frames and
-    flows are kept, so an interrupted export resumes where it stopped.
+    fog/test, ...). The files of croissant and huggingface depend only on the run: 'robustflow record verify RECORD
+    --exported FILE' compares them with its record. An interrupted export resumes where it stopped.
 
     \b
     Example:
       robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
       robustflow export runs/mine --format parquet --output mine.parquet
-      robustflow export runs/mine --format croissant --output mine
       robustflow export runs/mine --format robustspring --data ~/RobustSpring --device cuda
     """
     if format == "robustspring":
-        refuse_unused(context, set(context.params) - _OF_SUBMISSION, "with --format robustspring")
-        given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
-        _export_submission(Path(benchmark), model, given, data, output, names(corruptions), limit)
-        return
-    if format is not None:
-        _export_run(context, Path(benchmark), format, output, hub_dataset)
-        return
-    refuse_unused(context, {"hub_dataset", *_OF_MODEL}, "without --format")
+        refuse_unused(context, set(context.params) - _SUBMISSION, "with --format robustspring")
+        _export_submission(Path(benchmark), given)
+    elif format is not None:
+        _export_run(context, Path(benchmark), format, given["output"], hub_dataset)
+    else:
+        refuse_unused(context, {"hub_dataset", *MODEL}, "without --format")
+        _export_frames(benchmark, given)
+
+
+def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
     from ..core.display import ProgressBar
     from ..core.text import counted
     from ..corruptions.stack import levels_of
@@ -115,32 +69,23 @@ def export(
     from ..data.benchmarks.export import export as write
 
     if benchmark not in BENCHMARKS and Path(benchmark).exists():
-        raise UsageError(
-            f"{benchmark} is not a benchmark: add --format to export a run, or give its folder with --data"
-        )
-    use_psf_dir(psf_dir)
-    output = output or Path("KITTI-FC")
-    opened = load_benchmark(benchmark, data, split, data_options(data_option, depth, focal))
-    chosen = opened.narrowed(names(corruptions), numbers(severities), limit)
-    levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
-    total = len(chosen.keys) * (1 + sum(levels))
-    steps = write(chosen, output, seed, variant, severity_scale, common_draws)
+        raise UsageError(benchmark, "not a benchmark: add --format to export a run, or give its folder with --data")
+    arguments, output = run_arguments(given), given["output"] or Path("KITTI-FC")
+    opened = load_benchmark(benchmark, given["data"], given["split"], data_options(given))
+    chosen = opened.narrowed(arguments["corruptions"], arguments["severities"], given["limit"])
+    levels = {name: levels_of(name, chosen.severities, given["severity_scale"]) for name in chosen.corruptions}
+    total = len(chosen.keys) * (1 + sum(map(len, levels.values())))
+    steps = write(chosen, output, *(given[name] for name in FRAMES if name != "psf_dir"))
     with ProgressBar() as progress:
         fresh = sum(step.fresh for step in progress.track(steps, f"{output}: exporting", total))
-    fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
-    if severity_scale == "calibrated" and fewer:
-        typer.echo(
-            f"not exported at every severity, because the calibrated scale lacks some severities of {', '.join(fewer)}",
-            err=True,
-        )
-    typer.echo(
-        f"{output}: {counted(len(chosen.keys), 'pair')}; clean and corrupted copies: {fresh} written and "
-        f"{total - fresh} already present"
-    )
+    fewer = [name for name, of_name in levels.items() if len(of_name) < len(chosen.severities)]
+    if given["severity_scale"] == "calibrated" and fewer:
+        typer.echo(f"the calibrated scale lacks some severities of {', '.join(fewer)}", err=True)
+    written = f"{fresh} written and {total - fresh} already present"
+    typer.echo(f"{output}: {counted(len(chosen.keys), 'pair')}; clean and corrupted copies: {written}")
 
 
 def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
-    from ..core.errors import unknown_name
     from ..core.files import make_folder, write_bytes
     from ..report.exchange import EXCHANGE_FORMATS, exchange_files
     from ..run.records.pack import load_any_run
@@ -162,15 +107,7 @@ def _export_run(context: typer.Context, path: Path, format: str, output: Path | 
         typer.echo(str(target))
 
 
-def _export_submission(
-    path: Path,
-    model: str | None,
-    given: tuple[tuple[str, Any], ...],
-    data: Path | None,
-    output: Path | None,
-    corruptions: list[str] | None,
-    limit: int | None,
-) -> None:
+def _export_submission(path: Path, given: dict[str, Any]) -> None:
     from ..core.display import ProgressBar
     from ..core.files import write_bytes
     from ..data.datasets.robustspring import CORRUPTIONS, submitted
@@ -182,14 +119,13 @@ def _export_submission(
     from ..stats.results_file import results_csv
     from ..stats.robustspring import robustness_csv, robustness_means, robustspring_results
 
-    if data is None:
-        raise UsageError(
-            "--format robustspring needs RobustSpring's frames: give --data PATH, the folder that contains spring/test/"
-        )
-    output = output or Path("submission")
+    if given["data"] is None:
+        raise UsageError("--data", "give RobustSpring's frames, the folder that contains spring/test/")
+    output, options = given["output"] or Path("submission"), model_options(given)
     run = load_any_run(path)
-    spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
-    conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
+    recorded = given["model"] is None
+    spec = RunSource.read(run.path).model_to_reuse(dict(options)) if recorded else ModelSpec(given["model"], options)
+    conditions = condition_pairs(given["data"], names(given["corruptions"]) or CORRUPTIONS, given["limit"])
     total = sum(len(condition.keys) for condition in conditions)
     with ProgressBar() as progress:
         written = write_submission(run, model_of(run, spec), conditions, output)
@@ -198,18 +134,16 @@ def _export_submission(
     for one in flows:
         if one.moved is not None:
             moved.setdefault(one.condition, []).append(one.moved)
-    if moved:
-        write_bytes(output / "results.csv", results_csv([robustspring_results(run, flows)]).encode())
-        means = robustness_means(moved)
-        write_bytes(output / "robustness.csv", robustness_csv(means).encode())
     fresh = sum(one.fresh for one in flows)
     typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
     if moved:
+        means = robustness_means(moved)
+        write_bytes(output / "results.csv", results_csv([robustspring_results(run, flows)]).encode())
+        write_bytes(output / "robustness.csv", robustness_csv(means).encode())
         epe, fl, px1 = means[AVERAGE][1]
         typer.echo(
-            f"the flow changed by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over "
-            "all pixels; the server evaluates about 0.1 % of the pixels, subsampled in float16, so its numbers differ "
-            "slightly"
+            f"change of the flow: {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over all "
+            "pixels; the server takes about 0.1 % of them, in float16"
         )
     if missing := sum(not (output / flow).is_file() for flow in submitted()):
         typer.echo(f"incomplete submission: {missing} of {len(list(submitted()))} flows are missing")

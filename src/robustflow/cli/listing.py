@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 from typing import Annotated
 
-import typer
+from typer import Argument
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError, unknown_name
@@ -18,10 +18,10 @@ _OF_FILES = {
 that it installs."""
 
 
-def list_things(
+def listing(
     kind: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="KIND",
             autocompletion=complete.kinds,
             help="models, corruptions, attacks, benchmarks, datasets or recipes; all by default.",
@@ -29,7 +29,7 @@ def list_things(
     ] = "all",
     search: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="SEARCH", help="With models: part of a name; lists every published checkpoint of matching models."
         ),
     ] = "",

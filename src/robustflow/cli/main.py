@@ -8,6 +8,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,46 +21,48 @@ from ..core.errors import RobustFlowError, UsageError, plain_warning
 from ..core.paths import user_path
 from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
-from .app import app as local_app
-from .check import check
-from .compare import compare
-from .corrupt import corrupt
-from .export import export
-from .gallery import gallery
-from .leaderboard import leaderboard
-from .listing import list_things
-from .optics import app as optics
-from .predict import predict
-from .prepare import prepare
-from .profile import profile
-from .record import app as record
-from .report import report
-from .reproduce import app as reproduce
-from .run import run
-from .train import train
 
-_PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
-    "Measure": {"run": run, "predict": predict, "profile": profile},
-    "Look": {"report": report, "gallery": gallery},
-    "Compare and share": {
-        "compare": compare,
-        "leaderboard": leaderboard,
-        "record": record,
+_PANELS = {
+    "Measure": {
+        "run": "Measure the robustness of a model, or of several models one after another.",
+        "predict": "Predict the flow of each pair of adjacent frames, and write it in a standard file format.",
+        "profile": "Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.",
     },
-    "Train": {"train": train},
-    "The paper": {"reproduce": reproduce},
-    "Make": {"corrupt": corrupt, "export": export, "prepare": prepare, "optics": optics},
-    "More": {"app": local_app, "list": list_things, "check": check},
+    "Look": {
+        "report": "Print runs and update their pages; or make tables, figures or example pictures of them.",
+        "gallery": "Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over "
+        "all five.",
+    },
+    "Compare and share": {
+        "compare": "Test whether models differ, paired by image, with intervals and corrected p-values.",
+        "leaderboard": "Build a leaderboard: a self-contained index.html, and results.csv.",
+        "record": "Pack a run into one file, and verify such files.",
+    },
+    "Train": {"train": "Train a network with a recipe of the paper or of the network's authors."},
+    "The paper": {"reproduce": "Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments."},
+    "Make": {
+        "corrupt": "Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.",
+        "export": "Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows "
+        "or results.",
+        "prepare": "Prepare a benchmark's data from recordings, or list the digests of a dataset.",
+        "optics": "Design, show and render the lenses of psf_blur; calibrate severities.",
+    },
+    "More": {
+        "app": "Choose a pair, a model and corruptions in the browser, and see how the frames, the flow and its errors "
+        "change.",
+        "list": "List models, corruptions, attacks, benchmarks, datasets or training recipes.",
+        "check": "Test your own model, corruption, attack or dataset: shapes, dtypes, determinism, unmodified inputs.",
+    },
 }
-"""Commands by heading in `--help`. Under each heading, groups come after single commands, as in Typer's output."""
+"""Commands by heading in `--help`, each in the module of its name, with the first paragraph of its help. Under each
+heading, groups come after single commands, as in Typer's output."""
+
+_GROUPS = ("record", "reproduce", "prepare", "optics")
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """Build the command line; with `arguments`, only the commands that they name have options.
-
-    Typer evaluates the annotations of every option on every start, which takes a quarter of the time of `--help`.
-    All other commands are only listed with their description.
-    """
+    """Build the command line; with `arguments`, only the commands that they name are imported and have options, so
+    that `--help` is fast."""
     app = typer.Typer(
         name="robustflow",
         help="How robust is an optical-flow model to image corruptions?",
@@ -70,17 +73,23 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
     )
     app.callback()(_options)
     for panel, commands in _PANELS.items():
-        for name, command in commands.items():
+        for name, description in commands.items():
             wanted = arguments is None or name in arguments
-            if isinstance(command, typer.Typer) and wanted:
-                for one in command.registered_commands:
+            if name in _GROUPS:
+                group = _command(name) if wanted else typer.Typer(help=description)
+                for one in group.registered_commands:
                     one.cls = _Command
-                app.add_typer(command, name=name, rich_help_panel=panel)
-            elif isinstance(command, typer.Typer):
-                app.add_typer(typer.Typer(help=command.info.help), name=name, rich_help_panel=panel)
+                app.add_typer(group, name=name, rich_help_panel=panel)
             else:
-                app.command(name, cls=_Command, rich_help_panel=panel)(command if wanted else _listed(command.__doc__))
+                function = _command(name) if wanted else _listed(description)
+                app.command(name, cls=_Command, rich_help_panel=panel)(function)
     return app
+
+
+def _command(name: str) -> Any:
+    """Return the function or group of a command, named as its module."""
+    name = "listing" if name == "list" else name
+    return getattr(import_module(f".{name}", __package__), "app" if name in _GROUPS else name)
 
 
 class _Command(TyperCommand):
@@ -101,18 +110,18 @@ class _Command(TyperCommand):
             return super().parse_args(ctx, args)
         for text in args:
             if not is_utf8(text):
-                raise UsageError(f"{text} is not valid UTF-8: rename the file or folder")
+                raise UsageError(text, "not valid UTF-8: rename the file or folder")
         values, _, given = self.make_parser(ctx).parse_args(list(args))
         for parameter in self.params:
             value = values.get(parameter.name)
             texts = value if isinstance(value, list | tuple) else (value,)
             if any(isinstance(text, str) and not text.strip(" ,") for text in texts):
-                raise UsageError(f"{parameter.opts[0]} is empty: give a value, or omit it")
+                raise UsageError(parameter.opts[0], "empty: give a value, or omit it")
         for option, times in Counter(given).items():
             not_repeatable = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
             if not_repeatable and times > 1:
                 raise UsageError(
-                    f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
+                    option.opts[0], f"given {times} times; give it once, with commas between several values"
                 )
         rest = super().parse_args(ctx, args)
         ctx.params.update({name: _expanded(value) for name, value in ctx.params.items()})
@@ -126,7 +135,7 @@ def _expanded(value: Any) -> Any:
     return user_path(value) if isinstance(value, Path) else value
 
 
-def _listed(description: str | None) -> Callable[[], None]:
+def _listed(description: str) -> Callable[[], None]:
     def command() -> None:
         raise AssertionError("a command registered only for listing was called")
 
@@ -147,7 +156,10 @@ def _options(
     pass
 
 
-app = command_line()
+def __getattr__(name: str) -> typer.Typer:
+    if name != "app":
+        raise AttributeError(name)
+    return command_line()
 
 
 def main() -> None:

@@ -1,11 +1,12 @@
 """`robustflow optics`: the searches behind shipped constants, i.e. the lenses of psf_blur and calibrated severities."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer import Option
 
-from .options import Corruptions, Seed, names, numbers, refuse_unused
+from .options import names, numbers, refuse_unused, shared
 
 app = typer.Typer(
     name="optics",
@@ -14,24 +15,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_Severity = Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 to 5.")]
-_Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", help="Comma-separated, 1 to 5.")]
+_Severities = Annotated[str, Option("--severity", "--severities", "-s", help="Comma-separated, 1 to 5.")]
+_Lens = Annotated[Path | None, Option(help="Prescription to use instead of the shipped ones.")]
 
 
 @app.command()
+@shared(output="File to write the prescription to.")
 def design(
-    severity: _Severity,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Integer random seed; the seed of the shipped lens by default.")
-    ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the prescription to.")] = None,
-    ship: Annotated[bool, typer.Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
+    severity: Annotated[int, Option("--severity", "--severities", "-s", help="1 to 5.")],
+    seed: Annotated[int | None, Option(help="Integer random seed; the seed of the shipped lens by default.")] = None,
+    ship: Annotated[bool, Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
+    **given: Any,
 ) -> None:
     """Search for the lens of a severity (takes minutes); deterministic for a given severity and seed.
 
     \b
-    Examples:
-      robustflow optics design --severity 2
+    Example:
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
     from ..core.arguments import check_severity
@@ -48,28 +47,24 @@ def design(
         ship_lens(severity, lens, render_psfs(lens))
         typer.echo("saved in the package")
     elif chosen == SHIPPED_SEEDS[severity - 1]:
-        same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
-        typer.echo("identical to the shipped lens" if same else "differs from the shipped lens")
-    if output is not None:
-        write_lens(lens, output)
-        typer.echo(str(output))
+        _print_shipped("lens", lens_digest(lens) == manifest()[f"lens_s{severity}"])
+    if given["output"] is not None:
+        write_lens(lens, given["output"])
+        typer.echo(str(given["output"]))
+
+
+def _print_shipped(what: str, same: bool) -> None:
+    typer.echo(f"{'identical to' if same else 'differs from'} the shipped {what}")
 
 
 @app.command()
-def show(
-    context: typer.Context,
-    severity: _Severities = "1,2,3,4,5",
-    lens: Annotated[
-        Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
-    ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
-) -> None:
+@shared(output="Folder for the figures; 'optics' by default.")
+def show(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _Lens = None, **given: Any) -> None:
     """Draw each lens with its rays, spots, modulation and PSFs; then all PSFs on one sheet, and their profiles next to
     those of the reference.
 
     \b
-    Examples:
-      robustflow optics show
+    Example:
       robustflow optics show --severity 4 --output figures
     """
     from ..core.files import make_folder
@@ -85,6 +80,7 @@ def show(
         shown = [(lens.stem, own, render_psfs(own))]
     else:
         shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
+    output = given["output"] or Path("optics")
     make_folder(output)
     figures = {name: lens_figure(one, field) for name, one, field in shown}
     figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
@@ -97,21 +93,14 @@ def show(
 
 
 @app.command()
-def render(
-    context: typer.Context,
-    severity: _Severities = "1,2,3,4,5",
-    lens: Annotated[
-        Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
-    ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: .npy file to write.")] = None,
-) -> None:
+@shared(output="With --lens: .npy file to write.")
+def render(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _Lens = None, **given: Any) -> None:
     """Render the PSFs of the shipped lenses and check that they equal the shipped PSFs bit for bit.
 
     With --lens, render your own prescription to a .npy file of shape (64, 3, 61, 61), float32.
 
     \b
-    Examples:
-      robustflow optics render
+    Example:
       robustflow optics render --lens lens.json --output psf.npy
     """
     import io
@@ -125,9 +114,10 @@ def render(
     from ..corruptions.optics.psf_field import half_digest, halved, manifest
     from ..corruptions.optics.render import render_psfs
 
+    output = given["output"]
     if (lens is None) != (output is None):
-        raise UsageError("give --lens and --output together: the prescription, and the file for its PSFs")
-    if lens is not None and output is not None:
+        raise UsageError("--output", "give it together with --lens: the prescription, and the file for its PSFs")
+    if lens is not None:
         refuse_unused(context, {"severity"}, "with --lens")
         buffer = io.BytesIO()
         np.save(buffer, render_psfs(read_lens(lens)).stack, allow_pickle=False)
@@ -141,18 +131,17 @@ def render(
         if not same:
             wrong.append(str(level))
     if wrong:
-        raise DataError(f"the PSFs of severity {', '.join(wrong)} do not match their prescriptions; reinstall")
+        raise DataError(f"severity {', '.join(wrong)}", "the PSFs do not match their prescriptions; reinstall")
 
 
 @app.command()
+@shared("corruptions", "seed", output="File to write the table to (JSON).")
 def calibrate(
     data: Annotated[
-        Path | None, typer.Option("--data", "-d", help="Folder of images to use instead of scikit-image's photographs.")
+        Path | None, Option("--data", "-d", help="Folder of images to use instead of scikit-image's photographs.")
     ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the table to (JSON).")] = None,
-    corruptions: Corruptions = None,
-    seed: Seed = 0,
-    draws: Annotated[int, typer.Option(help="Number of random draws per image, for random corruptions.")] = 4,
+    draws: Annotated[int, Option(help="Number of random draws per image, for random corruptions.")] = 4,
+    **given: Any,
 ) -> None:
     """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
 
@@ -175,12 +164,12 @@ def calibrate(
         levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in result.levels)
         typer.echo(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}")
 
-    table = measure(names(corruptions) or calibratable(), reference_pictures(data), seed, draws, report=show)
+    corruptions, seed, output = names(given["corruptions"]), given["seed"], given["output"]
+    table = measure(corruptions or calibratable(), reference_pictures(data), seed, draws, report=show)
     if output is not None:
         if corruptions is not None and output.exists():
             table = merged_tables(read_table(output), table)
         write_json(output, sealed(table.model_dump(mode="json")))
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
-        same = all(shipped().corruptions.get(name) == result for name, result in table.corruptions.items())
-        typer.echo("identical to the shipped table" if same else "differs from the shipped table")
+        _print_shipped("table", all(shipped().corruptions.get(name) == one for name, one in table.corruptions.items()))

@@ -1,15 +1,14 @@
-"""Subcommands of `robustflow reproduce`: consistency of results, the paper's observations, the distribution of flow
-magnitudes in a benchmark, and training with and without corruptions.
-"""
-
-from __future__ import annotations
+"""Subcommands of `robustflow reproduce`: consistency of results, the paper's observations, flow magnitudes in a
+benchmark, and training with and without corruptions."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_options, numbers, refuse_unused
+from ..core.errors import UsageError
+from .options import data_options, keyword_options, numbers, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..data.benchmarks import Benchmark
@@ -19,12 +18,12 @@ FOUND = 3
 """Exit code for inconsistent results; 1 and 2 are errors, as for every command."""
 
 
+@shared(as_json="Print the findings as JSON.")
 def audit(
     source: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE", help="A results file (CSV); the paper's tables by default."),
+        Path | None, Argument(metavar="FILE", help="A results file (CSV); the paper's tables by default.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    **given: Any,
 ) -> None:
     """List numbers that contradict the others by more than rounding, each with its printed and its recomputed value.
 
@@ -36,27 +35,23 @@ def audit(
       robustflow reproduce audit
       robustflow reproduce audit results.csv --json
     """
-    from ..core.text import plain
+    from ..core.text import counted, plain
     from ..stats.audit import AUDIT_CHECKS, audit_published, audit_results
     from ..stats.results_file import read_results
 
     audit = audit_published() if source is None else audit_results(read_results(source), str(source))
-    if as_json:
+    if given["as_json"]:
         typer.echo(audit.model_dump_json(indent=2))
     else:
         for check, count in audit.checked.items():
             findings = [finding for finding in audit.findings if finding.check == check]
-            typer.echo(
-                f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent"
-                if findings
-                else f"{AUDIT_CHECKS[check]}: {count} fit"
-            )
+            typer.echo(f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent")
             for finding in findings:
                 where = f"{finding.source}: " if finding.source else ""
                 typer.echo(f"  {plain(where + finding.message, 400)}")
         if not audit.checked:
             typer.echo("no number can be derived from the others, so nothing was checked")
-        typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
+        typer.echo(f"{plain(audit.audited, 200)}: {counted(len(audit.findings), 'finding')}")
     if not audit.fits:
         raise typer.Exit(FOUND)
 
@@ -74,24 +69,19 @@ def observations() -> None:
     typer.echo(for_stdout(observations_table()), nl=False)
 
 
+@shared(
+    *("data", "data_options", "option", "limit", "split"),
+    model="Model whose flow is measured; ground truth by default.",
+    output="Output folder; 'displacement' unless --into is given.",
+)
 def displacement(
     context: typer.Context,
-    benchmark: Annotated[str, typer.Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
-    data: Data = None,
-    data_option: DataOptions = None,
-    model: Annotated[
-        str | None, typer.Option("--model", "-m", help="Model whose flow is measured; ground truth by default.")
-    ] = None,
-    option: ModelOptions = None,
-    limit: Limit = None,
-    split: Split = None,
+    benchmark: Annotated[str, Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Also store the histogram in the folder of a run on these frames."),
+        Option(metavar="RUN", help="Also store the histogram in the folder of a run on these frames."),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")
-    ] = None,
+    **given: Any,
 ) -> None:
     """Write the histogram of flow magnitudes (a figure of the paper) to displacement.csv, .png, .svg and .pdf.
 
@@ -101,7 +91,6 @@ def displacement(
     \b
     Examples:
       robustflow reproduce displacement kitti-fc --data ~/kitti
-      robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model dis
       robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
     from ..core.display import ProgressBar
@@ -114,11 +103,13 @@ def displacement(
     from ..run.displacement import displacement_histogram
     from ..stats.anatomy import label_of
 
+    model, output = given["model"], given["output"]
     if model is None:
         refuse_unused(context, {"option"}, "without --model")
-    chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
+    opened = load_benchmark(benchmark, given["data"], given["split"], data_options(given))
+    chosen = opened.narrowed(limit=given["limit"])
     run = None if into is None else _run_of(into, chosen)
-    loaded = ModelSpec(model, keyword_options(option)).load() if model is not None else None
+    loaded = ModelSpec(model, keyword_options(given["option"])).load() if model is not None else None
     folder = output if output is not None or run is not None else Path("displacement")
     if folder is not None:
         make_folder(folder)
@@ -142,37 +133,29 @@ def displacement(
         write_report(run)
 
 
-def _run_of(folder: Path, chosen: Benchmark) -> Run:
-    from ..core.errors import UsageError
-    from ..core.text import counted
+def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..run.run import Run
 
     if folder.is_file():
-        raise UsageError(f"{folder} is a file; histograms can only be stored in a run folder, not in a record")
+        raise UsageError(folder, "a file; histograms can only be stored in a run's folder, not in a record")
     run = Run(folder)
     if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
-        ran = counted(len(run.manifest.samples), "pair")
-        raise UsageError(
-            f"{run.path} contains {ran} from {run.benchmark}, but these options select {len(chosen.keys)} from "
-            f"{chosen.name}; give the run's --data, --split and --limit"
-        )
+        raise UsageError(run.path, "a run on other frames; give its benchmark, --data, --split and --limit")
     return run
 
 
 def experiment(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
+    output: Annotated[Path, Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
+        Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
     ] = None,
-    seeds: Annotated[
-        int, typer.Option(min=1, help="Number of seeds, with one training run of each kind per seed.")
-    ] = 6,
-    steps: Annotated[int | None, typer.Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
-    severities: Annotated[str, typer.Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
-    shapes: Annotated[int, typer.Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
-    size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
-    loaders: Annotated[int, typer.Option(min=0, help="Processes that prepare batches in advance.")] = 1,
+    seeds: Annotated[int, Option(min=1, help="Number of seeds, with one training run of each kind per seed.")] = 6,
+    steps: Annotated[int | None, Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
+    severities: Annotated[str, Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
+    shapes: Annotated[int, Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
+    size: Annotated[str, Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
+    loaders: Annotated[int, Option(min=0, help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
     """Test whether training with corruptions helps against unseen corruptions, holding out noise, then weather.
 
@@ -181,8 +164,7 @@ def experiment(
     command again to resume. Commands running in several terminals share the work.
 
     \b
-    Examples:
-      robustflow reproduce experiment
+    Example:
       robustflow reproduce experiment --data middlebury=~/middlebury --seeds 10
     """
     from ..core.plugins import require
@@ -193,16 +175,9 @@ def experiment(
     from ..paper.experiment.robust_training import TrainingExperiment, evaluation_sets, run_experiment
     from .complete import Interrupted, stopped
 
-    asked = TrainingExperiment(
-        output,
-        evaluation_sets(data or [], shapes, size),
-        seeds=seeds,
-        steps=steps,
-        severities=tuple(numbers(severities) or ()),
-        loaders=loaders,
-    )
-    stop = Interrupted()
-    runs = run_experiment(asked, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
+    levels, sets = tuple(numbers(severities) or ()), evaluation_sets(data or [], shapes, size)
+    asked = TrainingExperiment(output, sets, seeds=seeds, steps=steps, severities=levels, loaders=loaders)
+    runs = run_experiment(asked, lambda text: typer.echo(f"robustflow: {text}", err=True), Interrupted())
     if runs is None:
         raise stopped(f"{asked.output} is kept. Run the same command again")
     text, table = findings(runs)

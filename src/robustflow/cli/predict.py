@@ -1,54 +1,38 @@
 """`robustflow predict`: predict the flow of frames or of a clip."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from .options import (
-    Checkpoint,
-    DataOptions,
-    Device,
-    ModelName,
-    ModelOptions,
-    Precision,
-    keyword_options,
-    model_options,
-    refuse_unused,
-)
+from .options import MODEL, keyword_options, model_options, refuse_unused, shared
 
 
+@shared(*MODEL, "data_options", output="Folder for the flows; 'flows' by default.")
 def predict(
     context: typer.Context,
     frames: Annotated[
-        list[Path], typer.Argument(metavar="FRAMES", help="Two or more images, a folder of images, or a video.")
+        list[Path], Argument(metavar="FRAMES", help="Two or more images, a folder of images, or a video.")
     ],
-    model: ModelName = "dis",
-    checkpoint: Checkpoint = None,
-    device: Device = None,
-    precision: Precision = None,
-    option: ModelOptions = None,
-    data_option: DataOptions = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the flows.")] = Path("flows"),
     suffix: Annotated[
-        str, typer.Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
+        str, Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
     ] = "flo",
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Write a colour-coded image next to each flow.")
+        bool, Option("--pictures/--no-pictures", help="Write a colour-coded image next to each flow.")
     ] = True,
     radius: Annotated[
         float | None,
-        typer.Option(
-            "--max-flow",
-            metavar="PX",
-            help="Flow magnitude shown in full colour, in pixels; the 99th percentile by default.",
+        Option(
+            "--max-flow", metavar="PX", help="Flow shown in full colour, in pixels; the 99th percentile by default."
         ),
     ] = None,
     video: Annotated[
-        Path | None, typer.Option("--video", metavar="FILE.mp4", help="Write a video of the frames above their flow.")
+        Path | None, Option(metavar="FILE.mp4", help="Write a video of the frames above their flow.")
     ] = None,
-    fps: Annotated[float, typer.Option(help="Frames per second of --video.")] = 25.0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace flows that already exist.")] = False,
+    fps: Annotated[float, Option(help="Frames per second of --video.")] = 25.0,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace flows that already exist.")] = False,
+    **given: Any,
 ) -> None:
     """Predict the flow of each pair of adjacent frames, and write it in a standard file format.
 
@@ -66,16 +50,16 @@ def predict(
     if video is None:
         refuse_unused(context, {"fps"} if pictures else {"fps", "radius"}, "without --video")
     if radius is not None and not 0 < radius < float("inf"):
-        raise UsageError(f"--max-flow {radius}: give a magnitude above 0 pixels")
+        raise UsageError("--max-flow", f"{radius}: give a magnitude above 0 pixels")
     if not 0.01 <= fps <= 1000:
-        raise UsageError(f"--fps {fps}: give a number from 0.01 to 1000")
+        raise UsageError("--fps", f"{fps}: give a number from 0.01 to 1000")
     if video is not None and video.suffix.lower() != ".mp4":
-        raise UsageError(f"--video {video}: the name must end in .mp4")
+        raise UsageError("--video", f"{video}: the name must end in .mp4")
     if video is not None and video.exists() and not overwrite:
-        raise UsageError(f"{video} already exists; choose another name, or give --overwrite")
-    spec = ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision))
-    dataset = frames_of(frames, dict(keyword_options(data_option)))
-    total = len(dataset.keys())
+        raise UsageError(video, "already exists; choose another name, or give --overwrite")
+    spec = ModelSpec(given["model"] or "dis", model_options(given))
+    dataset = frames_of(frames, dict(keyword_options(given["data_options"])))
+    output, total = given["output"] or Path("flows"), len(dataset.keys())
     with ProgressBar() as progress:
         flows = predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite)
         done = list(progress.track(flows, f"{output}: predicting", total))
@@ -84,6 +68,5 @@ def predict(
             list(progress.track(write_pictures(done, longest), f"{output}: drawing", total))
         if video is not None:
             write_video(video, done, dataset, longest, fps)
-    typer.echo(str(output))
-    if video is not None:
-        typer.echo(str(video))
+    for written in filter(None, (output, video)):
+        typer.echo(str(written))

@@ -4,67 +4,51 @@ import re
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from ..core.errors import UsageError, unknown_name
 from ..core.text import counted
-from .options import refuse_unused
+from .options import refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..data.video.prepare_folder import PrepareAll
 
-prepare = typer.Typer(
+app = typer.Typer(
     help="Prepare a benchmark's data from recordings, or list the digests of a dataset.", no_args_is_help=True
 )
 
 
-@prepare.callback()
-def _group() -> None:
-    pass
-
-
-@prepare.command("gopro-fc")
+@app.command("gopro-fc")
+@shared(
+    "engine",
+    "address",
+    workers="Clips to prepare in parallel; 1 by default, or with Ray, as many as fit in the cluster.",
+)
 def gopro_fc(
     context: typer.Context,
     data: Annotated[
-        Path,
-        typer.Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these."),
+        Path, Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for masters and key frames.")],
+    output: Annotated[Path, Option("--output", "-o", help="Folder for masters and key frames.")],
     fps: Annotated[
-        str | None,
-        typer.Option(help="Frames per second of the recording; 240 for GoPro, read from the file for a video."),
+        str | None, Option(help="Frames per second of the recording; 240 for GoPro, read from the file for a video.")
     ] = None,
-    factor: Annotated[int, typer.Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
-    step: Annotated[
-        int | None,
-        typer.Option(help="Master frames per key frame; by default chosen to yield 30 pairs per second."),
-    ] = None,
+    factor: Annotated[int, Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
+    step: Annotated[int | None, Option(help="Master frames per key frame; by default for 30 pairs per second.")] = None,
     interpolator: Annotated[
-        str | None, typer.Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
+        str | None, Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
     ] = None,
-    checkpoint: Annotated[Path | None, typer.Option(help="FLAVR's official 4x weights.")] = None,
-    device: Annotated[str, typer.Option(help="Device for FLAVR: cpu, cuda, cuda:0.")] = "cpu",
+    checkpoint: Annotated[Path | None, Option(help="FLAVR's official 4x weights.")] = None,
+    device: Annotated[str, Option(help="Device for FLAVR: cpu, cuda, cuda:0.")] = "cpu",
     preset: Annotated[
-        str, typer.Option(help="x264 preset of the master video; affects bit errors, but not the decoded pixels.")
-    ] = ("veryslow"),
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Clips to prepare in parallel; 1 by default, or with Ray, as many as fit in the cluster."),
-    ] = None,
-    engine: Annotated[str, typer.Option(help="processes, or ray (one clip per node or processor).")] = "processes",
-    address: Annotated[
-        str | None,
-        typer.Option(
-            help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine."
-        ),
-    ] = None,
-    cache_gb: Annotated[
-        float, typer.Option(help="Cache limit in GB for the transcoded variants made during a run.")
-    ] = 20.0,
-    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the required disk space and exit.")] = False,
+        str, Option(help="x264 preset of the master video; affects bit errors, but not the decoded pixels.")
+    ] = "veryslow",
+    cache_gb: Annotated[float, Option(help="Cache limit in GB for the transcoded variants made during a run.")] = 20.0,
+    estimate_only: Annotated[bool, Option("--estimate", help="Print the required disk space and exit.")] = False,
+    **given: Any,
 ) -> None:
     """Convert clips to 4x frame rate, a lossless master video, and pairs of key frames. If interrupted, run the same
     command again to continue.
@@ -73,7 +57,6 @@ def gopro_fc(
     Examples:
       robustflow prepare gopro-fc -d GoPro_Large_all -o gopro-fc --interpolator flavr --checkpoint FLAVR_4x.pth
       robustflow prepare gopro-fc -d clip.mp4 -o mine --interpolator flow
-      robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
     from ..core.display import ProgressBar
@@ -85,9 +68,10 @@ def gopro_fc(
     rate = _rate(fps)
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
     if not 0 <= cache_gb < float("inf"):
-        raise UsageError(f"the cache cannot be limited to {cache_gb:g} GB: give 0 or more")
+        raise UsageError("--cache-gb", f"{cache_gb:g}: give 0 or more")
     limit = round(cache_gb * 1e9)
-    prepare_all = _ray_preparation(engine, workers, address)
+    workers = given["workers"]
+    prepare_all = _ray_preparation(given["engine"] or "processes", workers, given["address"])
     sources = find_sources(data, evenly=rate is not None)
     at_once = workers or (1 if prepare_all is None else len(sources))
     estimate = estimate_disk(sources, output, preparation, limit, at_once)
@@ -102,10 +86,10 @@ def gopro_fc(
     typer.echo(f"{output}: {counts}; next: robustflow run --benchmark gopro-fc --data {output}")
 
 
-@prepare.command("digests")
+@app.command("digests")
 def digests(
-    data: Annotated[Path, typer.Option("--data", "-d", help="Folder of the dataset.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Rewrite the list after files have changed.")] = False,
+    data: Annotated[Path, Option("--data", "-d", help="Folder of the dataset.")],
+    overwrite: Annotated[bool, Option("--overwrite", help="Rewrite the list after files have changed.")] = False,
 ) -> None:
     """Write a list of the digests of a dataset's files, or verify the files against an existing list.
 
@@ -136,10 +120,8 @@ def digests(
     differing = [name for name, digest in before.items() if found.get(name) != digest]
     if differing:
         state = "has changed" if differing[0] in found else "is missing"
-        raise DataError(
-            f"{data / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
-            "copy the data again, or give --overwrite if the change is intended"
-        )
+        of = f"{len(differing)} of {counted(len(before), 'listed file')} differ"
+        raise DataError(data / differing[0], f"{state} ({of}); copy the data again, or give --overwrite")
     typer.echo(f"{counted(len(before), 'file')}: no differences from {data / DIGEST_LIST}")
     if added := len(found) - len(before):
         typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
@@ -150,10 +132,10 @@ def _ray_preparation(engine: str, workers: int | None, address: str | None) -> "
         raise unknown_name("engine", engine, ("processes", "ray"))
     if engine == "processes":
         if address is not None:
-            raise UsageError("--address requires --engine ray; give both, or leave it out")
+            raise UsageError("--address", "requires --engine ray; give both, or leave it out")
         return None
     if workers is not None and workers < 1:
-        raise UsageError(f"{workers} is not a valid number of workers: give 1 or more")
+        raise UsageError("--workers", f"{workers}: give 1 or more")
     from ..run.engines.ray_prepare import prepare_on_ray
 
     return partial(prepare_on_ray, workers=workers, address=address)
@@ -166,5 +148,5 @@ def _rate(text: str | None) -> Fraction | None:
     number = re.fullmatch(r"\d{1,6}(\.\d{1,20})?|\d{1,9}/[1-9]\d{0,8}", text.strip(), re.ASCII)
     rate = Fraction(text).limit_denominator(1001) if number else Fraction(0)
     if not 0 < rate < 10**6:
-        raise UsageError(f"--fps {text} is not a valid frame rate: give a number such as 240 or 30000/1001")
+        raise UsageError("--fps", f"{text} is not a frame rate: give a number such as 240 or 30000/1001")
     return rate

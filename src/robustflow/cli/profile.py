@@ -5,40 +5,34 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from ..core.errors import UsageError
 from ..core.text import plain
 from . import complete
-from .options import Device, ModelOptions, Precision, model_options, refuse_unused
+from .options import model_options, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..run.profile import Counts, PredictionCost
 
 
+@shared("option", "device", "precision")
 def profile(
     context: typer.Context,
     models: Annotated[
         list[str] | None,
-        typer.Argument(metavar="MODEL", autocompletion=complete.models, help="Names of networks; none with --paper."),
+        Argument(metavar="MODEL", autocompletion=complete.models, help="Names of networks; none with --paper."),
     ] = None,
-    size: Annotated[str, typer.Option(help="Frame size, HEIGHTxWIDTH.")] = "432x720",
-    iterations: Annotated[int | None, typer.Option(help="Number of iterations, for iterative models [12].")] = None,
-    option: ModelOptions = None,
-    device: Device = None,
-    precision: Precision = None,
-    repeat: Annotated[int, typer.Option(help="Number of timed predictions; 0 for no timing.")] = 1,
+    size: Annotated[str, Option(help="Frame size, HEIGHTxWIDTH.")] = "432x720",
+    iterations: Annotated[int | None, Option(help="Number of iterations, for iterative models [12].")] = None,
+    repeat: Annotated[int, Option(help="Number of timed predictions; 0 for no timing.")] = 1,
     into: Annotated[
-        Path | None,
-        typer.Option("--into", metavar="RUN", help="Also store the cost in a run of this model, to show it in tables."),
+        Path | None, Option(metavar="RUN", help="Also store the cost in a run of this model, to show it in tables.")
     ] = None,
     paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper",
-            help="Print the paper's Tab. 3 next to our measurements. Runs CRAFT and GMFlowNet "
-            "once, which needs 8 GB of memory.",
-        ),
+        bool, Option("--paper", help="Print the paper's Tab. 3 next to our measurements, which needs 8 GB of memory.")
     ] = False,
+    **given: Any,
 ) -> None:
     """Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.
 
@@ -48,7 +42,6 @@ def profile(
     \b
     Examples:
       robustflow profile raft
-      robustflow profile arflow --repeat 5
       robustflow profile raft gma flowformer --device cuda --size 375x1242
       robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
@@ -58,28 +51,23 @@ def profile(
     if paper:
         refuse_unused(context, set(context.params) - {"paper", "models"}, "with --paper")
     require("torch", "profiling")
-    if paper and models:
-        raise UsageError("--paper profiles the paper's models; omit the model")
+    if bool(models) == paper:
+        raise UsageError("--paper", "give a model to profile, or --paper alone")
     if paper:
         _print_paper()
         return
-    if not models:
-        raise UsageError("give a model to profile, or --paper")
-    if len(models) > 1 and into is not None:
-        raise UsageError("--into stores the cost of a single model; give one model")
-    options = model_options(option, device=device, precision=precision)
-    costs = [(name, *_print_model(name, size, repeat, options, iterations, into)) for name in models]
+    if len(models or ()) > 1 and into is not None:
+        raise UsageError("--into", "stores the cost of a single model; give one model")
+    if repeat < 0:
+        raise UsageError("--repeat", f"{repeat}: give 1 or more, or 0 for no timing")
+    options = dict(model_options(given)) | ({} if iterations is None else {"iterations": iterations})
+    costs = [(name, *_print_model(name, size, repeat, options, into)) for name in models or ()]
     if len(costs) > 1:
         _print_side_by_side(costs)
 
 
 def _print_model(
-    name: str,
-    size: str,
-    repeat: int,
-    options: tuple[tuple[str, object], ...],
-    iterations: int | None,
-    into: Path | None,
+    name: str, size: str, repeat: int, options: dict[str, Any], into: Path | None
 ) -> "tuple[Counts, PredictionCost | None]":
     from ..core.arguments import parse_size
     from ..models import ModelSpec
@@ -94,11 +82,7 @@ def _print_model(
     height, width = parse_size(size)
     method = methods().get(name)
     learns = bool(entries_of(name)) or (method is not None and method.type != "knowledge")
-    asked = {**({"checkpoint": RANDOM} if learns else {}), **dict(options)}
-    if iterations is not None:
-        asked["iterations"] = iterations
-    if repeat < 0:
-        raise UsageError(f"--repeat {repeat}: give 1 or more, or 0 for no timing")
+    asked = {**({"checkpoint": RANDOM} if learns else {}), **options}
     model: Any = ModelSpec(name, tuple(asked.items())).load()
     network = network_of(model)
     if run is not None:
@@ -119,14 +103,8 @@ def _print_model(
         typer.echo(f"one pair     {measured.seconds:.2f} s on {measured.device}")
         typer.echo(f"peak memory  {measured.peak_bytes / 2**30:.2f} GiB {kind}")
     if run is not None:
-        cost = RunCost(
-            run=run.manifest.identity_digest,
-            height=height,
-            width=width,
-            iterations=rounds,
-            **asdict(counts),
-            **(asdict(measured) if measured is not None else {}),
-        )
+        facts = asdict(counts) | (asdict(measured) if measured is not None else {})
+        cost = RunCost(run=run.manifest.identity_digest, height=height, width=width, iterations=rounds, **facts)
         typer.echo(f"written to   {write_cost(run, cost)}")
     return counts, measured
 
@@ -135,15 +113,9 @@ def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]"
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
     typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:
-        time_and_memory = (
-            ("-", "-") if measured is None else (f"{measured.seconds:.2f}", f"{measured.peak_bytes / 2**30:.2f}")
-        )
-        typer.echo(
-            line.format(plain(name, 20), f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}", *time_and_memory)
-        )
-
-
-_LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
+        timed = ("-", "-") if measured is None else (f"{measured.seconds:.2f}", f"{measured.peak_bytes / 2**30:.2f}")
+        counted = f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}"
+        typer.echo(line.format(plain(name, 20), *counted, *timed))
 
 
 def _print_paper() -> None:
@@ -151,30 +123,22 @@ def _print_paper() -> None:
     from ..run.profile_paper import count_as_the_paper
     from ..stats.published.tables import published_costs
 
-    groups = ("", "", "params", "(M)", "", "", "MACs", "(G)", "", "")
-    typer.echo(_LINE.format(*groups).rstrip())
-    typer.echo(_LINE.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
+    line = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
+    typer.echo(line.format("", "", "params", "(M)", "", "", "MACs", "(G)", "", "").rstrip())
+    typer.echo(line.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
     costs = published_costs()
-    for line in count_as_the_paper(costs, COUNTED_SIZE):
-        head = (line.method, "x".join(map(str, line.size)))
-        if line.counts is None:
-            typer.echo(f"{head[0]:13s} {line.missing}")
-        else:
-            typer.echo(
-                _LINE.format(*head, *_cells(line.counts, costs[line.method].parameters_m, costs[line.method].flops_g))
-            )
+    for one in count_as_the_paper(costs, COUNTED_SIZE):
+        if one.counts is None:
+            typer.echo(f"{one.method:13s} {one.missing}")
+            continue
+        published, counts = costs[one.method], one.counts
+        parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
+        cells = (
+            *(f"{published.parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - published.parameters_m:+.3f}"),
+            f"{counts.parameters / 1e6:.3f}",
+            *(f"{published.flops_g:.1f}", f"{macs:.2f}", f"{macs - published.flops_g:+.2f}"),
+            f"{counts.macs / 1e9:.2f}",
+        )
+        typer.echo(line.format(one.method, "x".join(map(str, one.size)), *cells))
     typer.echo("12 iterations. The paper truncates its numbers; its FLOPs are thop's MACs.")
-    typer.echo(
-        "BrightFlow and SAMFlow predict a flow after every iteration, as published; predicting only the last saves "
-        "23.6 G."
-    )
-    typer.echo("See docs/design/profiling.md for the remaining differences and the extra 236 G of SAMFlow-H.")
-
-
-def _cells(counts: "Counts", parameters_m: float, flops_g: float) -> tuple[str, ...]:
-    parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
-    return (
-        *(f"{parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - parameters_m:+.3f}"),
-        f"{counts.parameters / 1e6:.3f}",
-        *(f"{flops_g:.1f}", f"{macs:.2f}", f"{macs - flops_g:+.2f}", f"{counts.macs / 1e9:.2f}"),
-    )
+    typer.echo("See docs/design/profiling.md for the remaining differences.")

@@ -1,58 +1,35 @@
 """`robustflow record`: pack a run into one file that can be shared, and verify such files."""
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from ..core.errors import UsageError
-from .options import (
-    Checkpoint,
-    DataOptions,
-    Depth,
-    Device,
-    Focal,
-    ModelOptions,
-    OwnCorruptions,
-    data_options,
-    model_options,
-    refuse_unused,
-    use_own_corruptions,
-)
+from .options import DATASET, data_options, model_spec, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..models import ModelSpec
     from ..run.records.read import Reader
     from ..run.records.verify import Verification
 
-app = typer.Typer(
-    name="record",
-    help="Pack a run into one file, and verify such files.",
-    no_args_is_help=True,
-)
+app = typer.Typer(name="record", help="Pack a run into one file, and verify such files.", no_args_is_help=True)
 
 
 @app.command()
+@shared(output="Output file, NAME.robustflow; named after the folder by default.")
 def pack(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Output file, NAME.robustflow; named after the folder by default."),
-    ] = None,
-    author: Annotated[str, typer.Option(help="Submitter of the record.")] = "",
-    link: Annotated[str, typer.Option(help="URL with more information: https://...")] = "",
-    description: Annotated[str, typer.Option(help="Description in one or two sentences, plain text.")] = "",
-    partial: Annotated[
-        bool, typer.Option("--partial", help="Pack an unfinished run; the record is marked as such.")
-    ] = False,
-    keep_paths: Annotated[
-        bool, typer.Option("--keep-paths", help="Allow texts that contain paths on this machine.")
-    ] = False,
+    run: Annotated[Path, Argument(metavar="RUN", help="A run's folder.")],
+    author: Annotated[str, Option(help="Submitter of the record.")] = "",
+    link: Annotated[str, Option(help="URL with more information: https://...")] = "",
+    description: Annotated[str, Option(help="Description in one or two sentences, plain text.")] = "",
+    partial: Annotated[bool, Option("--partial", help="Pack an unfinished run; the record is marked as such.")] = False,
+    keep_paths: Annotated[bool, Option("--keep-paths", help="Allow texts that contain paths on this machine.")] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an existing file that is not a record of this run.")
+        bool, Option("--overwrite", help="Replace an existing file that is not a record of this run.")
     ] = False,
+    **given: Any,
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
@@ -60,62 +37,39 @@ def pack(
     Packing is deterministic.
 
     \b
-    Examples:
-      robustflow record pack runs/kitti-fc_mine_1a2b3c4d
+    Example:
       robustflow record pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
     from ..core.text import plain
     from ..run.records.pack import pack as pack_run
     from ..run.run import Run
 
-    path = pack_run(
-        Run(run),
-        output,
-        author=author,
-        link=link,
-        description=description,
-        partial=partial,
-        keep_paths=keep_paths,
-        overwrite=overwrite,
-    )
+    texts = {"author": author, "link": link, "description": description}
+    path = pack_run(Run(run), given["output"], **texts, partial=partial, keep_paths=keep_paths, overwrite=overwrite)
     typer.echo(plain(str(path), None))
 
 
 @app.command()
+@shared(
+    *("data_options", "depth", "focal", "checkpoint", "device", "option", "own_corruption"),
+    data="Your copy of the data; corrupted frames are recomputed and compared.",
+    model="With --data: model of the run; some rows are predicted again and compared.",
+    as_json="Print the checks as JSON.",
+)
 def verify(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records written by 'robustflow record pack'.")],
-    data: Annotated[
-        Path | None,
-        typer.Option("--data", "-d", help="Your copy of the data; corrupted frames are recomputed and compared."),
-    ] = None,
-    data_option: DataOptions = None,
-    depth: Depth = None,
-    focal: Focal = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model", "-m", help="With --data: model of the run; some rows are predicted again and compared."
-        ),
-    ] = None,
-    checkpoint: Checkpoint = None,
-    device: Device = None,
-    option: ModelOptions = None,
+    files: Annotated[list[Path], Argument(metavar="FILE", help="Records written by 'robustflow record pack'.")],
     check_frames: Annotated[
-        int | None,
-        typer.Option("--check-frames", metavar="N", help="Number of rows to compare with data or model [20]."),
+        int | None, Option(metavar="N", help="Number of rows to compare with data or model [20].")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Random seed for the choice of rows; different rows each time by default.")
+        int | None, Option(help="Random seed for the choice of rows; different rows each time by default.")
     ] = None,
-    own_corruption: OwnCorruptions = None,
     exported: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--exported", help="File of 'robustflow export' (not Parquet) to compare with the record. Repeatable."
-        ),
+        Option(help="File of 'robustflow export' (not Parquet) to compare with the record. Repeatable."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+    **given: Any,
 ) -> None:
     """Check records: the file, its hashes, the plan and the rows, from which the means are computed.
 
@@ -126,28 +80,23 @@ def verify(
     \b
     Examples:
       robustflow record verify submissions/*.robustflow
-      robustflow record verify mine.robustflow --data ~/kitti --check-frames 100
-      robustflow record verify mine.robustflow --data ~/kitti --model dis
+      robustflow record verify mine.robustflow --data ~/kitti --check-frames 100 --model dis
       robustflow record verify mine.robustflow --exported croissant/croissant.json
     """
     import json
 
-    from ..models import ModelSpec
     from ..run.records.verify import verify as verify_file
 
-    if model is None and (checkpoint is not None or device is not None or option):
-        raise UsageError("--checkpoint, --device and -O are model options: give the model with --model")
-    use_own_corruptions(own_corruption)
-    spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
-    rows = _Rows(data, data_options(data_option, depth, focal), 20 if check_frames is None else check_frames, seed)
-    frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
+    spec, count = model_spec(given), 20 if check_frames is None else check_frames
+    compare = partial(_compare_rows, data=given["data"], options=data_options(given), count=count, seed=seed)
+    frames = compare if given["data"] is not None or check_frames is not None or spec is not None else None
     if frames is None:
-        unused = {"data_option", "depth", "focal", "seed", "own_corruption"}
+        unused = {"seed", "own_corruption", *DATASET}
         refuse_unused(context, unused, "without --data, --model or --check-frames")
-    predictions = None if spec is None else partial(rows.compare, model=spec)
+    predictions = None if spec is None else partial(compare, model=spec)
     compare_exported = partial(_compare_exported, paths=exported) if exported else None
     results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]
-    if as_json:
+    if given["as_json"]:
         typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
     else:
         for result in results:
@@ -162,31 +111,15 @@ def _compare_exported(reader: "Reader", paths: list[Path]) -> str:
     return check_exported(reader, paths)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """A selection of rows of a record, to be recomputed from local data."""
+def _compare_rows(reader: "Reader", data: Path | None, model: "ModelSpec | None" = None, **options: Any) -> str:
+    """Compare rows with recomputed frames, and with predictions if a model is given. Rows of attacks are skipped
+    because their frames depend on the model."""
+    import polars as pl
 
-    data: Path | None
-    options: dict[str, object]
-    count: int
-    seed: int | None
+    from ..run.recheck import recheck
 
-    def compare(self, reader: "Reader", model: "ModelSpec | None" = None) -> str:
-        """Compare the rows with recomputed frames, and with predictions if a model is given. Rows of attacks are
-        skipped because their frames depend on the model."""
-        import polars as pl
-
-        from ..run.recheck import recheck
-
-        return recheck(
-            reader.plan.identity,
-            reader.frame.filter(~pl.col("corruption").is_in(list(reader.attacks))),
-            self.data,
-            model=model,
-            options=self.options,
-            count=self.count,
-            seed=self.seed,
-        )
+    rows = reader.frame.filter(~pl.col("corruption").is_in(list(reader.attacks)))
+    return recheck(reader.plan.identity, rows, data, model=model, **options)
 
 
 def _print(result: "Verification") -> None:

@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 from ..core.errors import UsageError
 from .complete import stopped, terminate_as_on_ctrl_c
-from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
+from .options import names, run_arguments, shared
 from .paper import audit, displacement, experiment, observations
 
 if TYPE_CHECKING:
@@ -39,41 +40,26 @@ app.command()(experiment)
 
 
 @app.command()
+@shared(
+    *("data", "limit", "corruptions", "severities", "device", "workers", "batch_size", "format"),
+    output="Folder for runs and results; 'reproduced' by default.",
+)
 def table(
     what: Annotated[
-        str | None, typer.Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
+        str | None, Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
     ] = None,
-    data: Data = None,
     checkpoints: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--checkpoints",
-            help="Folder of checkpoints with the catalogue's file names, or names such as raft-ood.pth. Repeatable.",
+        Option(
+            help="Folder of checkpoints with the catalogue's file names, or names such as raft-ood.pth. Repeatable."
         ),
     ] = None,
-    models: Annotated[
-        str | None, typer.Option("--models", help="Comma-separated names of models; all by default.")
-    ] = None,
+    models: Annotated[str | None, Option(help="Comma-separated names of models; all by default.")] = None,
     random: Annotated[
-        bool,
-        typer.Option(
-            "--random",
-            help="Use random weights for missing checkpoints; the results are meaningless and only test the setup.",
-        ),
+        bool, Option("--random", help="Use random weights for missing checkpoints, which only tests the setup.")
     ] = False,
-    limit: Limit = None,
-    corruptions: Corruptions = None,
-    severities: Severities = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for runs and results.")] = Path("reproduced"),
-    device: Device = None,
-    workers: Annotated[int | None, typer.Option("--workers", "-w", help="Number of processes, as for run.")] = None,
-    batch_size: Annotated[int, typer.Option("--batch-size", help="As for run.")] = 1,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what can be run and what is missing, and exit.")
-    ] = False,
-    format: Annotated[
-        str, typer.Option("--format", "-f", help="Table format, as for report, except page.")
-    ] = "terminal",
+    dry_run: Annotated[bool, Option("--dry-run", help="Print what can be run and what is missing, and exit.")] = False,
+    **given: Any,
 ) -> None:
     """Reproduce a table or figure of the paper next to the published values.
 
@@ -83,11 +69,9 @@ def table(
     \b
     Examples:
       robustflow reproduce
-      robustflow reproduce tab2
       robustflow reproduce tab2 --checkpoints ~/ckpts --dry-run
       robustflow reproduce tab2 --data ~/kitti --checkpoints ~/ckpts --device cuda
       robustflow reproduce tab2 --data ~/kitti --models dis,raft --random --limit 1 --corruptions fog,snow
-      robustflow reproduce fig4 --data ~/kitti --checkpoints ~/ckpts --output reproduced
     """
     from ..core.files import make_folder
     from ..paper.plan import (
@@ -103,6 +87,7 @@ def table(
     from ..paper.side_by_side import comparison_table, paper_alone
     from ..report.render import renderer
 
+    data, format, output = given["data"], given["format"], given["output"] or Path("reproduced")
     renderer(format)
     if what is None:
         typer.echo("\n".join(contents()))
@@ -123,13 +108,13 @@ def table(
             typer.echo(f"See also: {artefact.instead}")
         return
     if not data.exists():
-        raise UsageError(f"--data {data}: no such file or folder. {data_hint(artefact)}")
-    part: dict[str, Any] = {"limit": limit, "corruptions": names(corruptions), "severities": numbers(severities)}
+        raise UsageError("--data", f"{data}: no such file or folder. {data_hint(artefact)}")
+    arguments = run_arguments(given)
+    part = {name: arguments[name] for name in ("limit", "corruptions", "severities")}
     _check_part(artefact, data, part)
     make_folder(output)
-    options = {"data": data, "workers": workers, "batch_size": batch_size, **part}
-    measured = _measured(artefact, choices, output, device, options)
-    _show(artefact, measured, output, format)
+    options = {name: given[name] for name in ("data", "workers", "batch_size")} | part
+    _show(artefact, _measured(artefact, choices, output, given["device"], options), output, format)
 
 
 def _check_part(artefact: "Artefact", data: Path, part: dict[str, Any]) -> None:
@@ -144,29 +129,23 @@ def _check_part(artefact: "Artefact", data: Path, part: dict[str, Any]) -> None:
     published = chosen.facts.paper_corruptions
     if others := [name for name in chosen.corruptions if name not in published]:
         raise UsageError(
-            f"the paper has no values for {', '.join(others)} on {chosen.name}; choose from {', '.join(published)}"
+            others[0], f"the paper has no values for it on {chosen.name}; choose from {', '.join(published)}"
         )
 
 
 def _measured(
-    artefact: "Artefact",
-    choices: "list[Runnable | Missing]",
-    output: Path,
-    device: str | None,
-    options: dict[str, Any],
+    artefact: "Artefact", choices: "list[Runnable | Missing]", output: Path, device: str | None, options: dict[str, Any]
 ) -> "list[Measured]":
     from ..paper.measure import measure_variants
     from ..run.progress import TerminalProgress
 
     terminate_as_on_ctrl_c()
-    progress, measured = TerminalProgress(), []
+    progress = TerminalProgress()
     try:
         with progress:
-            for each in measure_variants(artefact, choices, output, device, progress=progress, **options):
-                measured.append(each)
+            return list(measure_variants(artefact, choices, output, device, progress=progress, **options))
     except KeyboardInterrupt:
         raise stopped(f"{progress.finished_work()} Run the same command again") from None
-    return measured
 
 
 def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format: str) -> None:
@@ -175,6 +154,8 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     from ..core.files import write_bytes
     from ..paper.plan import Missing, plan_table, summary_sentence
     from ..paper.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
+    from ..report.assemble import figures_of
+    from ..report.figures import write_figures
 
     missing = [each for each in measured if isinstance(each, Missing)]
     ran = [each for each in measured if not isinstance(each, Missing)]
@@ -193,20 +174,12 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     if artefact.table and artefact.instead:
         typer.echo(f"See also: {artefact.instead}")
     if artefact.figure and ran:
-        for path in _draw(artefact, list({run.path: run for _, run in ran}.values()), output):
+        drawn = figures_of(list({run.path: run for _, run in ran}.values()), published=True)
+        matching = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
+        for path in write_figures(matching, output / "figures", ("png", "svg")):
             typer.echo(str(path))
     if not ran and any(each.failed for each in missing):
         raise typer.Exit(1)
-
-
-def _draw(artefact: "Artefact", runs: "list[Result]", output: Path) -> list[Path]:
-    """Draw the figure of the published values and the figure of the runs."""
-    from ..report.assemble import figures_of
-    from ..report.figures import write_figures
-
-    drawn = figures_of(runs, published=True)
-    matching = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
-    return write_figures(matching, output / "figures", ("png", "svg"))
 
 
 def _print(table: "Table", format: str) -> None:

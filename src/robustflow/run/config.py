@@ -33,6 +33,8 @@ class Option:
     """How its text is read; "" for a value of the field's type."""
     complete: str = ""
     """The function of `cli.complete` that completes its values."""
+    default: Any = None
+    """Its default on the command line, if it differs from that of `evaluate`."""
     words: Callable[[Any], str] | None = None
 
 
@@ -208,7 +210,8 @@ class Output(Frozen):
         Option(
             "Draw pictures of the worst and the median sample at the end.",
             ("--examples/--no-examples",),
-            heading=OUTPUT,
+            OUTPUT,
+            default=True,
         ),
     ] = False
 
