@@ -6,6 +6,10 @@ import sys
 
 import pytest
 
+from robustflow.core.errors import RobustFlowError
+
+from .refusals import refusal
+
 
 class CommandLine:
     """The command line; calling it returns (exit code, stdout, stderr)."""
@@ -40,3 +44,10 @@ class CommandLine:
         assert message.startswith("robustflow: ")
         assert all("; engine: " in line for line in before), error
         return message
+
+    def refusal(self, arguments: str, error: type[RobustFlowError], culprit: object) -> None:
+        """Expect that a command is refused with this error, whose message is one line."""
+        from robustflow.cli.main import command_line
+
+        words = arguments.split()
+        refusal(lambda: command_line(words)(words), error, culprit)

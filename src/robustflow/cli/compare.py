@@ -68,7 +68,7 @@ def compare(
     if effect is None:
         refuse_unused(context, ("power",), "without --effect")
     if len(runs) < 2:
-        raise UsageError("a comparison needs two or more runs")
+        raise UsageError("RUN", "a comparison needs two or more runs")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.epe is None for run in loaded) else "epe")
     tables, sentences = [], []

@@ -44,7 +44,7 @@ def listing(
     from rich.console import Console
 
     if search and kind != "models":
-        raise UsageError(f"'{search}': only models can be searched; use list models {search}")
+        raise UsageError(search, "only models can be searched")
 
     if kind != "all" and kind not in KINDS:
         raise unknown_name("kind", kind, (*KINDS, "all"))

@@ -75,9 +75,9 @@ def _of_run() -> dict[str, inspect.Parameter]:
 
 def _use_psf_dir(context: typer.Context, folder: Path | None) -> Path | None:
     """Make psf_blur read its PSFs from a folder, here and in workers, which inherit the environment."""
-    from ..corruptions.blur.psf_blur import PSF_DIR
-
     if folder is not None and not context.resilient_parsing:
+        from ..corruptions.blur.psf_blur import PSF_DIR
+
         if not folder.is_dir():
             raise UsageError(
                 "--psf-dir", f"{folder}: no such folder; give the folder that contains the five .pth stacks"
@@ -88,10 +88,10 @@ def _use_psf_dir(context: typer.Context, folder: Path | None) -> Path | None:
 
 def _import_corruptions(context: typer.Context, targets: list[str] | None) -> list[str] | None:
     """Import user-defined corruptions, so that runs with them can be recomputed."""
-    from ..corruptions.api import corruption_name
+    if targets and not context.resilient_parsing:
+        from ..corruptions.api import corruption_names
 
-    for target in () if context.resilient_parsing else targets or ():
-        corruption_name(target)
+        corruption_names(targets)
     return targets
 
 
@@ -107,7 +107,7 @@ _SHARED = (
         name: _parameter(name, annotation)
         for name, annotation in {
             "model": Annotated[str | None, _MODEL],
-            "models": Annotated[list[str] | None, _MODEL],
+            "model_list": Annotated[list[str] | None, _MODEL],
             "checkpoint": Annotated[
                 str | None,
                 Option(
@@ -183,7 +183,7 @@ _SHARED = (
         "as_json": _parameter("as_json", Annotated[bool, Option("--json", help="Print JSON.")], False),
     }
 )
-RUN: tuple[str, ...] = ("models", "benchmark", "data", "checkpoint", "device", "output", "option", "trained_on")
+RUN: tuple[str, ...] = ("model_list", "benchmark", "data", "checkpoint", "device", "output", "option", "trained_on")
 RUN += (*(name for name in _of_run() if name not in RUN), "psf_dir", "depth", "focal", "precision")
 """All options of a run, the common ones first."""
 FRAMES = ("seed", "variant", "severity_scale", "common_draws", "psf_dir")

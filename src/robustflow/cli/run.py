@@ -14,7 +14,7 @@ from .options import RUN, model_options, run_arguments, shared
 
 @shared(*RUN)
 def run(
-    positional: Annotated[
+    models: Annotated[
         list[str] | None, Argument(metavar="MODEL...", help="Models, as with --model.", autocompletion=complete.models)
     ] = None,
     seeds: Annotated[
@@ -48,7 +48,7 @@ def run(
 
     terminate_as_on_ctrl_c()
     options = model_options(given)
-    models = [*(positional or []), *(given["models"] or [])]
+    models = [*(models or []), *(given["model_list"] or [])]
     if not models:
         raise UsageError("--model", "no model to measure: give one, e.g. --model dis (see robustflow list models)")
     if len(set(models)) < len(models):

@@ -153,7 +153,7 @@ def check_format(format: str, as_json: bool) -> None:
     """Reject an unknown format before reading anything, and any format combined with `--json`."""
     renderer(format)
     if as_json and format != "terminal":
-        raise UsageError(f"--json and --format {format} are mutually exclusive; omit one of them")
+        raise UsageError("--json", f"not possible with --format {format}; omit one of them")
 
 
 def as_text(table: Table, format: str, output: Path | None) -> str:
