@@ -40,18 +40,3 @@ def test_own_prescription_is_rendered(robustflow, monkeypatch):
     Path("lens.json").write_text(shipped_lens(2).model_dump_json())
     robustflow.prints("optics", "render", "--lens", "lens.json", "--output", "psf.npy")
     assert np.array_equal(np.load("psf.npy"), shipped_field(2).stack)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "says"),
-    [
-        ("render --lens lens.json", 2, "--output"),
-        ("render --severity 7", 2, "severity 7 does not exist"),
-        ("show --severity x", 2, "'x'"),
-        ("design --severity 0", 2, "severity 0 does not exist"),
-        ("show --lens /nowhere/lens.json", 1, "/nowhere/lens.json"),
-        ("show --severities=", 2, "--severity is empty: give a value"),
-    ],
-)
-def test_wrong_arguments_are_refused_in_one_line(robustflow, arguments, code, says):
-    assert says in robustflow.refuses("optics", *arguments.split(), code=code)
