@@ -1,0 +1,135 @@
+"""The tables of columns and measures: what follows from a declaration, and the arithmetic of rows."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+import robustflow
+from robustflow.core import compiled
+from robustflow.metrics import error_maps, measures, photometric, regions, rows
+from robustflow.metrics.rows import COLUMNS
+
+EVERY = {
+    **measures.MEASURES,
+    **measures.CLEAN_MEASURES,
+    **measures.CONFIDENCE,
+    **measures.UNCOUPLED,
+    **measures.ATTACK,
+    **{f"{name} {region}": one for region, of in measures.REGION_MEASURES.items() for name, one in of.items()},
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_measure_is_computed_from_columns_of_the_rows(name):
+    one = EVERY[name]
+    parts = [part for part in (one.total, one.count, one.minus) if part is not None]
+    used = {column for part in parts for column in part.meta.root_names()}
+    assert used <= {*COLUMNS}
+    assert {one.paired} <= {"", *COLUMNS}
+    assert one.label
+
+
+PLANTED = """
+import json, sys
+import polars as pl
+from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.run.records.row_rules import broken_rules
+from robustflow.run.summary import summarize
+
+def row(corruption, severity, **changed):
+    values = {name: None if kind is pl.String else 0 for name, kind in ROW_SCHEMA.items()}
+    values |= {"sample": "a", "group": "a", "truth": "unchanged", "corruption": corruption, "severity": severity}
+    values |= {"height": 2, "width": 5, "n_all": 10, "n_valid": 10, "n_truth": 10, "planted_sum": 3.0}
+    return values | changed
+
+def frame(*rows):
+    return pl.DataFrame(rows, schema=ROW_SCHEMA, orient="row")
+
+means, measured = averages = summarize(frame(row("clean", 0), row("fog", 2, planted_sum=5.0)))
+document = averages.document("image")
+fog = document["corruptions"]["fog"]
+shown = [document["clean"]["planted"], document["planted"], fog["by_severity"]["planted"]]
+shown.append(means["planted", "weather", None])
+try:
+    summarize(frame(row("clean", 0, planted_sum=None)))
+except Exception as error:
+    shown.append(type(error).__name__)
+broken = [
+    {reason for reason, rows in broken_rules(frame(row("clean", 0, planted_sum=total))) if rows.height}
+    for total in (11.0, 3.0)
+]
+shown.append(len(broken[0] - broken[1]))
+print(json.dumps(shown))
+"""
+
+
+def test_new_measure_touches_two_files(tmp_path):
+    """A column in `rows` and a line in `measures` give means, the file, the checks of rows, and the documentation."""
+    package = tmp_path / "robustflow"
+    shutil.copytree(Path(robustflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, mark, line in (
+        ("rows.py", '    "attack_linf": Column(', '    "planted_sum": Column(_NUMBER, "n_valid", "Planted."),\n'),
+        (
+            "measures.py",
+            '    "px1": Measure(',
+            '    "planted": Measure("planted", pl.col("planted_sum"), _valid, "%", 100.0),\n',
+        ),
+    ):
+        path = package / "metrics" / name
+        text = path.read_text()
+        assert text.count(mark) == 1
+        path.write_text(text.replace(mark, line + mark))
+    done = subprocess.run(
+        [sys.executable, "-c", PLANTED], capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}
+    )
+    assert done.returncode == 0, done.stderr
+    *means, refused, broken = json.loads(done.stdout)
+    assert means == [30.0, 50.0, [50.0], 50.0]
+    assert refused == "RunError"
+    assert broken == 1
+
+
+EXACT = {"sqrt", "isfinite", "isnan", "ceil", "abs", "min", "max", "range", "empty"}
+TYPES = {"float64", "int64", "int32", "uint32", "uint8"}
+OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.LShift, ast.RShift, ast.BitAnd, ast.BitOr)
+
+
+@pytest.mark.parametrize("module", [rows, error_maps, regions, photometric], ids=lambda module: module.__name__)
+def test_compiled_row_code_uses_exactly_rounded_arithmetic_only(module):
+    functions = [node for node in ast.parse(inspect.getsource(module)).body if isinstance(node, ast.FunctionDef)]
+    in_numba = [
+        one
+        for one in functions
+        if any("njit" in ast.unparse(d) or "inner" in ast.unparse(d) for d in one.decorator_list)
+    ]
+    assert in_numba
+    own = {one.name for one in in_numba} | {"is_fl_outlier", "wauc_points"}
+    for function in in_numba:
+        for node in (node for statement in function.body for node in ast.walk(statement)):
+            if isinstance(node, ast.Call):
+                assert ast.unparse(node.func).rpartition(".")[2] in EXACT | TYPES | own, ast.unparse(node)
+            elif isinstance(node, ast.BinOp | ast.AugAssign):
+                assert isinstance(node.op, OPERATORS), ast.unparse(node)
+
+
+def test_compiler_may_not_reorder_arithmetic():
+    assert "fastmath" not in inspect.getsource(compiled)
+    assert "parallel" not in inspect.getsource(rows)
+
+
+def test_every_column_of_a_region_is_that_of_the_image():
+    for name, column in COLUMNS.items():
+        region = next((region for region in regions.REGIONS if name.endswith(f"_{region}")), "")
+        if region and name != f"n_{region}":
+            assert (column.kind, column.count) == (COLUMNS[name.removesuffix(f"_{region}")].kind, f"n_{region}")
+    assert {name: column.kind for name, column in COLUMNS.items()} == rows.ROW_SCHEMA
+    assert {COLUMNS[name].kind for name in COLUMNS if name.endswith("_sum")} == {pl.Float64}
