@@ -129,8 +129,9 @@ def _check_folder(folder: Path) -> None:
         foreign = part == folder and about.st_uid not in (0, os.geteuid())
         if foreign or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
             raise UsageError(
-                f"other users can write to {part}, from which numba would load compiled code; remove their write "
-                "permission (chmod go-w), or set NUMBA_CACHE_DIR to a folder that only you can write to"
+                part,
+                "other users can write to this folder, from which numba would load compiled code; remove their write "
+                "permission (chmod go-w), or set NUMBA_CACHE_DIR to a folder that only you can write to",
             )
         reached = reached and bool(about.st_mode & (stat.S_IXOTH | stat.S_IXGRP))
 

@@ -49,7 +49,7 @@ class Registry(Generic[T]):
         """Register `name` for the lazy target `"module:attribute"`."""
         if self._targets.get(name, target) != target:
             raise RobustFlowError(
-                f"{self.kind} '{name}' is registered twice, for {self._targets[name]} and for {target}; rename one"
+                name, f"{self.kind} registered twice, for {self._targets[name]} and for {target}; rename one"
             )
         self._targets[name] = target
 
@@ -200,7 +200,7 @@ def import_target(target: str, kind: str) -> Any:
         if missing in EXTRAS:
             command = install_command(missing)
             raise AssetError(f"{kind} '{target}' needs {missing}, which is not installed: {command}") from cause
-        raise UsageError(f"cannot import '{name}' for {kind} '{target}': {_reason(name, cause, missing)}") from cause
+        raise UsageError(target, f"cannot import '{name}' for this {kind}: {_reason(name, cause, missing)}") from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
             _refuse_hidden(name, here, kind, target)

@@ -160,13 +160,13 @@ def check_seed(seed: Any) -> int:
     3
     """
     if isinstance(seed, bool) or not isinstance(seed, Integral):
-        raise UsageError(f"a seed must be a whole number, not {seed!r}")
+        raise UsageError("seed", f"must be a whole number, not {seed!r}")
     return int(seed)
 
 
 def _encoded(part: str | int) -> str:
     if isinstance(part, bool) or not isinstance(part, str | Integral):
-        raise UsageError(f"the name of a random stream consists of texts and whole numbers, not {part!r:.60}")
+        raise UsageError(f"{part!r:.60}", "the name of a random stream consists of texts and whole numbers")
     text = str(part)
     return f"{'str' if isinstance(part, str) else 'int'}:{len(text)}:{text}"
 

@@ -75,7 +75,7 @@ def as_frame(image: Any) -> Frame:
     if not isinstance(image, Image.Image):
         return image
     if image.mode not in _EIGHT_BITS or "transparency" in image.info:
-        raise DataError(f"an image has the mode {image.mode}: corruptions require 8-bit RGB; use image.convert('RGB')")
+        raise DataError(image.mode, "corruptions require 8-bit RGB images; use image.convert('RGB')")
     return np.asarray(image.convert("RGB"))
 
 
@@ -119,16 +119,14 @@ def load_corruption(
     if own is not None:
         if scale == "paper":
             return own
-        raise UsageError(f"the calibrated scale has no severities for '{name}'; use --severity-scale paper")
+        raise UsageError(name, "not on the calibrated scale; use --severity-scale paper")
     kind = classes.get(name) or CORRUPTIONS.get(name)
     if variant == BGR and scale == "paper":
         return ChannelsReversed(kind("reference"))
     if scale == "paper":
         return kind(variant)
     if variant != "default":
-        raise UsageError(
-            f"the calibrated scale exists only for the default variant, not {variant}: remove one of the two"
-        )
+        raise UsageError(variant, "the calibrated scale exists only for the default variant; remove one of the two")
     return kind(variant, calibrated_severities(name))
 
 
@@ -159,11 +157,12 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
             loaded: Any = load_corruption(own_name(made))
             first = own.setdefault(loaded.name, loaded)
             if first.made is not loaded.made and first.source != loaded.source:
-                raise UsageError(f"two corruptions have the name '{first.name}': give each a different `name`")
+                raise UsageError(first.name, "two corruptions have this name; give each a different `name`")
         if isinstance(spec, Corruption) and not _equals_registered(spec, names[-1]):
             raise UsageError(
-                f"an object of the corruption '{names[-1]}' cannot be run: pass its name, and the options `variant` "
-                "and `severity_scale`"
+                names[-1],
+                "an object of this corruption cannot be run; pass its name, and the options `variant` and "
+                "`severity_scale`",
             )
     return tuple(dict.fromkeys(names))
 
@@ -245,9 +244,9 @@ def corrupt(
     True
     """
     if isinstance(corruption, str) and not corruption:
-        raise UsageError("no corruption specified; example: corrupt(frame1, frame2, 'fog', severity=3)")
+        raise UsageError("corruption", "missing; for example: corrupt(frame1, frame2, 'fog', severity=3)")
     if severity is None:
-        raise UsageError("no severity specified: give 1 (mild) to 5 (severe)")
+        raise UsageError("severity", "missing; give 1 (mild) to 5 (severe)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)
@@ -290,7 +289,7 @@ def corrupt_clip(
     try:
         head = next(rest)
     except StopIteration:
-        raise UsageError("a clip needs at least one frame") from None
+        raise UsageError("frames", "a clip needs at least one frame") from None
     check_frame(head, head, "frame 1")
     height, width = head.shape[:2]
     rng = stream_for(chosen, severity, seed, key, common_draws)
@@ -303,8 +302,8 @@ def _applied(corruption: Corruption, frames: Iterable[Frame], head: Frame, state
         check_frame(frame, head, f"frame {number + 1}")
         if corruption.needs_depth and first + number not in (0, 1):
             raise UsageError(
-                f"{corruption.name} needs depth, which is available only for the two frames of a pair; "
-                "use pairs and a model with two input frames"
+                corruption.name,
+                "needs depth, which only the two frames of a pair have; use pairs and a model with two input frames",
             )
         yield corruption.apply(frame, state, first + number)
 

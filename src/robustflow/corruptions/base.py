@@ -61,11 +61,11 @@ class Corruption(ABC):
             UsageError: the variant is unknown, or a severity is missing or has the wrong number of parameters.
         """
         if variant not in VARIANTS:
-            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
+            raise UsageError(variant, f"not a variant of {self.name}; choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
         levels = severities if severities is not None else self.severities_of(variant)
         if len(levels) != len(SEVERITIES):
-            raise UsageError(f"'{self.name}' has {len(levels)} severities: define five, from mild to severe")
+            raise UsageError(self.name, f"has {len(levels)} severities; define five, from mild to severe")
         self.severities = tuple(map(self._named, levels))
 
     def _named(self, parameters: Any) -> Any:
@@ -73,8 +73,7 @@ class Corruption(ABC):
             return parameters
         if not isinstance(parameters, tuple | list) or len(parameters) != len(self.level._fields):
             raise UsageError(
-                f"a severity of '{self.name}' is {parameters!r:.60}: it must be the tuple "
-                f"({', '.join(self.level._fields)})"
+                self.name, f"a severity is {parameters!r:.60}; give the tuple ({', '.join(self.level._fields)})"
             )
         return self.level(*parameters)
 
@@ -94,8 +93,9 @@ class Corruption(ABC):
         if value is None:
             levels = [str(level) for level, known in zip(SEVERITIES, self.severities, strict=True) if known is not None]
             raise UsageError(
-                f"{self.name} does not exist at severity {severity} of the calibrated scale: "
-                + (f"choose from {', '.join(levels)}" if levels else "choose another corruption or the paper's scale")
+                self.name,
+                f"does not exist at severity {severity} of the calibrated scale; "
+                + (f"choose from {', '.join(levels)}" if levels else "choose another corruption or the paper's scale"),
             )
         return value
 
@@ -129,8 +129,9 @@ class Corruption(ABC):
 def sample_without_depth(name: str) -> UsageError:
     """Return the error for a depth corruption applied to a sample without depth."""
     return UsageError(
-        f"{name} requires the depth of the sample: choose a dataset with depth ('robustflow list datasets'), "
-        "or provide your own with --depth DIR"
+        name,
+        "requires the depth of the sample; choose a dataset with depth ('robustflow list datasets'), "
+        "or provide your own with --depth DIR",
     )
 
 

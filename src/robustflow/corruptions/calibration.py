@@ -199,16 +199,16 @@ def calibrate(
 ) -> CalibrationTable:
     """Calibrate corruptions on a set of images."""
     if draws < 1:
-        raise UsageError(f"{draws} is not a valid number of draws: it must be at least 1")
+        raise UsageError("draws", f"must be at least 1, not {draws}")
     if not pictures:
-        raise UsageError("there are no images to calibrate on: pass at least one")
+        raise UsageError("pictures", "there are no images to calibrate on; pass at least one")
     references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
     corruptions = {}
     for name in names:
         segments = path(name)
         if not segments:
             CORRUPTIONS.get(name)
-            raise UsageError(f"{name} has no path and cannot be calibrated; remove it from --corruptions")
+            raise UsageError(name, "has no path and cannot be calibrated; remove it from --corruptions")
         curve = _Curve(CORRUPTIONS.get(name), references, seed, draws)
         corruptions[name] = _levels(curve, segments, targets)
         report(name, corruptions[name])

@@ -41,15 +41,15 @@ class OwnCorruption(Corruption):
         self.needs_depth = bool(getattr(made, "needs_depth", False))
         self.truth = getattr(made, "truth", "unchanged")
         if self.truth not in TRUTHS:
-            raise UsageError(f"corruption '{self.name}' has `truth` {self.truth!r:.60}: set {' or '.join(TRUTHS)}")
+            raise UsageError(self.name, f"its `truth` is {self.truth!r:.60}; set {' or '.join(TRUTHS)}")
         levels = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
         try:
             self.paper_severities = tuple(levels)
         except TypeError:
-            raise UsageError(f"corruption '{self.name}' has `severities` {levels!r:.60}: give a tuple of 5") from None
+            raise UsageError(self.name, f"its `severities` are {levels!r:.60}; give a tuple of 5") from None
         self.made = made
         if variant not in (*VARIANTS, BGR):
-            raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")
+            raise UsageError(variant, f"not a variant; choose from {', '.join((*VARIANTS, BGR))}")
         super().__init__()
         self.variant = variant
 
@@ -74,8 +74,7 @@ class OwnCorruption(Corruption):
         out = self._call("apply", lambda: self.made.apply(copy, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
             raise UsageError(
-                f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
-                f"{frame.shape}"
+                self.name, f"returned {described_array(out)}; apply must return a uint8 array of shape {frame.shape}"
             )
         return np.array(out)
 
@@ -104,7 +103,7 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
         _check_methods(corruption)
         if own_name(corruption) != name:
             raise UsageError(
-                f"the entry point '{name}' provides a corruption named '{own_name(corruption)}'; the names must match"
+                name, f"this entry point provides a corruption named '{own_name(corruption)}'; the names must match"
             )
     return OwnCorruption(_build(corruption, variant) if inspect.isclass(corruption) else corruption, variant)
 
@@ -123,7 +122,7 @@ def own_among(names: Iterable[str]) -> tuple[Made, ...]:
 def _check_methods(made: Made) -> None:
     for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
         if not callable(getattr(made, method, None)):
-            raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
+            raise UsageError(described(made), f"has no method {method}, so it is not a corruption; {_GUIDE}")
 
 
 def _read_only(array: npt.NDArray[Any]) -> Any:

@@ -78,8 +78,9 @@ def refuse_on_disk(name: str) -> None:
     """Raise a UsageError for a corruption that cannot be computed."""
     if (files := on_disk(name)) is not None:
         raise UsageError(
-            f"'{name}' exists only as corrupted files in {files.title}, so it cannot be applied to other frames; "
-            f"use --benchmark {files.dataset} --data FOLDER"
+            name,
+            f"exists only as corrupted files in {files.title}, so it cannot be applied to other frames; "
+            f"use --benchmark {files.dataset} --data FOLDER",
         )
 
 
@@ -193,7 +194,7 @@ def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]
         fitting = [one for one in members if one in available or (name in ("depth", "sensor") and one not in CLIP)]
         if not fitting:
             raise UsageError(
-                f"no corruption of the family '{name}' applies to these data; choose from {', '.join(available)}"
+                name, f"no corruption of this family applies to these data; choose from {', '.join(available)}"
             )
         chosen += fitting
     return list(dict.fromkeys(chosen))

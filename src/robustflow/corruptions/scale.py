@@ -87,7 +87,7 @@ def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTa
     """Merge two tables; corruptions in `new` replace those in `old`."""
     for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
         if getattr(old, name) != getattr(new, name):
-            raise UsageError(f"the two calibration tables differ in {name}; choose a different --output")
+            raise UsageError("--output", f"the calibration table there differs in {name}; choose another file")
     return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
 
 

@@ -52,8 +52,9 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
         corruption, colon, level = (text.strip() for text in part.partition(_COLON))
         if not corruption or (colon and not (len(level) == 1 and level in "0123456789")):
             raise UsageError(
-                f"'{name:.80}' is not a stack of corruptions: use NAME or NAME:SEVERITY, joined by '+', "
-                "or module.path:Attribute for a custom corruption"
+                f"{name:.80}",
+                "not a stack of corruptions; use NAME or NAME:SEVERITY, joined by '+', "
+                "or module.path:Attribute for a custom corruption",
             )
         parts.append((corruption, check_severity(int(level)) if level else None))
     return parts

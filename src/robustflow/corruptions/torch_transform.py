@@ -64,7 +64,7 @@ class TorchCorruption(torch.nn.Module):
         places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, tv_tensors.Image)]
         places = places or [place for place, leaf in enumerate(leaves) if _is_plain(leaf)]
         if not places:
-            raise DataError("the inputs contain no image: expected tensors (C, H, W) or (B, C, H, W)")
+            raise DataError("inputs", "no image among them; expected tensors (C, H, W) or (B, C, H, W)")
         images = [leaves[place] for place in places]
         for place, image, corrupted in zip(places, images, self._corrupt(images, key), strict=True):
             fresh = torch.from_numpy(corrupted).to(image.device)
@@ -79,9 +79,9 @@ class TorchCorruption(torch.nn.Module):
         for image in images:
             if image.ndim not in (3, 4) or image.shape != images[0].shape:
                 shapes = ", ".join(str(tuple(image.shape)) for image in images)
-                raise DataError(f"images have shapes {shapes}: expected (C, H, W) or (B, C, H, W) for all images")
+                raise DataError(shapes, "the shapes of the images; expected (C, H, W) or (B, C, H, W) for all images")
             if image.dtype not in (torch.uint8, torch.float32):
-                raise DataError(f"an image is {image.dtype}: expected torch.uint8, or torch.float32 in [0, 1]")
+                raise DataError(image.dtype, "the dtype of an image; expected torch.uint8, or torch.float32 in [0, 1]")
         arrays = [np.moveaxis(image.detach().cpu().numpy(), -3, -1) for image in images]
         if images[0].ndim == 3:
             return [_channels_first(out) for out in self._transform(arrays, key)]

@@ -80,11 +80,11 @@ class CorruptionTransform:
         scale: str = "paper",
     ) -> None:
         if not 0.0 <= probability <= 1.0:
-            raise UsageError(f"probability {probability} is out of range: must be from 0 to 1")
+            raise UsageError("probability", f"{probability} is out of range; must be from 0 to 1")
         if isinstance(names, str):
-            raise UsageError(f"names is a string, '{names}': pass a list, ['{names}']")
+            raise UsageError("names", f"'{names}' is a string; pass a list, ['{names}']")
         if isinstance(severities, int):
-            raise UsageError(f"severities is a number, {severities}: pass a list, [{severities}]")
+            raise UsageError("severities", f"{severities} is a number; pass a list, [{severities}]")
         levels = tuple(sorted({check_severity(severity) for severity in severities}))
         self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
         names = DEFAULT_NAMES if names is None else tuple(names)
@@ -92,7 +92,7 @@ class CorruptionTransform:
             corruption = load_corruption(name, variant, scale)
             self._choices.append((corruption, _levels(corruption.name, levels, scale)))
         if not self._choices or not levels:
-            raise UsageError("nothing to choose from: specify at least one corruption and one severity")
+            raise UsageError("names" if levels else "severities", "nothing to choose from; give at least one")
         self.names = tuple(corruption.name for corruption, _ in self._choices)
         self.severities = levels
         self.probability = probability
@@ -124,11 +124,11 @@ class CorruptionTransform:
         several = images.ndim == 4 if isinstance(images, np.ndarray) else isinstance(images, list | tuple)
         frames: list[Image] = list(images) if several else [images]  # type: ignore[list-item]
         if not frames:
-            raise DataError("no image to corrupt: pass at least one")
+            raise DataError("images", "none given; pass at least one")
         for frame in frames:
             check_image(frame)
             if frame.shape != frames[0].shape:
-                raise DataError(f"the images in a call have different shapes, {frames[0].shape} and {frame.shape}")
+                raise DataError(frame.shape, f"the images of a call differ in shape; the first is {frames[0].shape}")
         out = self._corrupt(frames, self._stream(key))
         if isinstance(images, np.ndarray):
             return np.stack(out) if several else out[0]
@@ -172,33 +172,33 @@ def check_image(image: Image) -> None:
 
     >>> check_image(np.zeros((8, 8, 3), np.uint16))
     Traceback (most recent call last):
-    robustflow.core.errors.DataError: an image is uint16: corruptions operate on 8-bit values; convert it to uint8 first
+    robustflow.core.errors.DataError: uint16: an image's dtype; corruptions operate on 8-bit values; convert it to uint8
     """
     if not isinstance(image, np.ndarray):
-        raise DataError(f"an image is a {type(image).__name__}: expected a numpy array (H, W, 3), (H, W) or (H, W, 1)")
+        raise DataError(type(image).__name__, "an image's type; expected an array (H, W, 3), (H, W) or (H, W, 1)")
     if image.dtype not in (np.uint8, np.float32):
-        how = "corruptions operate on 8-bit values; convert it to uint8 first"
+        how = "corruptions operate on 8-bit values; convert it to uint8"
         if np.issubdtype(image.dtype, np.floating):
             how = "expected float32 in [0, 1], or uint8"
-        raise DataError(f"an image is {image.dtype}: {how}")
+        raise DataError(image.dtype, f"an image's dtype; {how}")
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)) or 0 in image.shape:
-        raise DataError(f"an image has shape {image.shape}: expected (H, W, 3), or (H, W) or (H, W, 1) for grey")
+        raise DataError(image.shape, "the shape of an image; expected (H, W, 3), or (H, W) or (H, W, 1) for grey")
     if image.dtype == np.float32:
         low, high = float(image.min()), float(image.max())
         if not (low >= 0.0 and high <= 1.0):
-            raise DataError(f"a float image has values from {low:g} to {high:g}: they must be in [0, 1] and not NaN")
+            raise DataError(f"{low:g} to {high:g}", "the values of a float image; they must be in [0, 1] and not NaN")
 
 
 def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
     for part, _ in split_stack(name):
         if part in CLIP:
-            raise UsageError(f"{part} requires an entire clip, so a transform cannot apply it; remove it")
+            raise UsageError(part, "requires an entire clip, so a transform cannot apply it; remove it")
     if needs_depth(name):
-        raise UsageError(f"{name} requires depth, which is not available to a transform; remove it")
+        raise UsageError(name, "requires depth, which is not available to a transform; remove it")
     own = levels_of(name, levels, scale)
     if levels and not own:
         text = ", ".join(map(str, levels))
-        raise UsageError(f"{name} does not exist at the severities {text} on the {scale} scale; remove it")
+        raise UsageError(name, f"does not exist at the severities {text} on the {scale} scale; remove it")
     return own
 
 

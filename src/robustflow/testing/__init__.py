@@ -12,14 +12,6 @@ if TYPE_CHECKING:
     from .extensions import check_attack, check_corruption
     from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
-_WHERE = {
-    **dict.fromkeys(("check_attack", "check_corruption"), "extensions"),
-    **dict.fromkeys(("check_dataset", "TexturePairs"), "datasets"),
-    **dict.fromkeys(
-        ("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroClipFlow", "ZeroFlow"), "models"
-    ),
-}
-
 __all__ = [
     "BrightnessFlow",
     "ConstantFlow",
@@ -32,13 +24,15 @@ __all__ = [
     "check_dataset",
     "check_model",
 ]
+_WHERE = {
+    "TexturePairs": "datasets",
+    "check_dataset": "datasets",
+    "check_attack": "extensions",
+    "check_corruption": "extensions",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
+    if name not in __all__:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return getattr(import_module(f".{_WHERE[name]}", __name__), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+    return getattr(import_module(f".{_WHERE.get(name, 'models')}", __name__), name)

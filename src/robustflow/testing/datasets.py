@@ -49,7 +49,7 @@ class TexturePairs(Samples):
 
     def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
         if count < 1 or not 0 <= reach < min(size):
-            raise UsageError(f"cannot create {count} pairs of {size[0]}x{size[1]} pixels with shifts of up to {reach}")
+            raise UsageError("size", f"cannot create {count} pairs of {size} pixels with shifts of up to {reach}")
         self._count, self._size, self._reach, self._seed = int(count), size, int(reach), int(seed)
 
     def keys(self) -> list[str]:
@@ -105,33 +105,31 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     """
     what = f"the dataset {type(dataset).__name__}"
     check_members(dataset, what)
-    keys = dataset.keys()
-    require(dataset.keys() == keys, f"{what}: keys() returns different keys on the second call")
+    keys, name = dataset.keys(), str(dataset.name)
+    require(dataset.keys() == keys, name, "keys() returns different keys on the second call")
     try:
         copy = pickle.loads(pickle.dumps(dataset))
     except Exception as error:
-        raise UsageError(f"{what} cannot be sent to a worker process ({type(error).__name__}: {error})") from error
-    require(copy.keys() == keys, f"{what}: a pickled copy has different keys")
+        raise UsageError(name, f"cannot be sent to a worker process ({type(error).__name__}: {error})") from error
+    require(copy.keys() == keys, name, "a pickled copy has different keys")
     places = np.linspace(0, len(keys) - 1, max(1, min(samples, len(keys)))).astype(int)
     before: tuple[Sample, Sample] | None = None
     for key in dict.fromkeys(keys[place] for place in places):
         first, again = check_sample(dataset, key, what), check_sample(copy, key, what)
-        require(_equal(first, again), f"{what}: sample '{key}' differs when read a second time")
-        require(
-            first.flow is None or (first.flow.dtype == np.float32 and bool(np.isfinite(first.flow).all())),
-            f"{what}: the flow of '{key}' must be float32 and finite; mark unknown pixels in the valid mask",
-        )
+        require(_equal(first, again), name, f"sample '{key}' differs when read a second time")
+        finite = first.flow is None or (first.flow.dtype == np.float32 and np.isfinite(first.flow).all())
+        require(finite, name, f"the flow of '{key}' must be float32 and finite; mark unknown pixels in the valid mask")
         if before is not None:
-            require(_equal(*before), f"{what}: load('{key}') overwrites the sample loaded before; return new arrays")
+            require(_equal(*before), name, f"load('{key}') overwrites the sample loaded before; return new arrays")
         before = first, deepcopy(first)
-        require(first.valid is None or bool(first.valid.any()), f"{what}: sample '{key}' has no pixel with known flow")
+        require(first.valid is None or first.valid.any(), name, f"sample '{key}' has no pixel with known flow")
     try:
         dataset.load("no such key")
     except (RobustFlowError, LookupError):
-        return str(dataset.name)
+        return name
     except Exception as error:
-        raise UsageError(f"{what} raises {type(error).__name__} for an unknown key; raise a KeyError") from error
-    raise UsageError(f"{what} returns a sample for a key that does not exist; raise a KeyError")
+        raise UsageError(name, f"raises {type(error).__name__} for an unknown key; raise a KeyError") from error
+    raise UsageError(name, "returns a sample for a key that does not exist; raise a KeyError")
 
 
 def _equal(one: Sample, other: Sample) -> bool:

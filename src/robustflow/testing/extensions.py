@@ -1,10 +1,8 @@
-"""Test frames and assertions shared by the checkers of user-defined attacks, corruptions and datasets. Measure how
-far a corruption moves the content of frames. Check a user-defined corruption before using it in a benchmark.
-Check a user-defined attack before using it in a benchmark.
-"""
+"""Check a user-defined corruption or attack before using it in a benchmark."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -20,10 +18,10 @@ from ..corruptions.api import load_corruption, stream_for
 from ..corruptions.base import Corruption
 
 
-def require(holds: Any, message: str) -> None:
-    """Raise a `UsageError` with a message unless a condition holds."""
+def require(holds: Any, culprit: str, message: str) -> None:
+    """Raise a `UsageError` unless a condition holds."""
     if not holds:
-        raise UsageError(message)
+        raise UsageError(culprit, message)
 
 
 def frames_of(shape: tuple[int, int]) -> list[Frame]:
@@ -33,10 +31,14 @@ def frames_of(shape: tuple[int, int]) -> list[Frame]:
     return [texture, np.roll(texture, 1, axis=1), np.zeros_like(texture), np.full_like(texture, 255)]
 
 
-_PERIOD, _PHASES, _BLOCK = 64, 4, 16
-_AMPLITUDE = 100.0
+_SHAPES = ((48, 64), (33, 61))
+"""An even and an odd frame size, which reveal bugs in code that halves an image."""
+_PERIOD, _PHASES, _BLOCK, _AMPLITUDE = 64, 4, 16, 100.0
 _READABLE = 0.01
 """Fraction of the amplitude below which the waves of a block cannot be read, e.g. because an object hides them."""
+_WAVES, _MOST_MOVED = (128, 128), 2.0
+"""Size of the frames on which displacement is measured, and largest mean displacement of a corruption that leaves the
+ground truth unchanged, in pixels; for `psf_blur` it is 1.4 px, for `elastic_transform` at least 3.2 px."""
 
 
 def displacement(
@@ -73,13 +75,6 @@ def distortion(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64]) 
     return float(np.hypot(*(both - both.mean(axis=0)).T).mean()) if len(both) else 0.0
 
 
-_SHAPES = ((48, 64), (33, 61))
-"""An even and an odd frame size, which reveal bugs in code that halves an image."""
-_WAVES, _MOST_MOVED = (128, 128), 2.0
-"""Size of the frames on which displacement is measured, and largest mean displacement of a corruption that leaves the
-ground truth unchanged, in pixels; for `psf_blur` it is 1.4 px, for `elastic_transform` at least 3.2 px."""
-
-
 def check_corruption(corruption: Any, seed: int = 0) -> str:
     """Check a corruption at all five severities, and return its name.
 
@@ -108,50 +103,48 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
     'dim'
     """
     first, second = load_corruption(corruption), load_corruption(corruption)
-    for shape in _SHAPES:
-        for severity in SEVERITIES:
-            if first.severities[severity - 1] is None:
-                continue
-            where = f"corruption '{first.name}' at severity {severity} on {shape[0]}x{shape[1]} pixels"
-            frames = frames_of(shape)
-            before = [frame.copy() for frame in frames]
-            scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None
-            numbers = [place % 2 if first.needs_depth else place for place in range(len(frames))]
-            state = first.draw_with_depth(stream_for(first, severity, seed, "check"), severity, shape, scene)
-            forth = [first.apply(frame, state, number) for frame, number in zip(frames, numbers, strict=True)]
-            for index, (frame, copy) in enumerate(zip(frames, before, strict=True)):
-                require((frame == copy).all(), f"{where} modifies its input frame: copy it first")
-                _check_frame(forth[index], frame, where)
-            require(
-                not any(np.shares_memory(a, b) for i, a in enumerate(forth) for b in forth[:i]),
-                f"{where} returns the same array twice: return a new one",
-            )
-            again = second.draw_with_depth(stream_for(second, severity, seed, "check"), severity, shape, scene)
-            pairs = zip(reversed(frames), reversed(numbers), strict=True)
-            back = [second.apply(frame, again, number) for frame, number in pairs][::-1]
-            for index, (one, other) in enumerate(zip(forth, back, strict=True)):
-                require(
-                    (one == other).all(),
-                    f"{where} returns different bytes for frame {index} on the second call or in a different "
-                    "order: draw all random numbers from `rng`, and numbers that differ between frames from "
-                    "rng.spawn('frame', index)",
-                )
-    if first.truth == "unchanged":
-        _check_content_stays(first, seed)
+    for severity in SEVERITIES:
+        if first.severities[severity - 1] is not None:
+            for shape in _SHAPES:
+                _check_frames(first, second, severity, shape, seed)
+            if first.truth == "unchanged":
+                _check_content_stays(first, severity, seed)
     return first.name
 
 
-def _check_content_stays(corruption: Corruption, seed: int) -> None:
-    scene = _scene(_WAVES, True) if corruption.needs_depth else None
-    for severity in SEVERITIES:
-        if corruption.severities[severity - 1] is None:
-            continue
-        moved = distortion(*(displacement(corruption, severity, _WAVES, index, seed, scene) for index in (0, 1)))
+def _check_frames(first: Corruption, second: Corruption, severity: int, shape: tuple[int, int], seed: int) -> None:
+    where = f"at severity {severity} on {shape[0]}x{shape[1]} pixels it"
+    frames, clean = frames_of(shape), frames_of(shape)
+    scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None
+
+    def results(one: Corruption, places: Iterable[int]) -> dict[int, Any]:
+        state = one.draw_with_depth(stream_for(one, severity, seed, "check"), severity, shape, scene)
+        return {place: one.apply(frames[place], state, place % 2 if scene else place) for place in places}
+
+    forth, back = results(first, range(len(frames))), results(second, reversed(range(len(frames))))
+    for place, out in forth.items():
+        require((frames[place] == clean[place]).all(), first.name, f"{where} modifies its input frame; copy it first")
+        fits = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == frames[place].shape
+        require(fits, first.name, f"{where} does not return a uint8 array of shape {frames[place].shape}")
+        shared = any(np.shares_memory(out, other) for other in (frames[place], *(forth[i] for i in range(place))))
+        require(not shared, first.name, f"{where} returns its input or the same array twice; return a new one")
         require(
-            moved <= _MOST_MOVED,
-            f"corruption '{corruption.name}' at severity {severity} moves content by {moved:.1f} px on average, so the "
-            'ground truth does not describe the corrupted frames: set truth = "none"',
+            (out == back[place]).all(),
+            first.name,
+            f"{where} returns different bytes for frame {place} on the second call or in a different order; draw all "
+            "random numbers from `rng`, and those that differ between frames from rng.spawn('frame', index)",
         )
+
+
+def _check_content_stays(corruption: Corruption, severity: int, seed: int) -> None:
+    scene = _scene(_WAVES, True) if corruption.needs_depth else None
+    moved = distortion(*(displacement(corruption, severity, _WAVES, index, seed, scene) for index in (0, 1)))
+    require(
+        moved <= _MOST_MOVED,
+        corruption.name,
+        f"at severity {severity} it moves content by {moved:.1f} px on average, so the ground truth does not describe "
+        'the corrupted frames; set truth = "none"',
+    )
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
@@ -166,12 +159,6 @@ def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
     motion = (np.eye(3), np.array([0.0, 0.0, -0.25])) if moves else (None, None)
     camera = Camera((float(width), float(width)), ((width - 1) / 2, (height - 1) / 2), *motion)
     return SceneDepth((first, first - np.float32(0.25)), (known, known), camera)
-
-
-def _check_frame(out: Any, frame: Frame, where: str) -> None:
-    fits = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == frame.shape
-    require(fits, f"{where} does not return a uint8 array of shape {frame.shape}")
-    require(not np.shares_memory(out, frame), f"{where} returns its input frame: return a copy")
 
 
 _SHAPES_ATTACKS = ((32, 40), (17, 23))
@@ -226,7 +213,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
     model = _Smooth()
     for shape in _SHAPES_ATTACKS:
         for severity in SEVERITIES:
-            where = f"attack '{first.name}' at severity {severity} on {shape[0]}x{shape[1]} pixels"
+            where = f"at severity {severity} on {shape[0]}x{shape[1]} pixels it"
             texture, shifted, black, white = frames_of(shape)
             for frames in ((texture, shifted), (black, white)):
                 truth = np.zeros((*shape, 2), np.float32) if severity % 2 else None
@@ -234,18 +221,18 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 before = [frame.copy() for frame in frames]
                 problem = first.problem(model, pair, model.predict(*frames))
                 images = first.run(problem, pair.stream(first.name))
-                inside = problem.checked(images, first.name)
-                require(inside is images, f"{where} exceeds its budget: end with problem.ball.project(images)")
-                require(all(map(np.array_equal, frames, before)), f"{where} modifies its input frames: copy them first")
+                inside = problem.checked(images, first.name) is images
+                require(inside, first.name, f"{where} exceeds its budget; end with problem.ball.project(images)")
+                unchanged = all(map(np.array_equal, frames, before))
+                require(unchanged, first.name, f"{where} modifies its input frames; copy them first")
                 found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
                 require(
                     not problem.trace or found >= problem.best_score - 1e-4,
+                    first.name,
                     f"{where} returns a pair with score {found:.4g} but evaluated one with score "
-                    f"{problem.best_score:.4g}: return problem.best",
+                    f"{problem.best_score:.4g}; return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))
-                require(
-                    np.array_equal(images, second.run(again, pair.stream(second.name))),
-                    f"{where} returns different bytes on the second call: draw all random numbers from `rng`",
-                )
+                same = np.array_equal(images, second.run(again, pair.stream(second.name)))
+                require(same, first.name, f"{where} returns different bytes again; draw all random numbers from `rng`")
     return first.name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -110,7 +110,7 @@ class ShiftedTruth:
             ModelError: the size of the frames differs from that of the flow.
         """
         if frame1.shape[:2] != self._flow.shape[:2]:
-            raise ModelError(f"the known flow is {self._flow.shape[:2]}, but the frames are {frame1.shape[:2]}")
+            raise ModelError("frame1", f"has {frame1.shape[:2]} pixels, but the known flow {self._flow.shape[:2]}")
         return self._flow.copy()
 
 
@@ -154,22 +154,20 @@ def check_model(model: Any, seed: int = 0) -> str:
     'ConstantFlow'
     """
     named = name_model(model)
-    made, _ = named.model, named.training
+    made, _ = named.model, named.training  # raises if the training set is unknown
     if named.name:
         checked_name(named.name)
     rng = np.random.default_rng(seed)
     for shape in _SHAPES:
         where = f"on frames of {shape[0]}x{shape[1]}"
         clips = [_clip(made, rng, shape, motion) for motion in _MOTIONS]
-        first = _predict(made, clips[0], where)
-        other = _predict(made, clips[1], where)
-        again = _predict(made, clips[0], where)
-        if not np.array_equal(first, again):
-            raise ModelError(
-                f"the model {where} returns a different flow for the same frames (off by up to "
-                f"{np.abs(first - again).max():.2g} px) after other predictions: seed all random number "
-                "generators, and keep no state between calls"
-            )
+        first, other, again = (_predict(made, clip, where) for clip in (*clips, clips[0]))
+        _require(
+            np.array_equal(first, again),
+            "predict",
+            f"returns a different flow for the same frames {where} (off by up to {np.abs(first - again).max():.2g} px) "
+            "after other predictions; seed all random number generators, and keep no state between calls",
+        )
         _check_format(made, zip(clips, (first, other), strict=True), where)
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
@@ -180,32 +178,38 @@ def check_model(model: Any, seed: int = 0) -> str:
     return given_name(model) or getattr(model, "__name__", None) or type(model).__name__
 
 
-def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
-    copies = [frame.copy() for frame in clip]
+def _require(holds: Any, culprit: str, message: str) -> None:
+    if not holds:
+        raise ModelError(culprit, message)
+
+
+def _called(method: str, function: Callable[[], Any], where: str) -> Any:
     try:
-        if isinstance(model, ClipModel):
-            returned = model.predict_clip(copies, window_of(model).before)
-        elif isinstance(model, FlowModel):
-            returned = model.predict(copies[0], copies[1])
-        else:
-            raise ModelError("precomputed flows are looked up by name, so there is no prediction to check")
+        return function()
     except ModelError:
         raise
     except Exception as error:
-        raise ModelError(f"the model raised {type(error).__name__} {where}: {error or 'no message'}") from error
-    if any(not np.array_equal(frame, before) for frame, before in zip(copies, clip, strict=True)):
-        raise ModelError(f"the model {where} modifies its input frames: copy them first")
-    flow = np.array(returned, copy=True) if isinstance(returned, np.ndarray) else returned
-    if not isinstance(flow, np.ndarray) or flow.shape != (*clip[0].shape[:2], 2) or flow.dtype.kind != "f":
-        raise ModelError(
-            f"the model returned {described_array(flow)} {where}; expected a float array of shape "
-            f"{(*clip[0].shape[:2], 2)}, (u right, v down) in pixels"
-        )
-    if not np.isfinite(flow).all():
-        raise ModelError(
-            f"the model {where} returned {int((~np.isfinite(flow)).any(axis=2).sum())} pixels that are NaN or infinite"
-        )
-    return flow
+        raise ModelError(method, f"raised {type(error).__name__} {where}: {error or 'no message'}") from error
+
+
+def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
+    copies = [frame.copy() for frame in clip]
+    if isinstance(model, ClipModel):
+        flow = _called("predict_clip", lambda: model.predict_clip(copies, window_of(model).before), where)
+    elif isinstance(model, FlowModel):
+        flow = _called("predict", lambda: model.predict(copies[0], copies[1]), where)
+    else:
+        raise ModelError("precomputed flows are looked up by name, so there is no prediction to check")
+    _require(all(map(np.array_equal, copies, clip)), "predict", f"modifies its input frames {where}; copy them first")
+    shape = (*clip[0].shape[:2], 2)
+    _require(
+        isinstance(flow, np.ndarray) and flow.shape == shape and flow.dtype.kind == "f",
+        "predict",
+        f"returned {described_array(flow)} {where}; expected a float array {shape}, (u right, v down) in pixels",
+    )
+    wrong = int((~np.isfinite(flow)).any(axis=2).sum())
+    _require(not wrong, "predict", f"returned {wrong} pixels that are NaN or infinite {where}")
+    return np.array(flow, copy=True)
 
 
 def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]], where: str) -> None:
@@ -213,32 +217,30 @@ def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]]
     wrong = misread([(clip[start], clip[start + 1], flow.astype(np.float32)) for clip, flow in predicted])
     if wrong is not None:
         raise ModelError(
-            f"the model's flow {where} looks {wrong.reading.describe()}: frame 2 warped by it differs from frame 1 by "
-            f"{wrong.given:.1f} grey levels, and by {wrong.error:.1f} if it is corrected for this; return (u right, v "
-            "down) in pixels from frame 1 to frame 2"
+            wrong.reading.describe(),
+            f"this is how the flow {where} looks: frame 2 warped by it differs from frame 1 by {wrong.given:.1f} grey "
+            f"levels, and by {wrong.error:.1f} if it is corrected for this; return (u right, v down) in pixels from "
+            "frame 1 to frame 2",
         )
 
 
 def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
+    name = "predict_batch"
     copies = [[clip[i].copy() for clip in clips] for i in (0, 1)]
-    try:
-        together = model.predict_batch(*copies)
-    except Exception as error:
-        raise ModelError(f"predict_batch raised {type(error).__name__} {where}: {error or 'no message'}") from error
-    if not hasattr(together, "__len__"):
-        raise ModelError(f"predict_batch returned {described_array(together)} {where}; expected one flow per pair")
-    if any(not np.array_equal(copies[i][j], clip[i]) for i in (0, 1) for j, clip in enumerate(clips)):
-        raise ModelError(f"predict_batch {where} modifies its input frames: copy them first")
-    if len(together) != len(clips):
-        raise ModelError(
-            f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected one per pair"
-        )
+    together = _called(name, lambda: model.predict_batch(*copies), where)
+    unchanged = all(np.array_equal(copies[i][j], clip[i]) for i in (0, 1) for j, clip in enumerate(clips))
+    _require(unchanged, name, f"modifies its input frames {where}; copy them first")
+    _require(
+        hasattr(together, "__len__"), name, f"returned {described_array(together)} {where}; return one flow per pair"
+    )
+    _require(len(together) == len(clips), name, f"returned {len(together)} flows for {len(clips)} pairs {where}")
     for flow, single in zip(together, alone, strict=True):
-        if np.shape(flow) != single.shape or not np.abs(np.asarray(flow) - single).max() <= BATCH_TOLERANCE:
-            raise ModelError(
-                f"the model {where} returns a different flow in a batch than for single pairs: "
-                "process the pairs of a batch independently, or do not implement predict_batch"
-            )
+        _require(
+            np.shape(flow) == single.shape and np.abs(np.asarray(flow) - single).max() <= BATCH_TOLERANCE,
+            name,
+            f"returns a different flow {where} than for single pairs; process the pairs of a batch independently, or "
+            "do not implement it",
+        )
 
 
 def _check_differentiable(model: AnyModel, clips: list[list[Frame]], flows: list[Flow], where: str) -> None:
@@ -253,23 +255,25 @@ def _check_differentiable(model: AnyModel, clips: list[list[Frame]], flows: list
     with torch.no_grad():
         together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
         single = torch.cat([model.differentiable(pair[:1], pair[1:]) for pair in pairs])
-    if together.shape != single.shape or not (together - single).abs().max() <= BATCH_TOLERANCE:
-        raise ModelError(
-            f"the model's method differentiable {where} returns a different flow in a batch than for single pairs: "
-            "process the pairs of a batch independently, or do not set batched_gradients"
-        )
+    _require(
+        together.shape == single.shape and (together - single).abs().max() <= BATCH_TOLERANCE,
+        "differentiable",
+        f"returns a different flow {where} in a batch than for single pairs; process the pairs of a batch "
+        "independently, or do not set batched_gradients",
+    )
 
 
 def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flow, where: str) -> None:
-    frames = where.removeprefix("on ")
+    name, frames = "predict_with_confidence", where.removeprefix("on ")
     first, _, again = (predict_with_confidence_checked(model, tuple(clip), frames) for clip in (*clips, clips[0]))
-    if not np.array_equal(flow_of(first), np.asarray(flow, np.float32)):
-        raise ModelError(f"predict_with_confidence returns a different flow than predict {where}: return the same flow")
-    if not np.array_equal(first, again):
-        raise ModelError(
-            f"predict_with_confidence returns a different confidence for the same frames {where} after other "
-            "predictions: seed all random number generators, and keep no state between calls"
-        )
+    same = np.array_equal(flow_of(first), np.asarray(flow, np.float32))
+    _require(same, name, f"returns a different flow than predict {where}; return the same flow")
+    _require(
+        np.array_equal(first, again),
+        name,
+        f"returns a different confidence for the same frames {where} after other predictions; seed all random number "
+        "generators, and keep no state between calls",
+    )
 
 
 def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int], motion: tuple[int, int]) -> list[Frame]:

@@ -177,7 +177,7 @@ def test_check_dataset_names_faults_that_loading_does_not_find(module, name, mat
         ("flow", np.zeros((6, 8, 3), np.float32), r"the flow is float32 \(6, 8, 3\); expected"),
         ("valid", np.full((6, 8), 255, np.uint8), r"the valid mask is uint8 \(6, 8\); expected bool \(6, 8\)"),
         ("valid", np.ones((6, 8, 1), bool), r"the valid mask is bool \(6, 8, 1\); expected bool \(6, 8\)"),
-        ("valid", [[True] * 8] * 6, "the valid mask is a list; expected bool"),
+        ("valid", [[True] * 8] * 6, "the valid mask is list; expected bool"),
         ("occluded", np.zeros((8, 6), bool), r"the occlusion map is bool \(8, 6\); expected bool \(6, 8\)"),
     ],
 )

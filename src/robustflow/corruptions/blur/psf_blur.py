@@ -36,14 +36,13 @@ LARGEST = 16 * 2**20
 def find_stack(folder: Path, rms: float) -> Path:
     """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper)."""
     if not folder.is_dir():
-        raise AssetError(
-            f"the PSF folder {folder} does not exist; specify the folder with the reference code's .pth files"
-        )
+        raise AssetError(folder, "no such folder; specify the folder with the reference code's .pth files")
     files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(
-            f"{folder} contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
-            "specify the folder with the reference code's five PSF stacks"
+            folder,
+            f"contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
+            "specify the folder with the reference code's five PSF stacks",
         )
     return files[0]
 
@@ -54,10 +53,10 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     try:
         size = path.stat().st_size
         if size > LARGEST:
-            raise DataError(f"{path} is not a PSF stack: it has {size} bytes instead of 2.9 million")
+            raise DataError(path, f"not a PSF stack: it has {size} bytes instead of 2.9 million")
         data = path.read_bytes()
     except OSError as error:
-        raise DataError(f"cannot read the PSF stack {path}: {error.strerror}") from error
+        raise DataError(path, f"this PSF stack cannot be read: {error.strerror}") from error
     source = hashlib.sha256(data).hexdigest()
     cached = cache_folder("psf") / f"{source}.stack"
     stack = _read_kept(cached, source)
@@ -91,9 +90,9 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
         scan_torch_file(io.BytesIO(data))
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
-        raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
+        raise DataError(path, "not a PSF stack that can be read safely; use an unmodified .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
-        raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
+        raise DataError(path, f"not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
     return np.asarray(tensor.numpy(), np.float32)
 
 
@@ -140,7 +139,7 @@ class PsfBlur(Corruption):
         for rms in self.severities:
             if rms is not None and rms not in self.paper_severities:
                 known = ", ".join(str(value) for value in self.paper_severities)
-                raise UsageError(f"psf_blur has no lens with an RMS radius of {rms} mm: choose from {known}")
+                raise UsageError(self.name, f"no lens has an RMS radius of {rms} mm; choose from {known}")
 
     def field(self, rms: float) -> PsfField:
         """Return the PSFs of the lens for a severity parameter."""

@@ -27,12 +27,13 @@ class ClipCorruption(Corruption):
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
         shows = "" if self.name in BETWEEN_FRAMES else ", and robustflow gallery --clip CLIP shows it"
         raise UsageError(
-            f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "
-            f"gopro-fc --data CLIP evaluates the corruption{shows}{self.instead}"
+            self.name,
+            "requires the clip that contains the frames, not two images; robustflow run --benchmark "
+            f"gopro-fc --data CLIP evaluates the corruption{shows}{self.instead}",
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
-        raise UsageError(f"{self.name} requires the clip that contains the frame, not one image")
+        raise UsageError(self.name, "requires the clip that contains the frame, not one image")
 
 
 class H264Crf(ClipCorruption):

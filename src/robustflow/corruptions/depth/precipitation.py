@@ -97,8 +97,9 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     counts = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
     if not counts.max() < _MOST:
         raise UsageError(
-            f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px is not "
-            f"plausible for a frame of {height}x{width} px; check the intrinsics"
+            "camera",
+            f"would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px is not "
+            f"plausible for a frame of {height}x{width} px; check the intrinsics",
         )
     motion = motion_of(camera) or STILL
     wind = _wind(rng.spawn("wind"), fall.wind)

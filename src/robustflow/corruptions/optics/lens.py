@@ -164,9 +164,9 @@ def read_lens(path: str | Path) -> Lens:
     try:
         return Lens.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise DataError(f"cannot read lens prescription {path}: {error.strerror or error}") from error
+        raise DataError(path, f"this lens prescription cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
-        raise DataError(f"{path} is not a lens prescription: {first_misfit(error)}") from error
+        raise DataError(path, f"not a lens prescription: {first_misfit(error)}") from error
 
 
 def write_lens(lens: Lens, path: str | Path) -> None:

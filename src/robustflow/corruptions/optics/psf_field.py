@@ -42,10 +42,10 @@ class PsfField:
         """Build a field from a stack with arbitrary scaling; each PSF is divided by its sum."""
         values = np.asarray(stack, np.float64)
         if values.shape != SHAPE:
-            raise DataError(f"expected a PSF stack of shape {SHAPE}, got {values.shape}")
+            raise DataError("PSF stack", f"expected the shape {SHAPE}, got {values.shape}")
         sums = values.sum((2, 3), keepdims=True)
         if not np.isfinite(values).all() or (sums <= 0.0).any():
-            raise DataError("a PSF in this stack is zero or has non-finite values")
+            raise DataError("PSF stack", "a PSF is zero or has non-finite values")
         self.stack: npt.NDArray[np.float32] = np.ascontiguousarray(values / sums, np.float32)
         self.digest = hashlib.sha256(self.stack.tobytes()).hexdigest()
 
@@ -140,7 +140,7 @@ def shipped_field(severity: int) -> PsfField:
         with np.load(path, allow_pickle=False) as archive:
             half = archive["half"]
     except (OSError, *DAMAGE) as error:
-        raise DataError(f"cannot read the PSFs {path}: {error}; reinstall robustflow") from error
+        raise DataError(path, f"these PSFs cannot be read: {error}; reinstall robustflow") from error
     check_digest(f"psf_s{severity}", half_digest(half))
     return PsfField(whole(half))
 
@@ -170,4 +170,4 @@ def manifest() -> dict[str, str]:
 def check_digest(name: str, digest: str) -> None:
     """Check that a digest matches the manifest."""
     if manifest().get(name) != digest:
-        raise DataError(f"'{name}' in {DATA} is not the shipped file (its SHA-256 differs); reinstall robustflow")
+        raise DataError(name, f"differs from the shipped file (SHA-256) in {DATA}; reinstall robustflow")

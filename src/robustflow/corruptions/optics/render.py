@@ -59,7 +59,7 @@ def field_rays(
         order.pupil_position, order.pupil_magnification,
     )  # fmt: skip
     if not miss < AIM_TOLERANCE:
-        raise DataError(f"lens '{lens.name}': for at least one field point, no ray reaches the edge of the stop")
+        raise DataError(lens.name, "for at least one field point, no ray reaches the edge of the stop")
     clear = lens.column("semi_diameter")
     clear[lens.stop] = np.inf
     count = fields.size

