@@ -42,6 +42,8 @@ from robustflow.run.frame_stage import frames_digest
 from robustflow.run.plan import Plan, RunOptions
 from robustflow.testing import ZeroFlow
 
+from ..refusals import refusal
+
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
 GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}
 GAP = next(iter(GAPS))
@@ -138,56 +140,47 @@ def test_calibration_depends_on_the_seed_only():
         assert all(abs(ssim - target) <= TOLERANCE for ssim, target in reached)
 
 
-def test_impossible_calibrations_are_refused(tmp_path):
-    with pytest.raises(UsageError, match="h264_crf has no path"):
-        calibrate(["h264_crf"], SMALL)
-    with pytest.raises(UsageError, match="draws"):
-        calibrate(["fog"], SMALL, draws=0)
-    with pytest.raises(UsageError, match="no images"):
-        calibrate(["fog"], {})
-    with pytest.raises(DataError, match="no such folder"):
-        reference_pictures(tmp_path / "nowhere")
-    with pytest.raises(DataError, match="no images"):
-        reference_pictures(tmp_path)
+@pytest.mark.parametrize(
+    ("call", "error", "culprit"),
+    [
+        (lambda: calibrate(["h264_crf"], SMALL), UsageError, "h264_crf"),
+        (lambda: calibrate(["fog"], SMALL, draws=0), UsageError, "draws"),
+        (lambda: calibrate(["fog"], {}), UsageError, "pictures"),
+        (lambda: reference_pictures(Path("nowhere")), DataError, "nowhere"),
+        (lambda: reference_pictures(Path(".")), DataError, "."),
+        (lambda: rf.corrupt(*[SMALL["chelsea"]] * 2, GAP, MISSING, scale="calibrated"), UsageError, GAP),
+        (lambda: load_corruption("bit_error", scale="calibrated").parameter(1), UsageError, "bit_error"),
+        (lambda: load_corruption(f"contrast+{GAP}:{MISSING}", scale="calibrated"), UsageError, GAP),
+        (lambda: load_corruption("fog", scale="calibratd"), UsageError, "calibratd"),
+        (lambda: Ssim(SMALL["chelsea"])(SMALL["chelsea"][:, :-1]), DataError, ""),
+    ],
+)
+def test_impossible_calibrations_and_severities_are_refused(tmp_path, monkeypatch, call, error, culprit):
+    monkeypatch.chdir(tmp_path)
+    refusal(call, error, culprit)
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change",
     [
-        (lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]), "decrease"),
-        (lambda t: t.update(version=1), "version"),
-        (lambda t: t["corruptions"]["fog"]["levels"].pop(), "levels"),
-        (lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5), "fog has a mean SSIM of 0.5"),
-        (lambda t: t.update(hidden=1), "hidden"),
+        lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]),
+        lambda t: t.update(version=1),
+        lambda t: t["corruptions"]["fog"]["levels"].pop(),
+        lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5),
+        lambda t: t.update(hidden=1),
     ],
 )
-def test_a_damaged_table_is_refused_in_one_line(tmp_path, change, says):
+def test_a_damaged_table_is_refused(tmp_path, change):
     document = shipped().model_dump(mode="json")
     change(document)
     (tmp_path / "table.json").write_text(json.dumps(sealed(document)))
-    with pytest.raises(DataError, match=says):
-        read_table(tmp_path / "table.json")
-
-
-def test_severity_that_the_scale_lacks_is_refused_not_replaced():
-    frame = SMALL["chelsea"]
-    with pytest.raises(UsageError, match=f"{GAP} does not exist at severity {MISSING} of the calibrated scale"):
-        rf.corrupt(frame, frame, GAP, MISSING, scale="calibrated")
-    with pytest.raises(UsageError, match="choose another corruption"):
-        load_corruption("bit_error", scale="calibrated").parameter(1)
-    with pytest.raises(UsageError, match=GAP):
-        load_corruption(f"contrast+{GAP}:{MISSING}", scale="calibrated")
-    with pytest.raises(UsageError, match="variant"):
-        load_corruption("fog", "reference", "calibrated")
-    with pytest.raises(UsageError, match="severity scale"):
-        load_corruption("fog", scale="calibratd")
+    refusal(lambda: read_table(tmp_path / "table.json"), DataError, tmp_path / "table.json")
 
 
 def test_stack_has_the_severities_of_all_its_parts():
     assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
     stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
-    with pytest.raises(UsageError, match="does not exist"):
-        stack.parameter(MISSING)
+    refusal(lambda: stack.parameter(MISSING), UsageError, stack.name)
 
 
 def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
@@ -203,12 +196,12 @@ def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     corrupted = rf.corrupt(*frames, "contrast", have, key="motorcycle", scale="calibrated")
     assert row["frames_digest"].item() == frames_digest(corrupted)
     assert rf.evaluate(ZeroFlow(), output=tmp_path / "run", **ask).left_out == result.left_out
-    with pytest.raises(rf.RobustFlowError, match="severity_scale"):
+    with pytest.raises(rf.RobustFlowError):
         rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[have])
 
 
 def test_run_without_any_remaining_condition_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="nothing to run"):
+    with pytest.raises(UsageError):
         rf.evaluate(
             ZeroFlow(), output=tmp_path / "run", corruptions=[GAP], severities=[MISSING], severity_scale="calibrated"
         )
@@ -293,8 +286,3 @@ def test_the_definition_of_the_reference_folder_agrees(shared):
     spec.loader.exec_module(reference)
     frame1, frame2 = read_image(folder / "clean_1.png"), read_image(folder / "clean_2.png")
     assert Ssim(frame1)(frame2) == pytest.approx(reference.ssim(frame1, frame2), abs=2e-5)
-
-
-def test_images_of_two_sizes_are_refused():
-    with pytest.raises(DataError, match="8x12"):
-        Ssim(np.zeros((8, 12, 3), np.uint8))(np.zeros((8, 13, 3), np.uint8))

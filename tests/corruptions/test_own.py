@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 
@@ -19,6 +18,7 @@ from robustflow.corruptions.weather.fog import Fog
 from robustflow.corruptions.weather.frost import GeneratedFrost
 from robustflow.testing import check_corruption
 
+from ..refusals import refusal
 from .pictures import plane, scene, seen
 from .rain import RAIN, forget, write_rain
 
@@ -114,12 +114,11 @@ def test_severities_in_an_array_are_used_as_a_tuple():
     assert load_corruption(evenly).severities == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
-def test_severities_of_the_wrong_number_or_form_are_refused():
-    with pytest.raises(UsageError, match="'contrast' has 2 severities: define five"):
-        Contrast(severities=(0.4, 0.3))
-    for wrong in (1.5, (1.5,), "15"):
-        with pytest.raises(UsageError, match=r"a severity of 'fog' is .*: it must be the tuple \(strength, decay\)"):
-            Fog(severities=((1.5, 2.0), wrong, (2.5, 1.7), (2.5, 1.5), (3.0, 1.4)))
+@pytest.mark.parametrize("wrong", [1.5, (1.5,), "15"])
+def test_severities_of_the_wrong_number_or_form_are_refused(wrong):
+    refusal(lambda: Contrast(severities=(0.4, 0.3)), UsageError, "contrast")
+    levels = ((1.5, 2.0), wrong, (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
+    refusal(lambda: Fog(severities=levels), UsageError, "fog")
 
 
 def test_falsy_object_is_accepted_as_a_corruption():
@@ -131,8 +130,7 @@ def test_falsy_object_is_accepted_as_a_corruption():
 def test_two_corruptions_of_one_name_cannot_be_in_one_run():
     assert corruption_names([Veil(3), "veil", "fog+veil:2"]) == ("veil", "fog+veil:2")
     for others in ([Veil(250)], [Veil], ["veil", Veil(250)]):
-        with pytest.raises(UsageError, match="two corruptions have the name 'veil'"):
-            corruption_names([Veil(3), *others])
+        refusal(lambda others=others: corruption_names([Veil(3), *others]), UsageError, "veil")
 
 
 @pytest.mark.parametrize(
@@ -141,47 +139,45 @@ def test_two_corruptions_of_one_name_cannot_be_in_one_run():
 def test_object_that_differs_from_its_registered_name_is_refused_in_a_run(made):
     """A run loads each corruption by its name."""
     assert corruption_names([Contrast(), Fog()]) == ("contrast", "fog")
-    with pytest.raises(UsageError, match=re.escape(f"an object of the corruption '{made.name}' cannot be run")):
-        corruption_names([made])
+    refusal(lambda: corruption_names([made]), UsageError, made.name)
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    ("spec", "culprit"),
     [
-        ("os:getcwd", "has no method draw"),
-        ("rain_module:Rian", "did you mean 'Rain'"),
-        ("no_such_module:Rain", "cannot import 'no_such_module'"),
-        ("fog:x", "not a stack of corruptions"),
-        (type("Fog", (Veil,), {}), "fog: "),
-        (type("Clean", (Veil,), {}), "clean: "),
-        (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
-        (type("Ten", (Veil,), {"severities": 10}), "has `severities` 10: give a tuple of 5"),
-        (type("Moves", (Veil,), {"truth": "moved"}), "has `truth` 'moved': set unchanged or none"),
-        (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
+        ("os:getcwd", "the function getcwd"),
+        ("rain_module:Rian", "Rian"),
+        ("no_such_module:Rain", "no_such_module:Rain"),
+        ("fog:x", "fog:x"),
+        (type("Fog", (Veil,), {}), "fog"),
+        (type("Clean", (Veil,), {}), "clean"),
+        (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "four"),
+        (type("Ten", (Veil,), {"severities": 10}), "ten"),
+        (type("Moves", (Veil,), {"truth": "moved"}), "moves"),
+        (type("Bare", (Veil,), {"needs_depth": True}), "tests.corruptions.test_own:Bare"),
     ],
 )
-def test_object_that_is_not_a_corruption_is_refused(rain_package, spec, message):
-    with pytest.raises(UsageError, match=message):
-        rf.corrupt(FRAME, FRAME, spec, 1)
+def test_object_that_is_not_a_corruption_is_refused(rain_package, spec, culprit):
+    refusal(lambda: rf.corrupt(FRAME, FRAME, spec, 1), UsageError, culprit)
 
 
 @pytest.mark.parametrize(
-    ("body", "message"),
+    "body",
     [
-        ("frame[0] = 1; return frame", "copy the frame"),
-        ("return frame / 2", "returned float64"),
-        ("return frame[1:]", "must return a uint8 array of shape"),
-        ("return None", "returned NoneType"),
-        ("return np.random.default_rng().integers(0, 255, frame.shape).astype(np.uint8)", "different bytes for frame"),
-        ("self.n = getattr(self, 'n', 0) + 1; return np.full_like(frame, self.n)", "different bytes for frame"),
-        ("raise ValueError('no rain today')", "failed in apply: ValueError: no rain today"),
+        "frame[0] = 1; return frame",
+        "return frame / 2",
+        "return frame[1:]",
+        "return None",
+        "return np.random.default_rng().integers(0, 255, frame.shape).astype(np.uint8)",
+        "self.n = getattr(self, 'n', 0) + 1; return np.full_like(frame, self.n)",
+        "raise ValueError('no rain today')",
     ],
 )
-def test_check_corruption_names_each_fault(body, message):
+def test_check_corruption_finds_each_fault(body):
     space = {"np": np}
     draw, apply = "def draw(self, rng, severity, shape): return 0", f"def apply(self, frame, state, index): {body}"
     exec(f"class Bad:\n {draw}\n {apply}", space)
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(UsageError):
         check_corruption(space["Bad"])
 
 
@@ -214,16 +210,12 @@ class Shift(Shake):
 
 @pytest.mark.parametrize("made", [Swirl, Shake])
 def test_check_corruption_refuses_one_that_moves_content_unless_it_leaves_no_truth(made):
-    with pytest.raises(UsageError, match=rf"'{corruption_name(made)}' at severity \d moves content by .* px"):
-        check_corruption(made)
+    refusal(lambda: check_corruption(made), UsageError, corruption_name(made))
     check_corruption(type(made.__name__, (made,), {"truth": "none"}))
 
 
-def test_check_corruption_accepts_a_shift_of_both_frames():
-    check_corruption(Shift)
-
-
 def test_check_corruption_accepts_shipped_corruptions():
+    check_corruption(Shift)
     names = ["contrast", "snow", "glass_blur", "camera_motion_blur", "psf_blur", "elastic_transform"]
     assert [check_corruption(name) for name in names] == names
 
@@ -237,10 +229,8 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert len({before, imported, reimported()}) == 3
     assert load_corruption(Veil(3)).source == load_corruption(Veil(3)).source != load_corruption(Veil(4)).source
     assert load_corruption("fog").source == ""
-    with pytest.raises(UsageError, match="property"):
-        _ = load_corruption(Veil(object())).source
-    with pytest.raises(UsageError, match="property"):  # the bytes of such an array are addresses
-        _ = load_corruption(Veil(np.array([object()]))).source
+    for top in (object(), np.array([object()])):  # the bytes of such an array are addresses
+        refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
 
 
 @pytest.mark.parametrize("made", [NearWhite, NearWhite(), NearGrey, NearGrey(), "tests.corruptions.test_own:NearWhite"])
@@ -268,12 +258,6 @@ def test_an_own_corruption_in_three_dimensions_stacks_with_others():
     assert len(np.unique(alone)) > 1
 
 
-@pytest.mark.parametrize("made", [NearWhite, NearGrey])
-def test_an_own_corruption_in_three_dimensions_without_depth_is_refused_in_one_sentence(made):
-    with pytest.raises(UsageError, match=rf"^{corruption_name(made)} requires the depth of the sample: .*--depth DIR$"):
-        rf.corrupt(FRAME, FRAME, made, 3)
-
-
 @pytest.mark.parametrize("part", [lambda depth: depth.maps[0], lambda depth: depth.camera.translation])
 def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets(part):
     class Changes(NearGrey):
@@ -281,8 +265,9 @@ def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets(part):
             part(depth)[:] = 0
 
     depth = scene(*FRAME.shape[:2])
-    with pytest.raises(UsageError, match=r"failed in draw_scene: .*copy the frame or the depth before changing it"):
-        rf.corrupt(FRAME, FRAME, Changes, 3, depth=depth)
+    for given in (None, depth):
+        with pytest.raises(UsageError):
+            rf.corrupt(FRAME, FRAME, Changes, 3, depth=given)
     assert part(depth).any()
 
 
@@ -304,7 +289,7 @@ def test_check_corruption_finds_depth_of_the_wrong_frame():
         def apply(self, frame, state, index):
             return super().apply(frame, state, index + 1)
 
-    with pytest.raises(UsageError, match="failed in apply: IndexError"):
+    with pytest.raises(UsageError):
         check_corruption(Strays)
 
 
@@ -323,7 +308,7 @@ for name in ("sleet", "gone", "hail"):
     try:
         load_corruption(name)
     except UsageError as error:
-        print(error)
+        print(error.culprit)
 """
 
 
@@ -356,13 +341,6 @@ def test_corruption_of_an_entry_point_is_registered(tmp_path):
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    source, *sentences = done.stdout.splitlines()
+    source, *culprits = done.stdout.splitlines()
     assert len(source) == 16
-    for sentence, expected in zip(
-        sentences,
-        ("entry point 'sleet' provides a corruption named 'rain'",
-         "entry point 'gone = no_module:Gone' of an installed package cannot be imported: ModuleNotFoundError: ",
-         "has no method draw, so it is not a corruption"),
-        strict=True,
-    ):  # fmt: skip
-        assert expected in sentence
+    assert culprits == ["sleet", "gone", "builtins:module"]

@@ -1,6 +1,5 @@
 """Prove what each shipped corruption leaves of the ground truth by measuring how far it moves content."""
 
-import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -127,7 +126,7 @@ def test_a_stack_leaves_no_truth_if_one_part_leaves_none():
 def test_training_frames_are_not_corrupted_without_ground_truth():
     assert DataPlan(corruptions=["fog"]).corruption(0).names == ("fog",)
     for name in ("elastic_transform", "fog+elastic_transform:2"):
-        with pytest.raises(UsageError, match=re.escape(f"--corrupt {name}")):
+        with pytest.raises(UsageError):
             DataPlan(corruptions=["fog", name]).corruption(0)
 
 

@@ -87,8 +87,9 @@ class Registry(Generic[T]):
             if isinstance(error, RobustFlowError) or module.partition(".")[0] == _SELF:
                 raise
             raise UsageError(
+                name,
                 f"the entry point '{name} = {target}' of an installed package cannot be imported: "
-                f"{type(error).__name__}: {first_line(error)}; repair or uninstall the package"
+                f"{type(error).__name__}: {first_line(error)}; repair or uninstall the package",
             ) from error
 
     def _discover(self) -> None:

@@ -1,7 +1,8 @@
-"""Compare the ray tracer with closed-form solutions, and test properties of all rays."""
+"""Compare glasses, first-order properties and the ray tracer with catalogues, textbooks and closed-form solutions."""
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -9,9 +10,82 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.optics.lens import first_order_of, propagate, refractive_index, trace
+from robustflow.core.errors import DataError, UsageError
+from robustflow.corruptions.optics.lens import (
+    SELLMEIER,
+    abbe_number,
+    first_order_of,
+    propagate,
+    read_lens,
+    refractive_index,
+    trace,
+    write_lens,
+)
 
+from ...refusals import refusal
 from .lenses import bundle, cooke_triplet, lens_of, plano_hyperbolic, thin_lens
+
+# n_d and V_d as printed in the Schott data sheets.
+CATALOGUE = {
+    "N-FK51A": (1.48656, 84.47),
+    "N-BK7": (1.51680, 64.17),
+    "N-BAK4": (1.56883, 55.98),
+    "N-SK16": (1.62041, 60.32),
+    "N-F2": (1.62005, 36.43),
+    "N-SF5": (1.67271, 32.25),
+    "N-SF11": (1.78472, 25.68),
+    "N-SF6": (1.80518, 25.36),
+    "N-SF66": (1.92286, 20.88),
+    "N-LASF9": (1.85025, 32.17),
+}
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_index_and_dispersion_are_those_of_the_data_sheet(name):
+    n_d, v_d = CATALOGUE[name]
+    assert refractive_index(name, 0.5875618) == pytest.approx(n_d, abs=6e-6)
+    assert abbe_number(name) == pytest.approx(v_d, abs=6e-3)
+
+
+def test_every_glass_disperses_normally():
+    for name in SELLMEIER:
+        values = [refractive_index(name, w) for w in (0.41, 0.46, 0.54, 0.64, 0.69)]
+        assert values == sorted(values, reverse=True)
+        assert 1.4 < values[-1] < values[0] < 2.1
+
+
+def test_an_unknown_glass_is_refused_with_the_nearest_name():
+    refusal(lambda: refractive_index("NBK7", 0.5), UsageError, "NBK7")
+
+
+TINY = 1e-5
+
+
+def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
+    lens = cooke_triplet()
+    order = first_order_of(lens)
+    _, end = trace(lens, bundle(TINY), 0.55)
+    slope = end.m[0] / end.n[0]
+    assert order.focal_length == pytest.approx(-TINY / slope, rel=1e-9)
+    assert order.back_focus == pytest.approx(lens.surfaces[-1].thickness - end.y[0] / slope, rel=1e-9)
+
+
+def test_entrance_pupil_is_the_image_of_the_stop():
+    lens = cooke_triplet()
+    order = first_order_of(lens)
+    chief, _ = trace(lens, bundle(-TINY * order.pupil_position, TINY), 0.55)
+    assert abs(chief[lens.stop, 1, 0]) < 1e-12
+    edge, _ = trace(lens, bundle(TINY * order.pupil_magnification), 0.55)
+    assert edge[lens.stop, 1, 0] == pytest.approx(TINY, rel=1e-9)
+
+
+def test_focal_length_of_a_thin_lens_follows_the_lensmaker_equation():
+    r1, r2, d = 40.0, -60.0, 5.0
+    lens = lens_of([(0.0, 0.0, "air", 2.0), (r1, d, "N-SF6", 9.0), (r2, 30.0, "air", 9.0)], stop=0)
+    n = 1.8051808
+    power = (n - 1) * (1 / r1 - 1 / r2 + (n - 1) * d / (n * r1 * r2))
+    assert first_order_of(lens, 0.5875618).focal_length == pytest.approx(1 / power, rel=1e-5)
+
 
 WAVELENGTH = 0.5875618
 
@@ -118,8 +192,36 @@ def test_rims_block_rays_only_when_requested():
         assert rays[-1].tolist() == expected
 
 
-def test_tracing_does_not_modify_its_input():
-    rays = bundle([1.0, 2.0], tangent=0.1)
-    before = [part.copy() for part in rays]
-    trace(cooke_triplet(), rays, 0.55)
-    assert all((a == b).all() for a, b in zip(before, rays, strict=True))
+def test_written_prescription_reads_back_equal(tmp_path):
+    lens = cooke_triplet()
+    write_lens(lens, tmp_path / "lens.json")
+    assert read_lens(tmp_path / "lens.json") == lens
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["surfaces"][0].update(glass="UNOBTAINIUM"),
+        lambda c: c["surfaces"][0].update(thickness=-1),
+        lambda c: c["surfaces"][0].update(semi_diameter=0),
+        lambda c: c["surfaces"][0].update(note="x"),
+        lambda c: c.update(stop=0),
+        lambda c: c.update(stop=12),
+        lambda c: c["surfaces"][-1].update(glass="N-BK7"),
+        lambda c: c.update(half_field=120),
+        lambda c: c.pop("f_number"),
+    ],
+)
+def test_faulty_prescription_is_refused(tmp_path, change):
+    path, content = tmp_path / "lens.json", json.loads(cooke_triplet().model_dump_json())
+    change(content)
+    path.write_text(json.dumps(content))
+    refusal(lambda: read_lens(path), DataError, path)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"name": NaN}', "\x00\x01", None])
+def test_file_that_is_missing_or_not_a_prescription_is_refused(tmp_path, content):
+    path = tmp_path / "lens.json"
+    if content is not None:
+        path.write_text(content)
+    refusal(lambda: read_lens(path), DataError, path)

@@ -1,0 +1,243 @@
+"""The search and the shipped lenses: seeds, the paper's values, manufacturing limits, damaged files, figures."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from robustflow.core.errors import DataError, UsageError
+from robustflow.core.rng import Rng
+from robustflow.corruptions.optics import psf_field as shipped
+from robustflow.corruptions.optics.design import (
+    SHIPPED_SEEDS,
+    SPECIFICATIONS,
+    Budget,
+    Candidate,
+    Structure,
+    design,
+    goal_of,
+    lens_digest,
+    prescription_of,
+    random_candidate,
+    refine,
+    search,
+    ship_lens,
+    shipped_lens,
+)
+from robustflow.corruptions.optics.draw import contact_sheet, lens_figure, save_figure
+from robustflow.corruptions.optics.lens import AIR, DESIGN_WAVELENGTH, IMAGE_RADIUS, first_order_of, refractive_index
+from robustflow.corruptions.optics.merit import FREQUENCIES, Limits
+from robustflow.corruptions.optics.psf_field import SIZE, manifest, shipped_field
+from robustflow.corruptions.optics.render import modulation, moments, nominal_rms
+
+from ...refusals import refusal
+
+SMALL = Budget(structures=40, screened=4, pool=3, moves=6, first_iterations=4, iterations=4, last_iterations=6)
+
+
+def test_media_and_stop_of_a_structure():
+    structure = Structure(("N-BK7", "N-SF6"), 1)
+    assert structure.media == ("air", "N-BK7", "air", "air", "N-SF6", "air")
+    assert structure.stop_surface == 2
+    assert Structure(("N-BK7",), 1).media == ("air", "N-BK7", "air", "air")
+    assert Structure(("N-BK7",), 0).media == ("air", "air", "N-BK7", "air")
+
+
+def test_random_structures_have_the_power_requested():
+    """For thin lenses in contact, the powers (n - 1) (c1 - c2) add up to the power of the lens, 1 / focal length."""
+    for number in range(20):
+        candidate = random_candidate(Rng.of("test", number), 3, 1)
+        faces = candidate.free[:6].reshape(3, 2)
+        glasses = candidate.structure.glasses
+        powers = [
+            (refractive_index(glass, DESIGN_WAVELENGTH) - 1) * (front - back)
+            for glass, (front, back) in zip(glasses, faces, strict=True)
+        ]
+        assert sum(powers) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_different_seed_finds_a_different_lens_that_meets_the_specification():
+    specification, (_, goal) = SPECIFICATIONS[1], goal_of(2)
+    lines = []
+    first, second = design(2, 5, SMALL, lines.append), design(2, 6, SMALL)
+    assert first.surfaces != second.surfaces
+    assert lines[0].endswith(tuple("0123456789"))
+    for lens in (first, second):
+        assert lens.elements == specification.elements
+        assert first_order_of(lens).focal_length == pytest.approx(goal.focal_length, rel=1e-6)
+        assert lens.stop == 0
+
+
+def test_moves_never_raise_the_cost():
+    specification, goal = goal_of(4)
+    few = search(specification.elements, specification.stop, goal, Rng.of("m"), Budget(200, 4, 3, 0, 4, 4, 6))
+    more = search(specification.elements, specification.stop, goal, Rng.of("m"), Budget(200, 4, 3, 12, 4, 4, 6))
+    assert more.cost <= few.cost * 1.02
+
+
+def test_refining_never_raises_the_cost():
+    specification, goal = goal_of(2)
+    start = Candidate(Structure(("N-K5",), 0), np.array([-0.2, -0.9, 0.2, 0.3, -1.0]), np.inf)
+    refined = refine(start, goal, 3)
+    refined_again = refine(refined, goal, 10)
+    assert refined_again.cost <= refined.cost * (1 + 1e-6)
+    assert prescription_of(refined_again, goal, specification.half_field, "x").elements == specification.elements
+
+
+def test_a_severity_of_six_is_refused():
+    refusal(lambda: design(6, 0, SMALL), UsageError, 6)
+
+
+def test_the_singlet_is_found_again_from_its_seed():
+    assert lens_digest(design(2, SHIPPED_SEEDS[1])) == manifest()["lens_s2"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("severity", [1, 3, 4, 5])
+def test_each_shipped_lens_is_found_again_from_its_seed(severity):
+    assert lens_digest(design(severity, SHIPPED_SEEDS[severity - 1])) == manifest()[f"lens_s{severity}"]
+
+
+SEVERITIES = (1, 2, 3, 4, 5)
+MTF_TOLERANCE = {1: 0.06, 2: 0.06, 3: 0.06, 4: 0.09, 5: 0.06}
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_elements_field_and_f_number_equal_the_papers(severity):
+    lens, wanted = shipped_lens(severity), SPECIFICATIONS[severity - 1]
+    order = first_order_of(lens)
+    assert lens.elements == wanted.elements
+    assert lens.half_field == wanted.half_field
+    assert order.focal_length == pytest.approx(IMAGE_RADIUS / np.tan(np.radians(wanted.half_field)), rel=1e-5)
+    diameter = 2 * order.pupil_magnification * lens.stop_radius
+    assert order.focal_length / diameter == pytest.approx(wanted.f_number, rel=1e-4)
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_the_rms_radius_is_the_one_stated_and_within_eight_percent_of_the_papers(severity):
+    assert round(nominal_rms(shipped_lens(severity)), 4) == shipped.RMS_RADII[severity - 1]
+    assert shipped.RMS_RADII[severity - 1] == pytest.approx(SPECIFICATIONS[severity - 1].rms, rel=0.08)
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_transfer_and_radius_are_those_measured_on_the_reference(severity):
+    field, (_, goal) = shipped.shipped_field(severity), goal_of(severity)
+    rows = [0, 13, 25, 38, 50, 63]
+    tangential, sagittal = modulation(field, FREQUENCIES)
+    errors = np.concatenate([tangential[rows] - goal.tangential, sagittal[rows] - goal.sagittal])
+    assert np.sqrt((errors**2).mean()) <= MTF_TOLERANCE[severity]
+    assert moments(field).rms[rows].mean() == pytest.approx(goal.rms.mean(), rel=0.1)
+
+
+@pytest.mark.fidelity
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_radius_and_energy_over_the_whole_field_are_the_references(shared, severity):
+    path = shared("corruption-reference", "reference.json")
+    measured = json.loads(path.read_text())["psf_stacks"][f"s{severity}"]
+    field = shipped.shipped_field(severity)
+    assert moments(field).rms.mean() == pytest.approx(measured["mean_rms_px"], rel=0.1)
+    for side in (3, 5, 9, 15, 31):
+        wanted = np.array(measured["energy_in_kxk_centre_box"][str(side)])
+        middle = slice(SIZE // 2 - side // 2, SIZE // 2 + side // 2 + 1)
+        energy = field.stack[..., middle, middle].astype(np.float64).sum((2, 3))
+        assert energy.mean() == pytest.approx(wanted.mean(), abs=0.12)
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_a_shipped_lens_can_be_made(severity):
+    """Glass and air gaps are thick enough, and all semi-diameters are less than 0.9 times the radius of curvature."""
+    lens, limits = shipped_lens(severity), Limits()
+    slack = 0.05
+    for k, surface in enumerate(lens.surfaces[:-1]):
+        behind = lens.surfaces[k + 1]
+        height = max(surface.semi_diameter, behind.semi_diameter)
+        assert abs(surface.curvature) * surface.semi_diameter < 0.92
+        sags = []
+        for c in (surface.curvature, behind.curvature):
+            h = min(height, 0.95 / abs(c)) if c else height
+            sags.append(c * h * h / (1 + np.sqrt(1 - c * c * h * h)))
+        edge = surface.thickness + sags[1] - sags[0]
+        glass = surface.glass != AIR
+        assert surface.thickness >= (limits.glass_centre if glass else limits.air_centre) - slack
+        assert edge >= (limits.glass_edge if glass else limits.air_edge) - slack
+    assert lens.surfaces[-1].thickness >= limits.back - slack
+
+
+@pytest.fixture
+def copy(tmp_path, monkeypatch):
+    """Copy the shipped data to a folder in which it may be damaged."""
+    for file in shipped.DATA.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    monkeypatch.setattr(shipped, "DATA", tmp_path)
+    shipped.shipped_field.cache_clear()
+    yield tmp_path
+    shipped.shipped_field.cache_clear()
+
+
+def test_a_changed_lens_is_refused(copy):
+    path = copy / "lens_s1.json"
+    lens = json.loads(path.read_text())
+    lens["surfaces"][2]["curvature"] += 1e-6
+    path.write_text(json.dumps(lens))
+    refusal(lambda: shipped_lens(1), DataError, "lens_s1")
+
+
+def test_changed_psfs_are_refused(copy):
+    half = np.load(copy / "psf_s2.npz")["half"].copy()
+    half[3, 1, 30, 0] *= 1.01
+    np.savez_compressed(copy / "psf_s2.npz", half=half)
+    refusal(lambda: shipped.shipped_field(2), DataError, "psf_s2")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
+def test_damaged_psfs_are_refused(copy, content):
+    (copy / "psf_s2.npz").write_bytes(content)
+    refusal(lambda: shipped.shipped_field(2), DataError, copy / "psf_s2.npz")
+
+
+def test_written_lens_files_are_accepted_by_the_loader(copy):
+    lens, field = shipped_lens(2), shipped.shipped_field(2)
+    ship_lens(3, lens, field, copy)
+    assert shipped_lens(3) == lens
+    assert shipped.half_digest(shipped.halved(shipped.shipped_field(3))) == shipped.manifest()["psf_s2"]
+
+
+@pytest.fixture(scope="module")
+def figure():
+    return lens_figure(shipped_lens(1), shipped_field(1))
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return contact_sheet([(f"severity {k}", shipped_field(k)) for k in (1, 5)])
+
+
+def test_figures_are_written_in_three_formats_with_the_same_bytes_each_time(tmp_path, figure, sheet):
+    for each, suffix, start in ((figure, ".png", b"\x89PNG"), (sheet, ".pdf", b"%PDF"), (sheet, ".svg", b"<?xml")):
+        save_figure(each, tmp_path / f"lens{suffix}")
+        assert (tmp_path / f"lens{suffix}").read_bytes().startswith(start)
+    for name in ("a.png", "b.png"):
+        save_figure(contact_sheet([("one", shipped_field(1))]), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_rays_in_the_section_run_from_the_object_to_the_sensor(figure):
+    lens, section = shipped_lens(1), figure.subfigs[0].axes[0]
+    total = sum(surface.thickness for surface in lens.surfaces)
+    rays = [line for line in section.lines if len(line.get_xdata()) == len(lens.surfaces) + 2]
+    assert len(rays) == 21
+    for ray in rays:
+        z = np.asarray(ray.get_xdata())
+        assert z[0] < 0.0
+        assert z[-1] == pytest.approx(total)
+        assert (np.diff(z) > -1e-9).all()
+
+
+def test_the_sheet_has_a_row_of_eight_psfs_per_lens(sheet):
+    assert len(sheet.axes) == 16
+    centre = np.asarray(sheet.axes[8].images[0].get_array())
+    assert centre.shape == (61, 61, 3)
+    assert centre.max() == pytest.approx(1.0)
+    assert sheet.axes[8].get_ylabel() == "severity 5"
