@@ -244,7 +244,7 @@ def test_demo_runs_without_network_and_without_pip(tmp_path):
         write_image(tmp_path / name, frame[:64, :64])
     done = offline(tmp_path, "run --model dis -c frost -s 3 --no-examples", "corrupt a.png b.png -c frost -s 1")
     (folder,) = tmp_path.glob("runs/*")
-    assert rf.load_run(folder).summary.complete, done.stderr
+    assert rf.load_run(folder).measured.complete, done.stderr
     assert done.returncode != 0
     assert "subprocess.Popen" in done.stderr
 
