@@ -228,7 +228,7 @@ def test_the_json_of_a_run_has_its_attacks(both):
         ("random_sign", 1),
         ("random_sign", 3),
     ]
-    assert facts["attacks"][-1]["epe"] == attack_scores(both)[-1].epe
+    assert facts["attacks"][-1]["epe"] == attack_scores(both)[-1]["epe"]
 
 
 def test_run_with_only_attacks_is_shown_on_a_page_and_in_the_terminal(tmp_path, capsys, real_pictures):

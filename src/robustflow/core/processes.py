@@ -234,7 +234,8 @@ def child_main(pipe: Connection, watched: Connection, target: Callable[..., None
         return
     except BaseException as error:
         try:
-            pipe.send(("error", (type(error).__name__, str(error), traceback.format_exc())))
+            culprit = getattr(error, "culprit", "")
+            pipe.send(("error", (type(error).__name__, str(error), traceback.format_exc(), culprit)))
         except OSError:
             return
 
@@ -246,11 +247,12 @@ def _exit_with_parent(watched: Connection) -> None:
         os._exit(1)
 
 
-def rebuilt(kind: str, message: str, trace: str) -> Exception:
+def rebuilt(kind: str, message: str, trace: str, culprit: str = "") -> Exception:
     """Return a child's exception with its traceback as the cause."""
     known: Any = getattr(errors, kind, None)
     if isinstance(known, type) and issubclass(known, RobustFlowError):
         error: Exception = known(message)
+        vars(error)["culprit"] = culprit
     else:
         error = RuntimeError(f"{kind} in a worker process: {message}\n{trace}")
     error.__cause__ = RuntimeError(f"in a worker process:\n{trace}")

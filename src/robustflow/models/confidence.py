@@ -47,11 +47,9 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
     if kind not in CONFIDENCES:
         raise unknown_name("confidence", kind, CONFIDENCES)
     if not isinstance(model, FlowModel) or isinstance(model, ClipModel):
-        raise UsageError("only models that predict from two frames can return a confidence; omit --confidence")
+        raise UsageError("--confidence", "only models that predict from two frames have one; omit this option")
     if kind == OF_MODEL and not isinstance(model, ConfidentModel):
-        raise UsageError(
-            "this model does not return a confidence (no predict_with_confidence); use --confidence forward-backward"
-        )
+        raise UsageError("--confidence", "this model has no predict_with_confidence; use forward-backward")
 
 
 def with_spread(flows: Sequence[Flow]) -> Answer:
@@ -80,22 +78,17 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
     if not isinstance(answer, tuple) or len(answer) != 2:
-        raise ModelError(f"predict_with_confidence did not return a pair (flow, confidence) on {where}")
+        raise ModelError(where, "predict_with_confidence did not return a pair (flow, confidence)")
     flow = checked_flow(answer[0], frames, where)
     try:
         confidence = np.asarray(answer[1], np.float32)
     except Exception:
-        raise ModelError(f"the model's confidence on {where} is not an array of numbers") from None
+        raise ModelError(where, "the model's confidence is not an array of numbers") from None
     if confidence.shape != flow.shape[:2]:
-        raise ModelError(
-            f"the model's confidence on {where} has the shape {confidence.shape}; expected {flow.shape[:2]}, one "
-            "number per pixel"
-        )
-    if np.isnan(confidence).any():
-        raise ModelError(
-            f"the model's confidence is NaN at {int(np.isnan(confidence).sum())} pixels on {where}; return a number "
-            "for each pixel, or -inf where it is unknown"
-        )
+        shapes = f"the shape {confidence.shape}; expected {flow.shape[:2]}, one number per pixel"
+        raise ModelError(where, f"the model's confidence has {shapes}")
+    if (unknown := int(np.isnan(confidence).sum())) > 0:
+        raise ModelError(where, f"the model's confidence is NaN at {unknown} pixels; return -inf where it is unknown")
     return np.concatenate([flow, confidence[..., None]], axis=2)
 
 

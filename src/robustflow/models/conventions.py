@@ -1,6 +1,4 @@
-"""Check the options of models and runs, whose values the command line has already parsed as numbers and booleans.
-The input that a network expects: colour order, value range, and how frames are adapted to a supported size.
-"""
+"""Check options that are numbers and booleans; the input that a network expects: colour order, value range, size."""
 
 from __future__ import annotations
 
@@ -87,10 +85,8 @@ class InputConvention:
     def fitted_size(self, height: int, width: int) -> tuple[int, int]:
         """Return the (height, width) of the network's input for a frame of this size."""
         if min(height, width) < self.smallest:
-            raise ModelError(
-                f"a frame is {height}x{width}, but below {self.smallest} pixels per side the network returns NaN or "
-                "fails; use larger frames or a different model"
-            )
+            message = f"below {self.smallest} pixels per side, the network returns NaN or fails; use larger frames"
+            raise ModelError(f"{height}x{width}", message)
         if self.fit == "none":
             return height, width
         fixed_height, fixed_width = self.size or (None, None)
@@ -99,10 +95,9 @@ class InputConvention:
             fixed_width or width + -width % self.multiple,
         )
         if self.fit == "pad" and (fitted[0] < height or fitted[1] < width):
-            raise ModelError(
-                f"the network accepts frames of up to {fitted[0]}x{fitted[1]}, not {height}x{width}: export it with "
-                f"dynamic height and width, or predict in tiles with -O tile={fitted[0]}x{fitted[1]}"
-            )
+            most = f"{fitted[0]}x{fitted[1]}"
+            message = f"the network accepts frames of up to {most}: export it with dynamic height and width"
+            raise ModelError(f"{height}x{width}", f"{message}, or predict in tiles with -O tile={most}")
         return fitted
 
     def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
@@ -140,7 +135,7 @@ def named_convention(
     check_count("multiple", multiple, most=_LARGEST_MULTIPLE)
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         text = "x".join("?" if side is None else str(side) for side in size)
-        raise ModelError(f"the network expects frames of {text}; export it for (N, 3, H, W), with dynamic H and W")
+        raise ModelError(text, "the network expects such frames; export it for (N, 3, H, W), with dynamic H and W")
     mean, scale = SCALINGS[scaling]
     if order == "bgr":
         mean, scale = mean[::-1], scale[::-1] if isinstance(scale, tuple) else scale

@@ -1,6 +1,4 @@
-"""Execution settings shared by all network adapters: device, precision, compilation, threads. Find the line of user
-code at which a model failed, for one-line error messages.
-"""
+"""Execution settings shared by all network adapters, and the line of user code at which a model failed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""Convert an object to a model: instantiate a class with its options, or wrap a function or a PyTorch module.
-Reject invalid models by their name and options before any heavy library is imported. Load a model by name, by
-`module.path:Attribute`, from the file of an exported network, or from a folder of flow files. Find the
-accelerators on which a model runs, from its attribute `device`: a string or a `torch.device`.
+"""Load a model: by name, by `module.path:Attribute`, from an exported network, a folder of flow files, or an object.
+
+What is missing is reported before any heavy library is imported.
 """
 
 from __future__ import annotations
@@ -61,9 +60,7 @@ class FunctionModel:
 
 
 def as_model(candidate: Any, what: str) -> AnyModel:
-    """Return an object with `predict`, `predict_clip` or `lookup` unchanged, instantiate a class, or wrap a module or
-    function.
-    """
+    """Return a model unchanged, instantiate a class, or wrap a PyTorch module or a function."""
     if inspect.isclass(candidate):
         candidate = construct(candidate, candidate.__name__, {})
     if isinstance(candidate, AnyModel):
@@ -75,8 +72,9 @@ def as_model(candidate: Any, what: str) -> AnyModel:
     if callable(candidate):
         return FunctionModel(candidate)
     raise ModelError(
-        f"{what} has neither a method predict(frame1, frame2) nor a window with predict_clip(frames, index), and it is "
-        "not callable; see the guide 'add your model'"
+        what,
+        "it has neither a method predict(frame1, frame2) nor a window with predict_clip(frames, index), and it is not "
+        "callable; see the guide 'add your model'",
     )
 
 
@@ -94,7 +92,7 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
     """Call a model's class or factory with its options."""
     for option in options:
         if option in _NOT_FOR_ALL and name in MODELS.names() and not accepts(factory, option):
-            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")
+            raise UsageError(f"--{option}", f"model '{name}' {_NOT_FOR_ALL[option]}; omit this option")
     check_options(factory, f"model '{name}'", options, "-O")
     try:
         with working_folder_kept():
@@ -102,7 +100,7 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
     except RobustFlowError:
         raise
     except (Exception, SystemExit) as error:
-        raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
+        raise ModelError(name, f"the model cannot be built: {type(error).__name__}: {error}") from error
 
 
 def takes_two_frames(function: Callable[..., Any]) -> bool:
@@ -170,27 +168,26 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
     """
     name = str(name)
     if not name:
-        raise UsageError("the name of the model is empty; give a name (see 'robustflow list models')")
+        raise UsageError("model", "the name is empty; give a name (see 'robustflow list models')")
     registered = name in MODELS.names()
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
         raise UsageError(
-            f"model '{name}': TorchScript is not supported, because reading a TorchScript file can run code in it; "
-            "export the network to ONNX, or pass the module as package.module:Class"
+            name,
+            "TorchScript is not supported, because reading such a file can run code in it; export the network to ONNX, "
+            "or pass the module as package.module:Class",
         )
     if exported is not None:
         if "checkpoint" in options:
-            raise UsageError(f"'{name}' is itself the network; omit the checkpoint, or pass it to model '{exported}'")
+            message = f"'{name}' is itself the network; omit the checkpoint, or pass it to model '{exported}'"
+            raise UsageError("checkpoint", message)
         return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
     architecture = name.removeprefix(PTLFLOW)
     if name.startswith(PTLFLOW) and (architecture not in methods() or methods()[architecture].frames > 2):
-        raise UsageError(
-            f"unknown model '{name}': use {architecture}; the prefix is only for names that otherwise "
-            "refer to a different model"
-        )
+        raise UsageError(name, f"use {architecture}; the prefix is only for names that refer to a different model")
     if architecture != name or is_in_ptlflow(name):
         return _load_from_ptlflow(name, architecture, options)
     if ":" in name and not user_path(name).exists():
@@ -264,18 +261,16 @@ def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) ->
 
 def _no_such_path(name: str) -> UsageError:
     if user_path(name).exists():
-        return UsageError(
-            f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); pass weights as "
-            "--model NAME --checkpoint FILE"
-        )
-    return UsageError(f"model '{name}': no file, folder or model with this name exists (see 'robustflow list models')")
+        what = f"a file but not an exported network ({', '.join(EXPORTED)})"
+        return UsageError(name, f"{what}; pass weights as --model NAME --checkpoint FILE")
+    return UsageError(name, "no file, folder or model with this name exists (see 'robustflow list models')")
 
 
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
-        raise UsageError(f"model '{name}' is a file; run the command in its folder and pass {meant}")
+        raise UsageError(name, f"this is a file; run the command in its folder and pass {meant}")
     target = import_target(name, "model")
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)
@@ -292,7 +287,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
             check_options(target, f"model '{name}'", options, "-O")
         target = built
     elif options:
-        raise UsageError(f"model '{name}' is already built, so it does not accept options: {', '.join(options)}")
+        raise UsageError(next(iter(options)), f"model '{name}' is already built, so it does not accept options")
     return as_model(target, f"model '{name}'")
 
 
@@ -340,8 +335,6 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
 
 
 def _visible(kind: str) -> int:
-    """Return the number of devices of one kind that PyTorch finds, or 0 if it cannot determine the number or the model
-    does not use PyTorch.
-    """
+    """Return the number of devices of one kind that PyTorch finds; 0 if the model does not use PyTorch."""
     torch = sys.modules.get("torch")
     return int(torch.cuda.device_count()) if torch is not None and kind == "cuda" else 0

@@ -34,24 +34,14 @@ class Farneback:
         poly_n: int = 5,
         poly_sigma: float = 1.2,
     ) -> None:
-        for name, value, least in (
-            ("levels", levels, 0),
-            ("winsize", winsize, 1),
-            ("iterations", iterations, 1),
-            ("poly_n", poly_n, 1),
-        ):
-            check_count(name, value, least)  # OpenCV accepts smaller values, but then crashes or returns NaN
+        counts = {"levels": levels, "winsize": winsize, "iterations": iterations, "poly_n": poly_n}
+        for name, value in counts.items():  # OpenCV accepts smaller values, but then crashes or returns NaN
+            check_count(name, value, least=0 if name == "levels" else 1)
         for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
             if not isinstance(number, int | float) or not 0 < number < limit:
-                raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
-        self._parameters: dict[str, Any] = {
-            "pyr_scale": pyr_scale,
-            "levels": levels,
-            "winsize": winsize,
-            "iterations": iterations,
-            "poly_n": poly_n,
-            "poly_sigma": poly_sigma,
-        }
+                raise UsageError(name, f"must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
+        self._parameters: dict[str, Any] = {"pyr_scale": pyr_scale, "levels": levels, "winsize": winsize}
+        self._parameters |= {"iterations": iterations, "poly_n": poly_n, "poly_sigma": poly_sigma}
 
     def identity(self) -> dict[str, Any]:
         """Return the identity: the parameters and the OpenCV version."""
@@ -86,9 +76,7 @@ class Dis:
         check_pair(frame1, frame2)
         height, width = frame1.shape[:2]
         if min(height, width) < 8 or max(height, width) < 12:
-            raise ModelError(
-                f"dis needs frames of at least 8x12 pixels, not {height}x{width}; use larger frames, or model dis_rgb"
-            )
+            raise ModelError(f"{height}x{width}", "dis needs frames of at least 8x12 pixels; use model dis_rgb")
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
             # A new object for each pair; otherwise DIS would start from the previous flow.
@@ -96,8 +84,6 @@ class Dis:
             try:
                 flow = method.calc(grey1, grey2, None)
             except cv2.error:  # OpenCV chooses the number of levels for the width, and the height becomes zero
-                raise ModelError(
-                    f"dis cannot predict frames of {height}x{width}: its pyramid is too deep for the shorter side; "
-                    "use less elongated frames, or model dis_rgb"
-                ) from None
+                message = "the pyramid of dis is too deep for the shorter side of such frames; use model dis_rgb"
+                raise ModelError(f"{height}x{width}", message) from None
         return np.asarray(flow, np.float32)

@@ -97,9 +97,9 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
             raise unknown_name("training set", name, [*TRAINING_SETS.values(), *TRAINING_SETS])
         parts = PARTS.get(known, ("train",))
         if colon and which not in parts:
-            raise UsageError(
-                f"unknown part of a training set in '{part}': write {known}, or {known}:train for the part that is "
-                f"not evaluated; its parts are {', '.join(parts)}"
+            advice = (
+                f"write {known}, or {known}:train for the part that is not evaluated; its parts are {', '.join(parts)}"
             )
+            raise UsageError(part, f"unknown part of a training set: {advice}")
         sets.append(known + colon + which + part[len(certain) :])
     return tuple(dict.fromkeys(sets))

@@ -46,9 +46,9 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
     if tile in (None, "none"):
         return model
     if isinstance(model, ClipModel):
-        raise UsageError("a multi-frame model cannot predict in tiles; omit the option tile")
+        raise UsageError("tile", "a multi-frame model cannot predict in tiles; omit this option")
     if not isinstance(model, FlowModel):
-        raise UsageError("precomputed flows cannot be predicted in tiles; omit the option tile")
+        raise UsageError("tile", "precomputed flows cannot be predicted in tiles; omit this option")
     return TiledModel(model, str(tile))
 
 
@@ -62,9 +62,9 @@ class TiledModel:
         self.trained_on: str | None = getattr(model, "trained_on", None)
         self._tile = parse_size(tile)
         if min(self._tile) <= OVERLAP:
-            raise UsageError(f"tile {tile}: height and width must be larger than the tile overlap of {OVERLAP} pixels")
+            raise UsageError("tile", f"{tile} must be larger than the tile overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:
-            raise UsageError(f"tile {tile}: height and width must be at most {LARGEST} pixels; omit tile")
+            raise UsageError("tile", f"{tile} must be at most {LARGEST} pixels per side; omit this option")
         self._weights = tile_weights(*self._tile)[..., None]
 
     @property

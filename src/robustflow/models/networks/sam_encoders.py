@@ -134,10 +134,9 @@ class SamVit(nn.Module):
         x = self.patch_embed["proj"](image).permute(0, 2, 3, 1)
         height, width = x.shape[1:3]
         if max(height, width) > _GRID:
-            raise ModelError(
-                f"the SAM encoder has position tables for {_PATCH * _GRID}x{_PATCH * _GRID} pixels, not for "
-                f"{_PATCH * height}x{_PATCH * width}; predict in tiles (option tile)"
-            )
+            most = f"{_PATCH * _GRID}x{_PATCH * _GRID}"
+            message = f"the SAM encoder has positions for frames of up to {most}; predict in tiles (option tile)"
+            raise ModelError(f"{_PATCH * height}x{_PATCH * width}", message)
         x = x + self.pos_embed[:, :height, :width]
         for block in self.blocks:
             x = block(x)

@@ -50,17 +50,17 @@ class Network:
 
 def _seed(name: str, value: Any) -> None:
     if type(value) is not int:  # in Python, True is an int
-        raise UsageError(f"{name} must be an integer, not {value!r}")
+        raise UsageError(name, f"must be an integer, not {value!r}")
 
 
 def _fraction(name: str, value: Any) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise UsageError(f"{name} must be a number from 0 to 1, not {value!r}")
+        raise UsageError(name, f"must be a number from 0 to 1, not {value!r}")
 
 
 def _vertical(name: str, value: Any) -> None:
     if value not in ("bottom", "both"):
-        raise UsageError(f"{name} must be bottom (KITTI) or both (Sintel), not {value!r}")
+        raise UsageError(name, f"must be bottom (KITTI) or both (Sintel), not {value!r}")
 
 
 def _size(name: str, value: Any) -> None:

@@ -89,9 +89,7 @@ class UPFlow(nn.Module):
         """Return the flows in both directions, at full size and for each level."""
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
-            raise ModelError(
-                f"upflow needs frames wider or taller than 64 pixels, not {height}x{width}; use larger frames"
-            )
+            raise ModelError(f"{height}x{width}", "upflow needs frames wider or taller than 64 pixels")
         features1, features2 = (self.feature_pyramid_extractor(image)[:0:-1] for image in (image1, image2))
         forward = backward = torch.zeros_like(features1[0][:, :2], dtype=torch.float32)
         levels = []

@@ -12,12 +12,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import ModelError, RunError, UsageError
+from ...core.errors import ModelError, RunError, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import require
 from ...core.processes import Child
 from ...core.types import Flow, Frame
-from ..conventions import MOST_THREADS, InputConvention, check_count, named_convention
+from ..conventions import MOST_THREADS, InputConvention, check_count, check_positive, named_convention
 from ..model_file import require_file
 from ..pairs import PairNetwork
 
@@ -44,11 +44,13 @@ class OnnxModel(PairNetwork):
         time_limit: float = 300,
     ) -> None:
         if checkpoint is None:
-            raise ModelError("model 'onnx' needs a file: pass the path of an .onnx file as --checkpoint, or as --model")
+            raise ModelError(
+                "onnx", "the model needs a file: pass the path of an .onnx file as --checkpoint or --model"
+            )
         check_count("threads", threads, most=MOST_THREADS)
         for name, limit in (("memory_limit", memory_limit), ("time_limit", time_limit)):
-            if limit is not None and not (isinstance(limit, int | float) and limit > 0):
-                raise UsageError(f"{name} must be a positive number, not {limit}")
+            if limit is not None:
+                check_positive(name, limit)
         self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
         self._path = user_path(checkpoint)
@@ -70,9 +72,7 @@ class OnnxModel(PairNetwork):
         self._start()
 
     def identity(self) -> dict[str, Any]:
-        """Return everything that affects the results: the files' hashes, the input convention, and
-        the execution settings.
-        """
+        """Return what affects the results: the files' hashes, the input convention, and the execution settings."""
         return self._identity
 
     @property
@@ -102,14 +102,13 @@ class OnnxModel(PairNetwork):
             if not child.pipe.poll(self._time):
                 raise ModelError(
                     self._path,
-                    f"{doing} took longer than {self._time:g} s; use a different network, or allow more "
-                    "time with -O time_limit=SECONDS",
+                    f"{doing} took longer than {self._time:g} s; allow more time with -O time_limit=SECONDS",
                 )
             value = child.receive(f"{doing} of {self._path}", "allow more with -O memory_limit=GIB")[1]
         except BaseException as error:
             child.end()
             if isinstance(error, RunError):
-                raise ModelError(str(error)) from error
+                raise ModelError(self._path, str(error)) from error
             raise
         self._child = child
         return value
@@ -146,5 +145,5 @@ def _allow(size: int) -> None:
 def _parse_device(device: str) -> str:
     kind, _, number = str(device).partition(":")
     if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
-        raise UsageError(f"unknown device '{device}' for onnxruntime: use cpu, cuda or cuda:0")
+        raise unknown_name("device for onnxruntime", str(device), ("cpu", "cuda", "cuda:0"))
     return str(device)

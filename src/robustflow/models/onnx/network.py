@@ -70,9 +70,7 @@ class OnnxNetwork(PairNetwork):
         }
 
     def identity(self) -> dict[str, Any]:
-        """Return everything that affects the results: the files' hashes, the input convention, and
-        the execution settings.
-        """
+        """Return what affects the results: the files' hashes, the input convention, and the execution settings."""
         import onnxruntime
 
         return {
@@ -109,15 +107,14 @@ class OnnxNetwork(PairNetwork):
         except Exception as error:  # onnxruntime has a separate class for each kind of failure
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
+                self._settings["name"],
                 f"the network failed on {what}: {first_line(error)[:200]}; set the multiple that its height and width "
-                "need (e.g. -O multiple=64), allow more memory with -O memory_limit=GIB, or export it again"
+                "need (e.g. -O multiple=64), allow more memory with -O memory_limit=GIB, or export it again",
             ) from None
         flow = np.asarray(flow)
         if flow.dtype.kind != "f":
-            raise ModelError(
-                f"the network's output {self._output} is {flow.dtype}; export it with a floating-point flow, or "
-                "choose a different output with -O output="
-            )
+            advice = "export it with a floating-point flow, or choose a different output with -O output="
+            raise ModelError(self._output, f"this output of the network is {flow.dtype}; {advice}")
         pairs, _, height, width = image1.shape
         channels_last = flow_layout(flow.shape, pairs, height, width) == "nhwc"
         return list((flow if channels_last else flow.transpose(0, 2, 3, 1)).astype(np.float32))
@@ -146,10 +143,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
     if device != "cpu":
         provider = (_CUDA, {"device_id": device.partition(":")[2] or "0", "use_tf32": "0"})
         if _CUDA not in onnxruntime.get_available_providers():
-            raise ModelError(
-                f"this onnxruntime has no CUDA support for device '{device}': install onnxruntime-gpu "
-                "instead, or use cpu"
-            )
+            raise ModelError(device, "this onnxruntime has no CUDA: install onnxruntime-gpu instead, or use cpu")
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:  # onnxruntime has a separate class for each kind of failure
@@ -159,7 +153,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
             "that of the original, update onnxruntime, or export the network again with a lower opset",
         ) from None
     if device != "cpu" and _CUDA not in session.get_providers():
-        raise ModelError(f"onnxruntime cannot use device '{device}': its CUDA libraries cannot be loaded; use cpu")
+        raise ModelError(device, "onnxruntime cannot load its CUDA libraries; use cpu")
     session.disable_fallback()
     return session
 
@@ -280,9 +274,7 @@ def _external_files(path: Path, model: Any) -> dict[str, str]:
 
 
 def _messages(message: Any, kind: type) -> Iterator[Any]:
-    """Yield all messages of a given type nested in a message: tensors in initializers and attributes, nodes in
-    branches.
-    """
+    """Yield all messages of a type nested in a message: tensors in initializers and attributes, nodes in branches."""
     if isinstance(message, kind):
         yield message
     for field, value in message.ListFields():

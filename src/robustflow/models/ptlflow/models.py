@@ -1,8 +1,15 @@
-"""Determine the constructor arguments of a ptlflow model. Importable without ptlflow. Two-frame models from the
-ptlflow library, under ptlflow's names.
+"""Models of the ptlflow library, under ptlflow's names. Building one requires the ptlflow extra; the import takes
+several seconds and prints output, so it is deferred and silenced.
 
-Building a model requires the ptlflow extra. Importing ptlflow takes several seconds and prints output, so the import is
-deferred and silenced.
+Multi-frame models receive the same frames as in their authors' evaluations: VideoFlow (Shi et al., ICCV 2023), MemFlow
+(Dong and Fu, CVPR 2024), StreamFlow (Sun et al., NeurIPS 2024), MEMFOF (Bargatin et al., ICCV 2025), STaRFlow (Godet et
+al., ICPR 2020). At the first pair of a sequence, VideoFlow repeats the first frame once, and otherwise its window of
+five frames stays within the sequence; StreamFlow's window of four frames stays within the sequence; MemFlow's memory is
+empty. MEMFOF repeats the first frame, as ptlflow's data loader does. MemFlow's memory contains the last two frames,
+ptlflow's default; the authors' configurations effectively use one.
+
+With cupy, which its CUDA kernel needs, `ptlflow:splatflow` (Wang et al., IJCV 2024) receives only the pair and runs in
+its two-frame mode.
 """
 
 from __future__ import annotations
@@ -37,9 +44,7 @@ _ITERATIONS = ("iters", "decoder_depth")
 
 
 def constructor_options(name: str, reference: type, iterations: int | None) -> tuple[dict[str, Any], int | None]:
-    """Return the constructor arguments for predicting complete frames with the given number of iterations; sequences
-    are passed as lists, and no backbone is downloaded.
-    """
+    """Return the constructor arguments for predicting complete frames with the given number of iterations."""
     parameters = constructor_parameters(reference)
     # ptlflow's own loader also passes lists, and some constructors modify them.
     options: dict[str, Any] = {
@@ -56,7 +61,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     if iterations is not None:
         check_count("iterations", iterations)
         if not counted:
-            raise UsageError(f"model '{name}' does not have exactly one number of iterations; omit iterations")
+            raise UsageError("iterations", f"model '{name}' does not have exactly one number of them; omit this option")
     if keyword is None or not counted:
         return options, None
     rounds = int(parameters[keyword].default) if iterations is None else iterations
@@ -126,9 +131,7 @@ def ptlflow_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """Build a two-frame ptlflow model that predicts complete frames; its built-in tiling is off, even if a checkpoint
-    enables it.
-    """
+    """Build a two-frame model; its built-in tiling is off, even if a checkpoint enables it."""
 
     def wrap(model: Any) -> Any:
         from .net import CraftNet, FlowFormerPlusPlusNet, PtlflowNet
@@ -204,10 +207,10 @@ def is_of_ptlflow(name: str) -> bool:
 def _build_error(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if architecture not in BESIDES and not isinstance(error, ImportError):
-        return ModelError(f"model '{name}' cannot be built: {what}")
+        return ModelError(name, f"the model cannot be built: {what}")
     needs = BESIDES.get(architecture, "something")
     readme = Path(inspect.getfile(reference)).with_name("README.md")
-    return ModelError(f"model '{name}' needs {needs}, which is not installed with ptlflow ({what}); see {readme}")
+    return ModelError(name, f"the model needs {needs}, which is not installed with ptlflow ({what}); see {readme}")
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
@@ -296,7 +299,8 @@ def ptlflow_clip_model(
     window = clip.window
     if before is not None:
         if not clip.streams:
-            raise UsageError(f"model '{name}' requires {_frames(window)} frames; omit before")
+            frames = window.before + 2 + window.after
+            raise UsageError("before", f"model '{name}' requires {frames} frames; omit this option")
         check_count("before", before)
         window = window._replace(before=before)
 
@@ -314,10 +318,6 @@ def ptlflow_clip_model(
 def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
     """A function that builds any ptlflow model, two-frame or multi-frame."""
     return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
-
-
-def _frames(window: Window) -> int:
-    return window.before + 2 + window.after
 
 
 videoflow_bof = ptlflow_factory("videoflow_bof", "videoflow_bof")

@@ -53,10 +53,7 @@ class PtlflowNet(nn.Module):
         outputs = self.model({"images": images})
         flows: Tensor = outputs["flows"]
         if flows.ndim != 5 or flows.shape[1] != 1:
-            raise ModelError(
-                f"the network returned flows of shape {tuple(flows.shape)} for two frames, not a single "
-                "flow; it is a multi-frame network: choose a two-frame model"
-            )
+            raise ModelError(str(tuple(flows.shape)), "the flows of a multi-frame network: choose a two-frame model")
         return torch.cat([flows[:, 0], outputs["confs"][:, 0]], dim=1) if confidence else flows[:, 0]
 
 

@@ -47,9 +47,7 @@ class Checkpoint:
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
-    """Read a safetensors file, or a file saved with `torch.save`: a state dict, or a dict that contains one under a key
-    in `HELD_AS`.
-    """
+    """Read a safetensors file, or a state dict saved with `torch.save`, possibly under a key in `HELD_AS`."""
     path = user_path(path)
     content, digest = read_content(path, sha256)
     hyper_parameters = content.get("hyper_parameters") if isinstance(content, dict) else None
@@ -93,9 +91,8 @@ def _check(path: Path, file: BinaryIO) -> None:
     except RefusedError as error:
         raise ModelError(
             path,
-            f"not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run "
-            "code or exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict "
-            "with torch.save",
+            f"not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run code or "
+            "exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict",
         ) from None
     except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
         raise damaged(path, error) from None
@@ -121,9 +118,7 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
             what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "under a non-string key"
             raise ModelError(
                 path,
-                f"entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one under "
-                "one of the keys "
-                f"{', '.join(HELD_AS)}",
+                f"entry {str(key)[:60]!r} is {what}; expected a state dict, possibly under {', '.join(HELD_AS)}",
             )
     return dict(content)
 
@@ -209,10 +204,9 @@ def _refuse_other_names(
         _first_names("with a different shape", shapes),
     ]
     if any(differences):
-        raise ModelError(
-            f"{checkpoint.path} is not a checkpoint of {model} ({len(own)} entries): "
-            f"{'; '.join(part for part in differences if part)}; use a file trained for this model"
-        )
+        what = "; ".join(part for part in differences if part)
+        message = f"not a checkpoint of {model} ({len(own)} entries): {what}; use a file trained for this model"
+        raise ModelError(checkpoint.path, message)
 
 
 def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:

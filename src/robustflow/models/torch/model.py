@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...core.errors import ModelError, RobustFlowError, UsageError, first_line
+from ...core.errors import ModelError, RobustFlowError, UsageError, first_line, unknown_name
 from ...core.types import Flow, Frame
 from ..base import Window
 from ..conventions import InputConvention
@@ -27,9 +27,7 @@ _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
 
 @contextmanager
 def reproducible(threads: int = 1) -> Iterator[None]:
-    """Run a block with true float32 (no TF32), deterministic algorithms and a fixed number of CPU threads, then restore
-    the previous settings.
-    """
+    """Run a block with true float32 (no TF32), deterministic algorithms and a fixed number of CPU threads."""
     before = torch.get_num_threads(), _matmul_precision(), [backend.fp32_precision for backend in _MATMULS]
     torch.set_num_threads(threads)
     torch.set_float32_matmul_precision("highest")
@@ -80,9 +78,7 @@ class NetworkModel(PairNetwork):
         return self._execution.threads
 
     def identity(self) -> dict[str, Any]:
-        """Return everything that affects the results: the network's settings, its input convention, and the execution
-        settings.
-        """
+        """Return what affects the results: the network's settings, its input convention, the execution settings."""
         return {
             "name": self.name,
             **self._settings,
@@ -131,17 +127,15 @@ class NetworkModel(PairNetwork):
             if isinstance(error, torch.OutOfMemoryError):
                 advice = "predict fewer pairs at once, in tiles (option tile), or on the CPU"
             message = " ".join(str(error).split())
+            reason = f"{type(error).__name__}: {message}{traceback_hint(error)}"
             raise ModelError(
-                f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}"
-                f"{traceback_hint(error)}); {advice}"
+                f"{height}x{width}", f"model '{self.name}' fails on such frames ({reason}); {advice}"
             ) from error
         return flow
 
 
 class ConfidentNetwork(NetworkModel):
-    """A network that, called with `confidence=True`, returns the flow and a confidence for each pixel, (N, 3, H, W).
-    Satisfies `ConfidentModel`.
-    """
+    """A network that, called with `confidence=True`, returns the flow and a confidence, (N, 3, H, W)."""
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.float32]]:
         """Predict as in `ConfidentModel.predict_with_confidence`."""
@@ -159,13 +153,11 @@ def find_device(name: str) -> torch.device:
     except (RuntimeError, TypeError):
         device = torch.device("meta")
     if device.type == "meta":  # torch's device for tensors without values
-        raise UsageError(f"unknown device '{name}': use auto, cpu, cuda or cuda:0") from None
+        raise unknown_name("device", str(name), ("auto", "cpu", "cuda", "cuda:0")) from None
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, NotImplementedError) as error:
-        raise ModelError(
-            f"torch cannot use a device '{name}' on this machine ({first_line(error)}); use cpu or auto"
-        ) from None
+        raise ModelError(name, f"torch cannot use this device here ({first_line(error)}); use cpu or auto") from None
     return device
 
 
@@ -200,7 +192,7 @@ class TorchClipModel:
         for frame in frames:
             check_pair(frames[0], frame)
         if not 0 <= index < len(frames) - 1:
-            raise UsageError(f"{len(frames)} frames contain no pair at index {index}")
+            raise UsageError("index", f"{len(frames)} frames contain no pair at index {index}")
         return self._network.run(*([frame] for frame in frames), index=index)[0]
 
 
@@ -218,9 +210,7 @@ def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resize a flow (N, 2, H, W) to (N, 2, *size), and multiply u by the ratio of the widths and v by the ratio of the
-    heights.
-    """
+    """Resize a flow (N, 2, H, W) to (N, 2, *size), and scale u and v by the ratios of the sizes."""
     ratios = flow.new_tensor([size[1] / flow.shape[3], size[0] / flow.shape[2]], dtype=torch.float32)
     return resize(flow, size) * ratios.view(1, 2, 1, 1)
 

@@ -49,7 +49,7 @@ def network_model(
 ) -> NetworkModel:
     """Build a network, load its checkpoint strictly, and wrap it."""
     if checkpoint == RANDOM and sha256 is not None:
-        raise UsageError("random weights are not read from a file: omit sha256, or pass a checkpoint")
+        raise UsageError("sha256", "random weights are not read from a file: omit it, or pass a checkpoint")
     published, settings = published or {}, dict(settings or {})
     refuse_missing_file(name, checkpoint, published, source)
     require("torch", f"model '{name}'")
@@ -99,15 +99,13 @@ def refuse_missing_file(
         if strict:
             raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
         return
-    raise ModelError(f"model '{model}': there is no file {checkpoint}; {_get(published, source)}, and put it there")
+    raise ModelError(checkpoint, f"no such file; for model '{model}', {_get(published, source)}, and put it there")
 
 
 def find_checkpoint(
     model: str, checkpoint: str | Path | None, published: Mapping[str, str], source: str
 ) -> tuple[Path, str | None]:
-    """Return the file of a checkpoint; published checkpoints are downloaded to PyTorch's cache unless they are already
-    there.
-    """
+    """Return the file of a checkpoint; a published one is downloaded to PyTorch's cache unless it is there."""
     if checkpoint is None:
         raise needs_checkpoint(model, published, source)
     if str(checkpoint) in published:
@@ -118,9 +116,7 @@ def find_checkpoint(
 
 def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
     """Return the error for a network without weights."""
-    return ModelError(
-        f"model '{model}' needs its checkpoint: {_get(published, source)}, and pass its path as --checkpoint"
-    )
+    return ModelError(model, f"the model needs its checkpoint: {_get(published, source)}, and pass it as --checkpoint")
 
 
 def _get(published: Collection[str], source: str) -> str:
@@ -140,9 +136,6 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
         except Exception as error:  # connection, permission and hash errors raise different exceptions
             reason = getattr(error, "reason", None) or first_line(error)
-            raise ModelError(
-                f"model '{model}': cannot download {url} ({reason}); save that file as {path}, or pass the path of a "
-                "copy "
-                "as --checkpoint"
-            ) from None
+            advice = f"save that file as {path}, or pass the path of a copy as --checkpoint"
+            raise ModelError(url, f"cannot be downloaded for model '{model}' ({reason}); {advice}") from None
     return path, prefix
