@@ -8,7 +8,7 @@ from skimage import data
 from robustflow import load_model
 from robustflow.core.errors import ModelError, UsageError
 
-from ..refusals import refused
+from ..refusals import refusal
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +46,7 @@ def test_translation_to_the_right_and_up_is_recovered(moved, name, options, tole
     ],
 )
 def test_frames_on_which_opencv_would_crash_are_refused(options):
-    (name,) = options
-    with pytest.raises(UsageError, match=f"{name} must be a"):
-        load_model("farneback", **options)
+    refusal(lambda: load_model("farneback", **options), UsageError, *options)
 
 
 @pytest.mark.parametrize("name", ["farneback", "dis"])
@@ -73,17 +71,22 @@ def test_flow_does_not_depend_on_the_previous_pair(moved):
 @pytest.mark.parametrize(("preset", "size"), [("medium", (10, 3000)), ("fast", (16, 1000))])
 def test_frames_too_elongated_for_dis_are_refused(preset, size):
     frame = np.random.default_rng(0).integers(0, 255, (*size, 3)).astype(np.uint8)
-    with refused(ModelError, f"dis cannot predict frames of {size[0]}x{size[1]}: .*or model dis_rgb"):
-        load_model("dis", preset=preset).predict(frame, frame)
+    model = load_model("dis", preset=preset)
+    refusal(lambda: model.predict(frame, frame), ModelError, f"{size[0]}x{size[1]}")
 
 
-@pytest.mark.parametrize("name", ["farneback", "dis"])
+@pytest.mark.parametrize("model", [load_model(name) for name in ("farneback", "dis", "dis_rgb")])
 @pytest.mark.parametrize(
-    "other", [np.zeros((64, 95, 3), np.uint8), np.zeros((64, 96, 3)), np.zeros((64, 96), np.uint8)]
+    ("other", "culprit"),
+    [
+        (np.zeros((64, 95, 3), np.uint8), "(64, 95)"),
+        (np.zeros((64, 96, 3)), "float64 (64, 96, 3)"),
+        (np.zeros((64, 96), np.uint8), "uint8 (64, 96)"),
+        ([[0]], "list"),
+    ],
 )
-def test_invalid_frames_are_refused(name, other):
-    with pytest.raises(UsageError, match=r"expected RGB uint8|differ in size"):
-        load_model(name).predict(np.zeros((64, 96, 3), np.uint8), other)
+def test_invalid_frames_are_refused(model, other, culprit):
+    refusal(lambda: model.predict(np.zeros((64, 96, 3), np.uint8), other), UsageError, culprit)
 
 
 @pytest.mark.parametrize(("height", "width", "fits"), [(8, 12, True), (12, 8, True), (11, 11, False), (7, 40, False)])
@@ -92,5 +95,4 @@ def test_dis_accepts_its_smallest_frames(height, width, fits):
     if fits:
         assert np.isfinite(load_model("dis").predict(frame, frame)).all()
     else:
-        with pytest.raises(ModelError, match=f"at least 8x12 pixels, not {height}x{width}"):
-            load_model("dis").predict(frame, frame)
+        refusal(lambda: load_model("dis").predict(frame, frame), ModelError, f"{height}x{width}")

@@ -12,6 +12,8 @@ from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import load_model
 from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights, tiled
 
+from ..refusals import refusal
+
 
 class Counting:
     """Returns the constant flow i for the i-th tile, starting at 1."""
@@ -125,15 +127,9 @@ def test_answer_of_a_different_shape_than_the_tile_is_refused(shape):
         def predict(self, frame1, frame2):
             return np.ones(shape, np.float32)
 
-    with pytest.raises(ModelError, match=r"on a tile; expected a float array of shape \(64, 96, 2\)"):
-        TiledModel(Broadcasts(), "64x96").predict(*position_frames(64, 96))
-
-
-def test_frames_that_are_no_pair_are_refused():
-    frame = np.zeros((64, 96, 3), np.uint8)
-    for other in (np.zeros((80, 96, 3), np.uint8), np.zeros((64, 96, 3), np.float32)):
-        with pytest.raises(UsageError, match=r"differ in size|expected RGB uint8"):
-            TiledModel(Counting(), "64x96").predict(frame, other)
+    model = TiledModel(Broadcasts(), "64x96")
+    refusal(lambda: model.predict(*position_frames(64, 96)), ModelError, "a tile")
+    refusal(lambda: model.predict(*np.zeros((2, 64, 96, 3))), UsageError, "float64 (64, 96, 3)")
 
 
 @pytest.mark.parametrize("tile", [None, "none"])
@@ -151,11 +147,10 @@ def test_any_model_takes_the_option(tmp_path):
     np.testing.assert_allclose(model.predict(*frames), load_model("dis").predict(*frames), rtol=1e-6)
     assert not isinstance(load_model("dis", tile="none"), TiledModel)
     (tmp_path / "clean").mkdir()
-    with pytest.raises(UsageError, match="precomputed flows"):
-        load_model(str(tmp_path), tile="64x96")
+    refusal(lambda: load_model(str(tmp_path), tile="64x96"), UsageError, "tile")
 
 
 @pytest.mark.parametrize("size", ["432", "0x0", "16x960", "large", "99960x99960"])
 def test_invalid_tile_size_is_refused(size):
-    with pytest.raises(UsageError, match=r"HEIGHTxWIDTH|height and width"):
+    with pytest.raises(UsageError):
         TiledModel(Counting(), size)

@@ -10,6 +10,8 @@ from robustflow.core.errors import ModelError
 from robustflow.models import Window
 from robustflow.models.base import place_of_pair, window_of
 
+from ..refusals import refusal
+
 there = st.builds(lambda before, after: range(-before, 2 + after), st.integers(0, 9), st.integers(0, 9))
 windows = st.builds(Window, st.integers(0, 5), st.integers(0, 5), st.sampled_from(["repeat", "short", "inside"]))
 
@@ -56,6 +58,4 @@ def test_window_is_read_from_a_tuple_or_list():
 
 @pytest.mark.parametrize("declared", [None, 2, (2,), (0, 0), (-1, 1), (1.0, 1), (True, 1), (1, 1, "wrap"), "21"])
 def test_invalid_window_is_refused(declared):
-    with pytest.raises(ModelError, match=r"declare \(before, after\)") as error:
-        window_of(SimpleNamespace(window=declared))
-    assert "\n" not in str(error.value)
+    refusal(lambda: window_of(SimpleNamespace(window=declared)), ModelError, "window")
