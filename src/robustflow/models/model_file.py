@@ -65,7 +65,9 @@ def _refuse_other_files(path: Path, file: BinaryIO) -> None:
 
 def _check_hash(path: Path, digest: str, expected: str) -> None:
     if not re.fullmatch("[0-9a-fA-F]{8,64}", str(expected)) or not isinstance(expected, str):
-        raise UsageError(f"sha256={expected} is not a SHA-256 (64 hexadecimal digits) or a prefix of at least 8 digits")
+        raise UsageError(
+            "sha256", f"{expected} is not a SHA-256 (64 hexadecimal digits) or a prefix of at least 8 digits"
+        )
     if not digest.startswith(expected.lower()):
         raise ModelError(
             path, f"its SHA-256 is {digest} instead of {expected}; the file is different or damaged: download it again"

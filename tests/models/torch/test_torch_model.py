@@ -7,16 +7,16 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow import evaluate
+from robustflow import evaluate, load_model
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models.conventions import InputConvention
 from robustflow.models.devices import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow
-from robustflow.models.torch.model import NetworkModel, find_device
+from robustflow.models.torch.model import NetworkModel, find_device, resize, resize_flow
 
-from ...refusals import refused
+from ...refusals import refusal
 from ..textures import noise_pair, textured_pair
 
 pytestmark = pytest.mark.torch
@@ -101,58 +101,47 @@ def test_pairs_of_several_sizes_keep_their_order():
     assert model.predict_batch([], []) == []
 
 
-@pytest.mark.parametrize(
-    ("pair", "says"),
-    [
-        ((np.zeros((5, 7, 3), np.float32),) * 2, r"float32 \(5, 7, 3\); expected RGB uint8"),
-        ((np.zeros((5, 7), np.uint8),) * 2, r"uint8 \(5, 7\)"),
-        ((np.zeros((5, 7, 4), np.uint8),) * 2, r"uint8 \(5, 7, 4\)"),
-        (([[0]], [[0]]), "a frame is list"),
-        ((np.zeros((5, 7, 3), np.uint8), np.zeros((5, 8, 3), np.uint8)), r"\(5, 7\) and \(5, 8\)"),
-    ],
-)
-def test_invalid_pairs_are_refused(pair, says):
-    with pytest.raises(UsageError, match=says):
-        spy()[0].predict(*pair)
-
-
-def test_batches_of_unequal_length_are_refused():
-    with pytest.raises(UsageError, match="2 first frames but 1 second frames"):
-        spy()[0].predict_batch(noise_pair(), noise_pair()[:1])
+def test_invalid_pairs_are_refused():
+    model, _ = spy()
+    for frame, culprit in (
+        (np.zeros((5, 7, 3), np.float32), "float32 (5, 7, 3)"),
+        (np.zeros((5, 7, 4), np.uint8), "uint8 (5, 7, 4)"),
+    ):
+        refusal(lambda frame=frame: model.predict(frame, frame), UsageError, culprit)
+    refusal(lambda: model.predict(noise_pair()[0], noise_pair(5)[0]), UsageError, "(5, 19)")
+    refusal(lambda: model.predict_batch(noise_pair(), noise_pair()[:1]), UsageError, "frames2")
 
 
 @pytest.mark.parametrize(
-    ("error", "says"),
+    ("error", "culprit"),
     [
-        (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 13x19 .RuntimeError: kernel.*larger"),
-        (torch.OutOfMemoryError("CUDA out of memory"), r"CUDA out of memory \(at .*\)\); predict fewer pairs at once"),
-        (ModelError("made for more frames"), "^made for more frames$"),
+        (RuntimeError("kernel size\ncan't be greater"), "13x19"),
+        (torch.OutOfMemoryError("CUDA out of memory"), "13x19"),
+        (ModelError("window", "made for more frames"), "window"),
     ],
 )
-def test_error_of_a_network_names_the_frame_size(error, says):
+def test_error_of_a_network_names_the_frame_size(error, culprit):
     model, net = spy()
     net.forward = lambda *images: (_ for _ in ()).throw(error)
-    with refused(ModelError, says):
-        model.predict(*noise_pair())
+    refusal(lambda: model.predict(*noise_pair()), ModelError, culprit)
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "says"),
+    ("options", "error", "culprit"),
     [
-        ({"device": "gpu"}, UsageError, "unknown device 'gpu'"),
-        ({"device": "cuda:99"}, ModelError, "torch cannot use a device 'cuda:99'"),
-        ({"precision": "fp16"}, UsageError, "unknown precision 'fp16'"),
-        ({"threads": 0}, UsageError, "threads must be an integer from 1 to 1024"),
-        ({"threads": 100_000}, UsageError, "threads must be an integer from 1 to 1024, not 100000"),
-        ({"threads": 1.5}, UsageError, "threads must be an integer from 1 to 1024"),
-        ({"compile": "no"}, UsageError, "compile must be true or false, not 'no'"),
-        ({"device": "meta"}, UsageError, "unknown device 'meta'"),
-        ({"device": None}, UsageError, "unknown device 'None'"),
+        ({"device": "gpu"}, UsageError, "gpu"),
+        ({"device": "meta"}, UsageError, "meta"),
+        ({"device": None}, UsageError, "None"),
+        ({"device": "cuda:99"}, ModelError, "cuda:99"),
+        ({"precision": "fp16"}, UsageError, "fp16"),
+        ({"threads": 0}, UsageError, "threads"),
+        ({"threads": 100_000}, UsageError, "threads"),
+        ({"threads": 1.5}, UsageError, "threads"),
+        ({"compile": "no"}, UsageError, "compile"),
     ],
 )
-def test_invalid_execution_options_are_refused(options, error, says):
-    with pytest.raises(error, match=says):
-        network("spy", Spy(), InputConvention(), {}, **options)
+def test_invalid_execution_options_are_refused(options, error, culprit):
+    refusal(lambda: network("spy", Spy(), InputConvention(), {}, **options), error, culprit)
 
 
 def test_automatic_device_exists_on_this_machine():
@@ -241,7 +230,7 @@ def test_the_manifest_says_how_it_was_executed(tmp_path):
     settings = evaluate(model, output=tmp_path / "run", **run).manifest.identity.model.settings
     assert (settings["precision"], settings["compile"], settings["device"]) == ("bf16", False, "cpu")
     other = network("arflow", seeded(ARFlow), convention, {}, device="cpu")
-    with pytest.raises(RunError, match="contains a different run"):
+    with pytest.raises(RunError):
         evaluate(other, output=tmp_path / "run", **run)
 
 
@@ -260,13 +249,7 @@ def test_a_compiled_network_gives_the_same_flow():
 
 def test_a_frame_too_small_for_upflow_says_so():
     model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
-    with pytest.raises(ModelError, match="wider or taller than 64 pixels, not 40x64"):
-        model.predict(*noise_pair(40, 64))
-
-
-def test_smallest_allowed_frames_give_a_flow():
-    model = network("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
-    assert np.isfinite(model.predict(*noise_pair(16, 12))).all()
+    refusal(lambda: model.predict(*noise_pair(40, 64)), ModelError, "40x64")
 
 
 def precisions():
@@ -293,3 +276,54 @@ def test_tf32_that_a_script_allowed_per_backend_is_off_in_a_prediction_and_back_
         assert (during, precisions()) == (["ieee"] * 4, allowed)
     finally:
         place.fp32_precision = before
+
+
+@pytest.mark.parametrize("size", [(12, 14), (11, 13), (3, 20), (6, 7)])
+def test_a_linear_map_stays_linear_from_corner_to_corner(size):
+    y, x = np.mgrid[:6, :7].astype(np.float64)
+    maps = torch.from_numpy(np.stack((2 * x - y, x + 3 * y)))[None]
+    rows, columns = np.linspace(0, 5, size[0])[:, None], np.linspace(0, 6, size[1])[None, :]
+    expected = np.stack((2 * columns - rows, columns + 3 * rows))
+    np.testing.assert_allclose(resize(maps, size)[0], expected, atol=1e-5)
+    ratios = np.array([size[1] / 7, size[0] / 6])[:, None, None]
+    np.testing.assert_allclose(resize_flow(maps, size)[0], expected * ratios, rtol=1e-5, atol=1e-5)
+
+
+@pytest.fixture
+def optical_flow():
+    return pytest.importorskip("torchvision", reason="needs the torch extra").models.optical_flow
+
+
+@pytest.mark.parametrize("name", ["raft_large", "raft_small"])
+def test_flow_is_bit_equal_to_that_of_the_library(optical_flow, name):
+    frames = textured_pair(131, 170)
+    model = load_model(name, checkpoint="random", iterations=2, device="cpu")
+    flow = model.predict(*frames)
+    net = getattr(optical_flow, name)(weights=None).eval()
+    net.load_state_dict(model.net.model.state_dict())
+    weights = getattr(optical_flow, f"{name.title()}_Weights")
+    padded = [np.pad(frame, ((2, 3), (3, 3), (0, 0)), mode="edge") for frame in frames]
+    images = weights.DEFAULT.transforms()(*(torch.from_numpy(frame).permute(2, 0, 1)[None] for frame in padded))
+    with torch.no_grad():
+        expected = net(*images, num_flow_updates=2)[-1][0].permute(1, 2, 0).numpy()[2:-3, 3:-3]
+    assert np.abs(expected).max() > 0
+    np.testing.assert_array_equal(flow, expected)
+
+
+def test_weights_are_given_by_name_or_file(optical_flow, tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
+    monkeypatch.setattr(torch.hub, "download_url_to_file", lambda *args, **options: 1 / 0)
+    with pytest.raises(ModelError, match=r"^https://download\.pytorch\.org/models/raft_small_C_T_V2-\w+\.pth"):
+        load_model("raft_small", checkpoint="C_T_V2")
+    refusal(lambda: load_model("raft_small", checkpoint="C_T_V3"), UsageError, "C_T_V3")
+    torch.save(optical_flow.raft_small(weights=None).state_dict(), tmp_path / "mine.pth")
+    model = load_model("raft_small", checkpoint=tmp_path / "mine.pth", device="cpu")
+    assert model.identity()["iterations"] == 12
+    refusal(lambda: load_model("raft_large", checkpoint=tmp_path / "mine.pth"), ModelError, tmp_path / "mine.pth")
+
+
+@pytest.mark.parametrize("name", ["raft_large", "raft_small"])
+def test_frames_too_small_for_the_correlation_volume_are_refused(optical_flow, name):
+    model = load_model(name, checkpoint="random", iterations=1, device="cpu")
+    assert np.isfinite(model.predict(*textured_pair(121, 121))).all()
+    refusal(lambda: model.predict(*textured_pair(120, 160)), ModelError, "120x160")
