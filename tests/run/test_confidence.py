@@ -95,7 +95,7 @@ def test_confidence_of_a_wrong_size_or_nan_ends_the_run_in_one_line(tmp_path):
 
 
 def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="^--confidence: "):
+    with pytest.raises(UsageError, match="--confidence: "):
         run(tmp_path / "run", ModelSpec("dis"), "model")
     with pytest.raises(UsageError, match="forward-backward"):
         run(tmp_path / "run", ModelSpec("dis"), "forward")
