@@ -39,12 +39,11 @@ if __name__ == "__main__":
     from robustflow.models import ModelSpec
     from robustflow.run.compute_missing import compute_missing
     from robustflow.run.engines.choose import choose_engine
-    from robustflow.run.frame_stage import FrameStage
-    from robustflow.run.measure_stage import MeasureStage
     from robustflow.run.plan import RunOptions
-    from robustflow.run.seconds import no_seconds
     from robustflow.run.setup import set_up
+    from robustflow.run.stages import FrameStage, no_seconds
     from robustflow.run.store import RunFolder
+    from robustflow.run.worker import MeasureStage
     from robustflow.testing import TexturePairs
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -140,8 +139,9 @@ def cells(benchmark: Benchmark) -> None:
     shape = loaded.sample.shape
     rng = np.random.default_rng(0)
     clean, flow = rng.normal(0, 3, (2, *shape, 2)).astype(np.float32)
+    loaded.clean = clean
     digest = best(lambda: measure_stage.digest(loaded.sample.frames))
-    row = best(lambda: measure_stage.row(loaded, clean, flow, "", (key, CLEAN, 0)))
+    row = best(lambda: measure_stage.row(loaded, flow, "", (key, CLEAN, 0)))
     per_sample = best(lambda: frame_stage.load(key))
     total = 0.0
     print(f"\nCPU time without the model, {shape[0]}x{shape[1]}, one thread, ms per cell")

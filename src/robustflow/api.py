@@ -248,7 +248,7 @@ def evaluate(
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """Draw the example pictures after the rows are saved, so that a failure here loses no rows."""
-    from .run.cost import keep_cost
+    from .run.costs import keep_cost
     from .run.displacement import keep_displacement
     from .run.example_cells import are_current, drop_examples
     from .run.examples import write_examples

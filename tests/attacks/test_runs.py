@@ -14,8 +14,8 @@ from robustflow.attacks.registry import SHIPPED, norm_of
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_table import attack_table
-from robustflow.run.frame_stage import frames_digest
 from robustflow.run.run import Run
+from robustflow.run.stages import frames_digest
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal

@@ -14,7 +14,7 @@ from robustflow.corruptions.blur import psf_blur as reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.run.frame_stage import frames_digest
+from robustflow.run.stages import frames_digest
 
 from ..refusals import refusal
 from .pictures import picture

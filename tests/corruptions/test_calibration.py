@@ -38,8 +38,8 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.media.images import read_image, write_image
 from robustflow.run.config import FrameOptions
-from robustflow.run.frame_stage import frames_digest
 from robustflow.run.plan import Plan, RunOptions
+from robustflow.run.stages import frames_digest
 from robustflow.testing import ZeroFlow
 
 from ..refusals import refusal

@@ -9,8 +9,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.run.predict_stage import PredictionRequest, PredictStage
-from robustflow.run.seconds import no_seconds
+from robustflow.run.stages import PredictionRequest, PredictStage, no_seconds
 from robustflow.testing import TexturePairs
 
 

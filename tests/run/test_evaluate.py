@@ -15,7 +15,7 @@ from robustflow.corruptions.digital.tone import Contrast
 from robustflow.data.benchmarks import Benchmark
 from robustflow.media.flow import write_flow
 from robustflow.models import ModelSpec
-from robustflow.run.frame_stage import frames_digest
+from robustflow.run.stages import frames_digest
 from robustflow.run.store import RunFolder
 from robustflow.run.trust import write_array
 from robustflow.testing import TexturePairs, ZeroFlow

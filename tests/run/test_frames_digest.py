@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from blake3 import blake3
 
-from robustflow.run.frame_stage import frames_digest
+from robustflow.run.stages import frames_digest
 
 PAIR = tuple(np.random.default_rng(0).integers(0, 256, (2, 5, 7, 3), np.uint8))
 EMPTY = (np.empty((0, 7, 3), np.uint8),)

@@ -13,8 +13,7 @@ from robustflow import TorchModel, load_model
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
 from robustflow.run.costs import COUNTED_SIZE
-from robustflow.run.profile import count, count_prediction, measure_prediction, network_of
-from robustflow.run.profile_paper import EveryFlow
+from robustflow.run.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
 from robustflow.stats.published.tables import published_costs
 
 pytestmark = pytest.mark.torch

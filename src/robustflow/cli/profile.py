@@ -120,7 +120,7 @@ def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]"
 
 def _print_paper() -> None:
     from ..run.costs import COUNTED_SIZE
-    from ..run.profile_paper import count_as_the_paper
+    from ..run.profile import count_as_the_paper
     from ..stats.published.tables import published_costs
 
     line = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"

@@ -29,7 +29,7 @@ from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, pr
 from .cells import Cell
 from .data_files import file_digests
 from .plan import Plan, RunOptions, Unit
-from .seconds import Seconds, timed
+from .stages import Seconds, timed
 from .store import RunFolder
 from .trust import read_array, write_array
 

@@ -1,20 +1,22 @@
-"""Read and write small JSON files stored with a run's rows. Each file belongs to exactly one run and is untrusted.
-The cost of a run's model, measured by `robustflow profile MODEL --into RUN` and stored with the run's rows.
-Store the histogram of flow magnitudes with a run's rows, for its pages.
+"""Small files that are stored with a run's rows: the cost of its model and the histogram of its displacements.
+
+Each belongs to exactly one run and is untrusted.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import polars as pl
 from pydantic import Field, ValidationError, model_validator
 
-from ..core.errors import RunError, UsageError, first_misfit
+from ..core.errors import RobustFlowError, RunError, UsageError, first_misfit
 from ..core.files import sealed, unsealed, write_json
 from ..core.text import plain
 from ..core.types import Untrusted
@@ -22,6 +24,22 @@ from ..metrics.rows import CLEAN
 
 if TYPE_CHECKING:
     from .run import Run
+
+PROFILE, DISPLACEMENT = "profile.json", "displacement.json"
+COUNTED_SIZE = (432, 720)
+"""Height and width of the frames for which the paper reports costs, in pixels."""
+GROUND_TRUTH = "ground truth"
+"""Value of `source` for a histogram of the ground truth."""
+_COMMANDS = {PROFILE: "profile MODEL --into RUN", DISPLACEMENT: "reproduce displacement --into RUN"}
+_LARGEST = 1 << 20
+_MOST_BINS = 10_000
+
+_NOT_COMPARED = {
+    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
+}
+"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
+
+_Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
 class RunAttachment(Untrusted):
@@ -34,56 +52,37 @@ class RunAttachment(Untrusted):
 Attachment = TypeVar("Attachment", bound=RunAttachment)
 
 
-def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: str) -> Attachment:
-    """Parse the contents of such a file."""
+def _parse(kind: type[Attachment], data: bytes, path: str | Path) -> Attachment:
+    remedy = f"delete it, or recreate it with robustflow {_COMMANDS[Path(path).name]}"
     content = unsealed(data)
     if content is None:
-        raise RunError(
-            f"{name} is damaged (its content does not match its digest); delete it, or recreate it with robustflow "
-            f"{command}"
-        )
+        raise RunError(path, f"damaged (its content does not match its digest); {remedy}")
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
-        raise RunError(name, f"{first_misfit(error)}; delete it, or recreate it with robustflow {command}") from error
+        raise RunError(path, f"{first_misfit(error)}; {remedy}") from error
 
 
-def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
+def _read(kind: type[Attachment], run: Run, file: str) -> Attachment | None:
     """Read such a file from a run's folder; None if it does not exist."""
     path = run.path / file
     if not path.is_file():
         return None  # only regular files, because reading a pipe could block
     try:
         with open(path, "rb") as opened:
-            data = opened.read(largest)
+            data = opened.read(_LARGEST)
     except OSError:
         return None
-    contents = parse_attachment(kind, data, str(path), command)
-    if contents.run != run.manifest.identity_digest:
-        raise RunError(f"{path} belongs to a different run ({contents.run}); delete or recreate it")
-    return contents
+    content = _parse(kind, data, path)
+    if content.run != run.manifest.identity_digest:
+        raise RunError(path, f"belongs to a different run ({content.run}); delete or recreate it")
+    return content
 
 
-def write_attachment(run: Run, file: str, content: RunAttachment) -> Path:
-    """Store such a file in a run's folder, and return its path."""
+def _write(run: Run, file: str, content: RunAttachment) -> Path:
     path: Path = run.path / file
     write_json(path, sealed(content.model_dump()))
     return path
-
-
-PROFILE = "profile.json"
-COUNTED_SIZE = (432, 720)
-"""Height and width of the frames for which the paper reports costs, in pixels."""
-
-_LARGEST = 1 << 16
-_COMMAND = "profile MODEL --into RUN"
-
-_NOT_COMPARED = {
-    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
-}
-"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
-
-_Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
 class RunCost(RunAttachment):
@@ -113,12 +112,34 @@ class RunCost(RunAttachment):
 
 def parse_cost(data: bytes, name: str) -> RunCost:
     """Parse a cost from its file."""
-    return parse_attachment(RunCost, data, name, _COMMAND)
+    return _parse(RunCost, data, name)
 
 
 def read_cost(run: Run) -> RunCost | None:
     """Return the cost stored in a run's folder; None if it was not measured."""
-    return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
+    return _read(RunCost, run, PROFILE)
+
+
+def write_cost(run: Run, cost: RunCost) -> Path:
+    """Store a cost in the folder of its run."""
+    return _write(run, PROFILE, cost)
+
+
+def keep_cost(run: Run, model: Any) -> None:
+    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored."""
+    if "torch" not in sys.modules or (run.path / PROFILE).exists():
+        # if PyTorch is not loaded, the model cannot be a network; importing it would take longer than a small run
+        return
+    from .profile import count_prediction, network_of
+
+    height, width = COUNTED_SIZE
+    try:
+        counts = count_prediction(model, height, width)
+    except RobustFlowError:
+        return  # not a network, or its cost cannot be determined at this size
+    rounds = network_of(model).identity().get("iterations")
+    identity = run.manifest.identity_digest
+    write_cost(run, RunCost(run=identity, height=height, width=width, iterations=rounds, **asdict(counts)))
 
 
 def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
@@ -128,21 +149,10 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
         before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
         if before != here:
             raise UsageError(
-                f"{run.path} has a different model: its {key} is {plain(before)}, "
-                f"but the given model has {plain(here)}; profile the run's model with the run's options"
+                key,
+                f"{run.path} has a different model: {plain(before)}, but the given model has {plain(here)}; profile "
+                "the run's model with the run's options",
             )
-
-
-def write_cost(run: Run, cost: RunCost) -> Path:
-    """Store a cost in the folder of its run."""
-    return write_attachment(run, PROFILE, cost)
-
-
-DISPLACEMENT = "displacement.json"
-GROUND_TRUTH = "ground truth"
-"""Value of `source` for a histogram of the ground truth."""
-_LARGEST_DISPLACEMENT_FILE = 1 << 20
-_MOST_BINS = 10_000
 
 
 class DisplacementFile(RunAttachment):
@@ -172,9 +182,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
     """Return the histogram stored in a run's folder; None if it does not exist, or if the run now has different
     samples.
     """
-    displacement = read_attachment(
-        DisplacementFile, run, DISPLACEMENT, _LARGEST_DISPLACEMENT_FILE, "reproduce displacement --into RUN"
-    )
+    displacement = _read(DisplacementFile, run, DISPLACEMENT)
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
@@ -187,7 +195,7 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
         low=table["low"].to_list(),
         pixels=table["pixels"].to_list(),
     )
-    return write_attachment(run, DISPLACEMENT, content)
+    return _write(run, DISPLACEMENT, content)
 
 
 def clean_digests(run: Run) -> dict[str, str]:

@@ -15,8 +15,8 @@ from ..core.types import Flow, Mask, Sample
 from ..data.benchmarks import Benchmark
 from ..models.base import AnyModel, FlowLookup, FlowModel, describe_cell, predict_checked
 from .costs import GROUND_TRUTH, read_displacement, write_displacement
-from .frame_stage import frames_digest
 from .run import Run
+from .stages import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Bin edges of flow magnitudes in pixels; the last bin contains all magnitudes of at least 100."""

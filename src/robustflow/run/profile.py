@@ -1,12 +1,17 @@
-"""Count the parameters and multiply-accumulates of a network, both exactly and by the rules of the thop library.
-Find the PyTorch network inside a model, and count the cost of the model's predictions. Measure the time and
-memory of actual predictions.
+"""Count the parameters and multiply-accumulates of a network, exactly and as in the paper's Tab. 3 (Sec. 4.2), and
+measure the time and memory of actual predictions.
 
 The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
 upsampling). It ignores matrix products in correlation volumes and attention, layers that are not executed, and layers
 whose class is not exactly PyTorch's own. A module that is registered at two points in the network is hooked twice and
 added twice, so its operations are counted four times; this is the case for some norms in RAFT. thop's rules are
 reimplemented here from its observed behaviour, because thop modifies the network and is no longer maintained.
+
+The paper's FLOPs are thop's multiply-accumulates for 12 iterations at 1x3x432x720; for ARFlow they are measured at
+256x832, the size to which it resizes KITTI. FlowFormer++ was counted without the padding to multiples of 32 that is
+used in prediction. BrightFlow and SAMFlow were counted with a full-resolution flow after every iteration, as in
+training; in prediction, our versions only upsample the last flow, which saves the computation of eleven upsampling
+masks.
 """
 
 from __future__ import annotations
@@ -17,8 +22,7 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
@@ -34,9 +38,14 @@ from torch._subclasses.fake_tensor import (
 )
 from torch.utils.flop_counter import FlopCounterMode
 
-from ..core.errors import ModelError, RobustFlowError, UsageError
+from ..core.errors import AssetError, ModelError, RobustFlowError, UsageError
+from ..models import load_model
+from ..models.catalog import methods
 from ..models.tiling import TiledModel
 from ..models.torch.model import NetworkModel, TorchClipModel
+from ..models.torch.network import RANDOM
+
+_LOGGER = logging.getLogger("torch._subclasses.fake_tensor")
 
 
 @dataclass(frozen=True)
@@ -51,9 +60,10 @@ class Counts:
 
 def count(net: nn.Module, height: int, width: int) -> Counts:
     """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values."""
+    _LOGGER.disabled = True  # PyTorch logs a traceback in addition to raising an exception
     try:
         try:
-            with _unlogged(), FakeTensorMode(allow_non_fake_inputs=True):
+            with FakeTensorMode(allow_non_fake_inputs=True):
                 return _count(_copy(net), height, width)
         except (DataDependentOutputException, DynamicOutputShapeException):
             return _count(_copy(net), height, width)
@@ -65,17 +75,8 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
             f"the network fails on frames of {height}x{width} ({type(error).__name__}: {message}); many networks fail "
             "on small frames, so try a larger size"
         ) from error
-
-
-@contextmanager
-def _unlogged() -> Iterator[None]:
-    """Suppress the tracebacks that PyTorch logs in addition to the exceptions it raises for tensors without values."""
-    logger = logging.getLogger(torch._subclasses.fake_tensor.__name__)
-    before, logger.disabled = logger.disabled, True
-    try:
-        yield
     finally:
-        logger.disabled = before
+        _LOGGER.disabled = False
 
 
 def _copy(net: nn.Module) -> nn.Module:
@@ -216,3 +217,46 @@ def measure_prediction(model: NetworkModel | TiledModel, height: int, width: int
     peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0
     peak = peak or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
     return PredictionCost(min(seconds), peak, str(model.device))
+
+
+_UNPADDED = ("flowformer_pp",)
+_EVERY_FLOW = ("brightflow", "samflow_t", "samflow_b", "samflow_h")
+
+
+class EveryFlow(nn.Module):
+    """Wrapper that makes a network compute all its `flows`, one per iteration, instead of only the last one."""
+
+    def __init__(self, net: nn.Module) -> None:
+        super().__init__()
+        self.net = net
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Any:
+        """Return the result of the network's method `flows` for images (1, 3, H, W)."""
+        return self.net.flows(image1, image2)
+
+
+@dataclass(frozen=True)
+class Counted:
+    """One method from the paper's table, with costs counted by the paper's procedure."""
+
+    method: str
+    size: tuple[int, int]
+    counts: Counts | None
+    missing: str = ""
+
+
+def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
+    """Count the costs of the methods, one method at a time."""
+    names = {entry.method: name for name, entry in methods().items()}
+    for method in published:
+        name = names[method]
+        try:
+            model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
+        except (AssetError, ModelError) as error:
+            yield Counted(method, frames, None, str(error))
+            continue
+        if name in _UNPADDED:
+            model.net.model.output_stride = 8
+        size = model.convention.fitted_size(*frames)
+        net = EveryFlow(model.net) if name in _EVERY_FLOW else model.net
+        yield Counted(method, size, count(net, *size))

@@ -1,4 +1,4 @@
-"""Compute one unit in all stages: corrupt, predict, measure."""
+"""Compute one unit in all stages: prepare frames, predict, measure."""
 
 from __future__ import annotations
 
@@ -11,19 +11,30 @@ from typing import Any
 
 import numpy as np
 
+from ..core.errors import ModelError
 from ..core.processes import one_opencv_thread
-from ..core.types import Flow, Frame, Sample
+from ..core.types import Flow, Frame, Mask, Sample
+from ..corruptions.stack import truth_under
 from ..data.datasets.base import Dataset
-from ..metrics.rows import CLEAN
-from ..models.base import AnyModel
+from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
+from ..metrics.error_maps import epe_map, error_sum
+from ..metrics.rows import CLEAN, COVERAGES, measure
+from ..models.base import AnyModel, describe_cell
 from ..models.confidence import Answer, flow_of
 from .attack_stage import AttackStage, attack_columns
 from .cells import Cell
-from .frame_stage import FrameStage, Loaded
-from .measure_stage import MeasureStage
 from .plan import RunOptions, Unit
-from .predict_stage import PredictStage
-from .seconds import no_seconds
+from .stages import (
+    FrameStage,
+    OpenSample,
+    PredictStage,
+    Seconds,
+    frames_digest,
+    memory_errors_named,
+    no_seconds,
+    timed,
+)
+from .trust import check_same, read_array, write_array
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,117 @@ class View:
     flow: Flow
     clean_flow: Flow
     row: dict[str, Any]
+
+
+class MeasureStage:
+    """Compute rows, and store clean flows for the remaining cells of their samples."""
+
+    def __init__(
+        self,
+        options: RunOptions,
+        clean_path: Callable[[str], Path] | None,
+        kept: Mapping[str, dict[str, Any]],
+        seconds: Seconds,
+    ) -> None:
+        self._truths = dict.fromkeys((CLEAN, *options.attacks), "unchanged")
+        self._options = options.measuring
+        self._clean_path = clean_path
+        self._kept = kept
+        self._seconds = seconds
+
+    def read_clean(self, opened: OpenSample) -> None:
+        """Read the clean flow that an earlier unit of the sample stored, if any."""
+        if self._clean_path is not None:
+            opened.clean = read_array(self._clean_path(opened.sample.key), opened.clean_flow_key)
+            if opened.clean is not None:
+                self._check(opened, opened.clean)
+
+    def keep_clean(self, opened: OpenSample, clean: Answer) -> None:
+        """Store a newly predicted clean flow."""
+        opened.clean = clean
+        if self._clean_path is not None:
+            write_array(self._clean_path(opened.sample.key), clean, opened.clean_flow_key)
+        self._check(opened, clean)
+
+    def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
+        """Measure one row."""
+        assert opened.clean is not None
+        _, corruption, severity = cell
+        truth = self.truth(corruption)
+        sample, regions = opened.sample, opened.regions
+        if truth != "unchanged":
+            sample, regions = sample.without_truth(), None
+        with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
+            flow, clean_flow = flow_of(answer), flow_of(opened.clean)
+            about = {"corruption": corruption, "severity": severity, "truth": truth, "frames_digest": digest}
+            row = measure(flow, clean_flow, sample, regions, **about)
+            if self._options.draws > 1:
+                row |= _spread_column(answer, clean_flow, cell)
+            else:
+                row |= _confidence_columns(answer, clean_flow, sample)
+        if row["n_invalid"] and not self._options.allow_invalid:
+            raise _invalid(f"{row['n_invalid']} pixels", cell, "use --allow-invalid to exclude and count such pixels")
+        return row
+
+    def truth(self, name: str) -> str:
+        """Return what a corruption or an attack leaves of the ground truth (`Corruption.truth`)."""
+        if name not in self._truths:
+            self._truths[name] = truth_under(name)
+        return self._truths[name]
+
+    def digest(self, frames: tuple[Frame, ...]) -> str:
+        """Return the digest of a cell's pair."""
+        with timed(self._seconds, "measure"):
+            return frames_digest(frames[:2])
+
+    def _check(self, opened: OpenSample, clean: Answer) -> None:
+        """Measuring a sample again must yield the clean row that the run already has."""
+        key = opened.sample.key
+        if key in self._kept:
+            check_same(self._kept[key], self.row(opened, clean, self.digest(opened.sample.frames), (key, CLEAN, 0)))
+
+
+def _invalid(what: str, cell: Cell, remedy: str) -> ModelError:
+    return ModelError(
+        f"the model returned {what} that are NaN or infinite on {describe_cell(*cell)}; fix the model, or {remedy}"
+    )
+
+
+def _confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict[str, Any]:
+    """Return the columns of the confidence of a flow; empty if it has none."""
+    if answer.shape[2] == 2:
+        return {}
+    flow = flow_of(answer)
+    usable = np.isfinite(flow).all(axis=2) & np.isfinite(clean_flow).all(axis=2)
+    columns: dict[str, Any] = {}
+    if answer.shape[2] == 4:
+        confidence, rejected = forward_backward(flow, np.ascontiguousarray(answer[..., 2:]))
+        columns["rejected_count"] = int(np.count_nonzero(rejected & usable))
+    else:
+        confidence = answer[..., 2].astype(np.float64)
+    if sample.flow is None or sample.valid is None:
+        return columns
+    measured = usable & sample.valid
+    errors, confidence = epe_map(flow, sample.flow)[measured], confidence[measured]
+    curves = sparsification(errors, confidence)
+    if curves is None:
+        return columns
+    columns |= {"ause": curves.ause, "confidence_spearman": confidence_correlation(errors, confidence)}
+    for share in COVERAGES:
+        columns[f"error_at_{share}"] = float(curves.by_confidence[STEPS - share])
+        columns[f"oracle_at_{share}"] = float(curves.by_error[STEPS - share])
+    return columns
+
+
+def _spread_column(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:
+    """Return the spread over the draws; empty for an attack, which has one draw."""
+    if answer.shape[2] == 2:
+        return {}
+    usable: Mask = np.logical_and(np.isfinite(answer[..., :2]).all(axis=2), np.isfinite(clean_flow).all(axis=2))
+    spread = answer[..., 2].astype(np.float64)
+    if not np.isfinite(spread[usable]).all():
+        raise _invalid("pixels of an additional draw", cell, "omit --seeds")
+    return {"spread_sum": error_sum(spread, usable).total}
 
 
 class Worker:
@@ -57,77 +179,73 @@ class Worker:
         self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
         self._batch_size = batch_size
         self.batches_attacks = batch_size > 1 and getattr(model, "batched_gradients", False) is True
-        self._last: tuple[Loaded, Answer] | None = None
+        self._last: OpenSample | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
         """Return the rows of a unit, in the order of its severities."""
-        loaded, clean = self._load(unit.key)
+        opened, clean = self._open(unit.key)
         if unit.corruption == CLEAN:
-            return [self._row(loaded, clean, clean, loaded.sample.frames, (unit.key, CLEAN, 0))]
+            return [self._row(opened, clean, opened.sample.frames, (unit.key, CLEAN, 0))]
         if unit.corruption in self._attacks.names:
             return self.run_attack([unit])[0]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
             cells = unit.cells[start : start + self._batch_size]
-            corrupted = [self._frames.corrupt(loaded.sample, name, severity) for _, name, severity in cells]
-            requests = [
-                self._frames.request(loaded.sample, cell, frames) for cell, frames in zip(cells, corrupted, strict=True)
-            ]
-            flows = self._model.predict(requests)
-            for flow, frames, cell in zip(flows, corrupted, cells, strict=True):
-                rows.append(self._row(loaded, clean, flow, frames, cell))
+            corrupted = [self._frames.corrupt(opened.sample, name, severity) for _, name, severity in cells]
+            requests = [self._frames.request(opened.sample, *one) for one in zip(cells, corrupted, strict=True)]
+            for flow, frames, cell in zip(self._model.predict(requests), corrupted, cells, strict=True):
+                rows.append(self._row(opened, flow, frames, cell))
         return rows
 
     def run_attack(self, units: Sequence[Unit]) -> list[list[dict[str, Any]]]:
         """Return the rows of the units of one attack; cells of different samples can share a batch."""
-        targets = [(*self._load(unit.key), cell) for unit in units for cell in unit.cells]
+        targets = [(*self._open(unit.key), cell) for unit in units for cell in unit.cells]
         starts = range(0, len(targets), self._batch_size)
         rows = chain.from_iterable(self._attacked(targets[start : start + self._batch_size]) for start in starts)
         return [list(islice(rows, len(unit.cells))) for unit in units]
 
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return its frames, flows and row."""
-        loaded, clean = self._load(key)
-        cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
-        (flow,) = self._model.predict([self._frames.request(loaded.sample, cell, frames)])
-        row = self._row(loaded, clean, flow, frames, cell)
-        return View(loaded.under(row["truth"]).sample, frames, flow_of(flow), flow_of(clean), row)
+        opened, clean = self._open(key)
+        cell, frames = (key, corruption, severity), self._frames.corrupt(opened.sample, corruption, severity)
+        (flow,) = self._model.predict([self._frames.request(opened.sample, cell, frames)])
+        row = self._row(opened, flow, frames, cell)
+        sample = opened.sample if row["truth"] == "unchanged" else opened.sample.without_truth()
+        return View(sample, frames, flow_of(flow), flow_of(clean), row)
 
     def sample(self, key: str) -> Sample:
         """Return a sample with its clean frames."""
-        return self._load(key)[0].sample
+        return self._open(key)[0].sample
 
     def clean_flow(self, key: str) -> Flow:
         """Return the flow between a sample's clean frames, float32 (H, W, 2), in pixels."""
-        return flow_of(self._load(key)[1])
+        return flow_of(self._open(key)[1])
 
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """Return the corrupted frames of a cell."""
-        return self._frames.corrupt(self._load(key)[0].sample, corruption, severity)
+        return self._frames.corrupt(self._open(key)[0].sample, corruption, severity)
 
-    def _load(self, key: str) -> tuple[Loaded, Answer]:
-        if self._last is None or self._last[0].sample.key != key:
+    def _open(self, key: str) -> tuple[OpenSample, Answer]:
+        if self._last is None or self._last.sample.key != key:
             self._last = None  # release the previous sample before the next one is read
-            loaded = self._frames.load(key)
-            clean = self._measure.stored_clean(loaded)
-            if clean is None:
-                sample = loaded.sample
-                (clean,) = self._model.predict([self._frames.request(sample, (key, CLEAN, 0), sample.frames)])
-                self._measure.keep_clean(loaded, clean)
-            self._last = (loaded, clean)
-        return self._last
+            opened = self._frames.load(key)
+            self._measure.read_clean(opened)
+            if opened.clean is None:
+                request = self._frames.request(opened.sample, (key, CLEAN, 0), opened.sample.frames)
+                self._measure.keep_clean(opened, self._model.predict([request])[0])
+            self._last = opened
+        assert self._last.clean is not None
+        return self._last, self._last.clean
 
-    def _attacked(self, targets: Sequence[tuple[Loaded, Answer, Cell]]) -> list[dict[str, Any]]:
-        attacked = self._attacks.attack([(loaded.sample, flow_of(clean), cell) for loaded, clean, cell in targets])
+    def _attacked(self, targets: Sequence[tuple[OpenSample, Answer, Cell]]) -> list[dict[str, Any]]:
+        attacked = self._attacks.attack([(opened.sample, flow_of(clean), cell) for opened, clean, cell in targets])
         return [
-            self._row(loaded, clean, one.flow, one.frames, cell) | attack_columns(one, loaded.sample)
-            for one, (loaded, clean, cell) in zip(attacked, targets, strict=True)
+            self._row(opened, one.flow, one.frames, cell) | attack_columns(one, opened.sample)
+            for one, (opened, _, cell) in zip(attacked, targets, strict=True)
         ]
 
-    def _row(
-        self, loaded: Loaded, clean: Answer, flow: Answer, frames: tuple[Frame, ...], cell: Cell
-    ) -> dict[str, Any]:
-        return self._measure.row(loaded, clean, flow, self._measure.digest(frames), cell)
+    def _row(self, opened: OpenSample, flow: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
+        return self._measure.row(opened, flow, self._measure.digest(frames), cell)
 
 
 @contextmanager

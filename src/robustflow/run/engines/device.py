@@ -26,11 +26,9 @@ from ...models import ModelSpec
 from ...models.base import AnyModel, describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
-from ..frame_stage import FrameStage, Loaded
-from ..measure_stage import MeasureStage
 from ..plan import Unit
-from ..predict_stage import PredictionRequest, PredictStage
-from ..seconds import no_seconds, pop_timings, timed
+from ..stages import FrameStage, OpenSample, PredictionRequest, PredictStage, no_seconds, pop_timings, timed
+from ..worker import MeasureStage
 from .base import Job
 
 BATCHES_PER_FEEDER = 4
@@ -124,21 +122,11 @@ def _answer(stage: PredictStage, batch: Batch, requests: list[SharedRequest]) ->
         batch.array(one.begin, flow.shape, np.float32)[:] = flow
 
 
-@dataclass
-class _OpenSample:
-    """A sample in progress: its clean flow is known or has been requested."""
-
-    loaded: Loaded
-    clean: Answer | None
-    unmeasured: int = 0
-    """Cells whose flow has not arrived, including the clean cell."""
-
-
 @dataclass(frozen=True)
 class _Sent:
     """A cell whose flow has been requested."""
 
-    sample: _OpenSample
+    opened: OpenSample
     shared: SharedRequest
     digest: str
     wanted: bool
@@ -172,7 +160,7 @@ class Feeder:
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
         self._measure = MeasureStage(job.options, job.clean_path, job.kept, self._seconds)
         self._units: dict[tuple[str, str], _OpenUnit] = {}
-        self._samples: dict[str, _OpenSample] = {}
+        self._samples: dict[str, OpenSample] = {}
         self._free = deque(range(len(batches)))
         self._filling: list[_Sent] = []
         """The batch that is being filled, in the first of the free places."""
@@ -204,41 +192,39 @@ class Feeder:
         key, corruption, severity = cell
         self._driver.send(("doing", describe_cell(*cell)))
         if key not in self._samples:
-            loaded = self._frames.load(key)
-            sample = self._samples[key] = _OpenSample(loaded, self._measure.stored_clean(loaded))
-            if sample.clean is None:
+            opened = self._samples[key] = self._frames.load(key)
+            self._measure.read_clean(opened)
+            if opened.clean is None:
                 clean_cell = (key, CLEAN, 0)
                 self._send()
-                self._request(sample, clean_cell, loaded.sample.frames, wanted=cell == clean_cell)
+                self._request(opened, clean_cell, opened.sample.frames, wanted=cell == clean_cell)
                 self._send()  # predicted alone, as in the other engines
                 if cell == clean_cell:
                     unit.cells.popleft()
             return
-        sample = self._samples[key]
+        opened = self._samples[key]
         unit.cells.popleft()
         if corruption == CLEAN:
-            assert sample.clean is not None
-            self._measure_cell(sample, cell, sample.clean, self._measure.digest(sample.loaded.sample.frames))
+            assert opened.clean is not None
+            self._measure_cell(opened, cell, opened.clean, self._measure.digest(opened.sample.frames))
         else:
-            frames = self._frames.corrupt(sample.loaded.sample, corruption, severity)
-            self._request(sample, cell, frames, wanted=True)
+            self._request(opened, cell, self._frames.corrupt(opened.sample, corruption, severity), wanted=True)
 
-    def _request(self, sample: _OpenSample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
+    def _request(self, opened: OpenSample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
         """Copy the frames of a cell into the current batch, and send the batch if it is full."""
-        if self._filling and self._filling[0].sample is not sample:
+        if self._filling and self._filling[0].opened is not opened:
             self._send()
         digest = self._measure.digest(frames)
-        request = self._frames.request(sample.loaded.sample, cell, frames)
+        request = self._frames.request(opened.sample, cell, frames)
         shape = (len(request.frames), *request.frames[0].shape)
-        height, width = sample.loaded.sample.shape
+        height, width = opened.sample.shape
         size = max(shape[0] * 3, 4 * self._channels) * height * width
         begin = len(self._filling) * size
         batch = self._batches[self._free[0]]
         batch.reserve(begin + size)
         with timed(self._seconds, "predict"):
             np.stack(request.frames, out=batch.array(begin, shape, np.uint8))
-        self._filling.append(_Sent(sample, SharedRequest(replace(request, frames=()), begin, shape), digest, wanted))
-        sample.unmeasured += 1
+        self._filling.append(_Sent(opened, SharedRequest(replace(request, frames=()), begin, shape), digest, wanted))
         if len(self._filling) == self._batch_size:
             self._send()
 
@@ -260,28 +246,25 @@ class Feeder:
         index, batch = self._in_flight.popleft()
         self._seconds["predict"] += predicting
         for sent in batch:
-            sample, cell = sent.sample, sent.shared.request.cell
-            shape = (*sample.loaded.sample.shape, self._channels)
+            cell = sent.shared.request.cell
+            shape = (*sent.opened.sample.shape, self._channels)
             flow: Answer = self._batches[index].array(sent.shared.begin, shape, np.float32)
             if cell[1] == CLEAN:
-                sample.clean = flow.copy()
-                self._measure.keep_clean(sample.loaded, sample.clean)
-            sample.unmeasured -= 1
+                self._measure.keep_clean(sent.opened, flow.copy())
             if sent.wanted:
-                self._measure_cell(sample, cell, flow, sent.digest)
+                self._measure_cell(sent.opened, cell, flow, sent.digest)
         self._free.append(index)
 
-    def _measure_cell(self, sample: _OpenSample, cell: Cell, flow: Answer, digest: str) -> None:
-        """Measure a row, and send the rows of its unit if it is the last."""
-        assert sample.clean is not None  # the device answers in order, and the clean flow was requested first
+    def _measure_cell(self, opened: OpenSample, cell: Cell, flow: Answer, digest: str) -> None:
+        """Measure a row, and send the rows of its unit if it is the last. The clean flow is known, because it was
+        requested first and the device answers in order."""
         key, corruption, severity = cell
         open_unit = self._units[key, corruption]
-        open_unit.rows[severity] = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
+        open_unit.rows[severity] = self._measure.row(opened, flow, digest, cell)
         unit = open_unit.unit
         if len(open_unit.rows) == len(unit.severities):
             rows = [open_unit.rows[severity] for severity in unit.severities]
             self._driver.send(("rows", (unit, rows, pop_timings(self._seconds))))
             del self._units[key, corruption]
         needed = {key, *(other for other, _ in self._units)}
-        for name in [name for name, one in self._samples.items() if not one.unmeasured and name not in needed]:
-            del self._samples[name]
+        self._samples = {name: one for name, one in self._samples.items() if name in needed}

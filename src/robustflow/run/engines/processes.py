@@ -22,7 +22,7 @@ from ...core.processes import Child, one_opencv_thread
 from ...models import ModelSpec
 from ...models.base import describe_cell
 from ..plan import Unit
-from ..seconds import pop_timings
+from ..stages import pop_timings
 from .base import Engine, FinishedUnit, FinishedUnits, Job, Schedule, pickled
 from .device import BATCHES_PER_FEEDER, Batch, feed_forever, predict_forever
 

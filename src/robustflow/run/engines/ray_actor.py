@@ -113,7 +113,7 @@ class UnitActor:
         return _device()
 
     def _run(self, unit: Unit, files: Files) -> tuple[list[dict[str, Any]], dict[str, float]]:
-        from ..seconds import pop_timings
+        from ..stages import pop_timings
 
         assert self._worker is not None
         self._check_files(files)

@@ -1,0 +1,291 @@
+"""Two of the three stages of a cell: prepare its frames, and predict their flow. The third, measuring, is in `worker`,
+which runs all of them in sequence; with a model on an accelerator, the stages run in different processes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import cv2
+import numpy as np
+
+from ..core.errors import DataError, RunError, UsageError, first_line
+from ..core.files import quick_digest_of_bytes
+from ..core.types import Flow, Frame, Sample, SceneDepth
+from ..corruptions.api import corrupt_clip, load_corruption
+from ..corruptions.base import Corruption
+from ..corruptions.own import register_custom
+from ..corruptions.registry import SHIPPED
+from ..data.datasets.base import Clips, Dataset, PreCorrupted
+from ..data.datasets.clips import ContextFrames
+from ..data.datasets.own import load_checked
+from ..metrics.regions import Regions
+from ..metrics.rows import CLEAN
+from ..models.base import (
+    AnyModel,
+    BatchedFlowModel,
+    ClipModel,
+    FlowLookup,
+    FlowModel,
+    describe_cell,
+    describe_cells,
+    place_of_pair,
+    predict_batch_checked,
+    predict_checked,
+    predict_clip_checked,
+)
+from ..models.confidence import (
+    FORWARD_BACKWARD,
+    OF_MODEL,
+    Answer,
+    ConfidentModel,
+    predict_with_confidence_checked,
+    with_back,
+    with_spread,
+)
+from .cells import Cell
+from .example_cells import keep_picture
+from .plan import RunOptions
+
+Seconds = dict[str, float]
+"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and one entry per attack, such as "attack
+pgd", whose time is included in "attack"."""
+
+
+def no_seconds() -> Seconds:
+    """Return all counters, set to zero."""
+    return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
+
+
+@contextmanager
+def timed(seconds: Seconds, kind: str) -> Iterator[None]:
+    """Add the duration of the block."""
+    start = time.perf_counter()
+    yield
+    seconds[kind] = seconds.get(kind, 0.0) + time.perf_counter() - start
+
+
+def pop_timings(seconds: Seconds) -> Seconds:
+    """Return the seconds spent since the last call, and reset all counters.
+
+    >>> seconds = no_seconds()
+    >>> seconds["load"] = 2.0
+    >>> pop_timings(seconds)["load"], seconds["load"]
+    (2.0, 0.0)
+    """
+    so_far = dict(seconds)
+    seconds.clear()
+    seconds.update(no_seconds())
+    return so_far
+
+
+@contextmanager
+def memory_errors_named(doing: str) -> Iterator[None]:
+    """Within the block, convert NumPy's and OpenCV's errors about lack of memory."""
+    try:
+        yield
+    except (MemoryError, cv2.error) as error:
+        if isinstance(error, cv2.error) and getattr(error, "code", None) != cv2.Error.StsNoMem:
+            raise
+        raise RunError(
+            doing, f"not enough memory ({first_line(error)}); try fewer --workers, a smaller --batch-size or frames"
+        ) from error
+
+
+def frames_digest(frames: tuple[Frame, ...]) -> str:
+    """Return a digest of the bytes and sizes of frames, in row order, as 32 hexadecimal digits."""
+    content = ((str(frame.shape).encode(), np.ascontiguousarray(frame).reshape(-1).data) for frame in frames)
+    return quick_digest_of_bytes(*chain.from_iterable(content))
+
+
+@dataclass
+class OpenSample:
+    """A sample in progress, with values that are computed once per sample."""
+
+    sample: Sample
+    regions: Regions | None
+    clean_flow_key: str
+    clean: Answer | None = None
+    """The answer to the clean frames, once it is known."""
+
+
+@dataclass(frozen=True)
+class PredictionRequest:
+    """A request for the flow of one cell."""
+
+    cell: Cell
+    frames: tuple[Frame, ...]
+    """The frames of all draws."""
+    index: int | None = None
+    """The place of the pair among the frames of a multi-frame model."""
+    draws: int = 1
+
+
+class FrameStage:
+    """Read samples, corrupt their frames, and put them in the order that the model expects."""
+
+    def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:
+        self._dataset = dataset
+        self._options = options
+        self._seconds = seconds
+        self._context = None
+        if options.window is not None:
+            assert isinstance(dataset, Clips)
+            self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            register_custom(made)
+        self._corruptions: dict[str, Corruption] = {}
+        self._repeated: set[str] = set()
+        """The user's corruptions and stacks that are known to return the same frames on every call."""
+        self._last_depth: tuple[str, SceneDepth] | None = None
+
+    def load(self, key: str) -> OpenSample:
+        """Read a sample."""
+        with timed(self._seconds, "load"):
+            sample = load_checked(self._dataset, key)
+            if self._context is not None:
+                sample = self._context.add(sample)
+            if sample.valid is not None and not sample.valid.any():
+                raise DataError(
+                    f"sample '{key}'",
+                    "its ground truth marks no pixel as valid, so no error can be measured; exclude it with --split, "
+                    "or restore the flow file",
+                )
+            regions = Regions.of(sample) if sample.flow is not None else None
+            return OpenSample(sample, regions, f"{self._options.run} {key} {frames_digest(sample.frames)}")
+
+    def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
+        """Return the frames of a sample under the first draw of a corruption, in the sample's order."""
+        frames = self._corrupted(sample, name, severity, self._options.frames.seed)
+        if self._options.pictures is not None:
+            keep_picture(self._options.pictures, frames, sample.frames, name, severity)
+        return frames
+
+    def request(self, sample: Sample, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
+        """Return the request for the flow of a cell. Clean frames and attacks have one draw, which is repeated."""
+        key, name, severity = cell
+        draws = [frames]
+        seed = self._options.frames.seed
+        for other in range(seed + 1, seed + self._options.measuring.draws):
+            draws.append(frames if name == CLEAN else self._corrupted(sample, name, severity, other))
+        place = None
+        if self._context is not None:
+            draws = [self._context.in_order(key, each) for each in draws]
+            place = place_of_pair(self._context.offsets(key))
+        return PredictionRequest(cell, tuple(chain.from_iterable(draws)), place, len(draws))
+
+    def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
+        options = self._options.frames
+        with memory_errors_named(describe_cell(sample.key, name, severity)), timed(self._seconds, "corrupt"):
+            # precomputed corrupted frames have the paper's severities
+            paper = options.severity_scale == "paper"
+            if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
+                made = self._dataset if self._context is None else self._context
+                return made.corrupted(sample.key, name, severity)
+            if name not in self._corruptions:
+                classes = self._options.classes
+                self._corruptions[name] = load_corruption(name, options.variant, options.severity_scale, classes)
+            frames = self._applied(sample, self._corruptions[name], severity, seed)
+            if name not in SHIPPED and name not in self._repeated:
+                self._repeated.add(name)
+                again = self._applied(sample, self._corruptions[name], severity, seed)
+                if not all(map(np.array_equal, frames, again)):
+                    raise UsageError(
+                        name,
+                        "this corruption returns different frames on every call, so the results could not be repeated: "
+                        "draw all random numbers from `rng`",
+                    )
+            return frames
+
+    def _applied(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+        common = self._options.frames.common_draws
+        if self._context is not None:
+            return self._context.corrupt(sample, corruption, severity, seed, common)
+        depth = self._depth(sample) if corruption.needs_depth else None
+        return tuple(
+            corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common, depth=depth)
+        )
+
+    def _depth(self, sample: Sample) -> SceneDepth | None:
+        """Return the depth of a sample; the depth of the latest sample is cached."""
+        if self._options.depth is None:
+            return None
+        if self._last_depth is None or self._last_depth[0] != sample.key:
+            self._last_depth = None  # released before the next depth is read
+            self._last_depth = sample.key, self._options.depth.depth(sample)
+        return self._last_depth[1]
+
+
+class PredictStage:
+    """Call a model, and check that it returns flows."""
+
+    def __init__(
+        self, model: AnyModel, confidence: str | None, seconds: Seconds, on_predict: Callable[[str | None], None]
+    ) -> None:
+        self._model = model
+        self._confidence = confidence
+        self._seconds = seconds
+        self._on_predict = on_predict
+
+    def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
+        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`."""
+        with timed(self._seconds, "predict"):
+            if requests[0].draws > 1:
+                answers = list(map(self._predict_draws, requests))
+            elif self._confidence == OF_MODEL:
+                answers = list(map(self._predict_with_confidence, requests))
+            else:
+                answers = self._flows(requests)
+            if self._confidence == FORWARD_BACKWARD:
+                answers = list(map(with_back, answers, self._flows_back(requests, answers)))
+            return answers
+
+    @contextmanager
+    def _announced(self, *requests: PredictionRequest) -> Iterator[None]:
+        """Wrap one call of the model."""
+        self._on_predict(describe_cells([request.cell for request in requests]))
+        yield
+        self._on_predict(None)
+
+    def _predict_with_confidence(self, request: PredictionRequest) -> Answer:
+        assert isinstance(self._model, ConfidentModel)
+        with self._announced(request):
+            return predict_with_confidence_checked(self._model, request.frames, describe_cell(*request.cell))
+
+    def _predict_draws(self, request: PredictionRequest) -> Answer:
+        """Return the flow of the first draw, with the spread over all draws; draws with the same frames as the first
+        are not predicted again."""
+        count = len(request.frames) // request.draws
+        draws = [request.frames[start : start + count] for start in range(0, len(request.frames), count)]
+        first = self._predict_once(replace(request, frames=draws[0]))
+        flows = [
+            first if all(map(np.array_equal, frames, draws[0])) else self._predict_once(replace(request, frames=frames))
+            for frames in draws[1:]
+        ]
+        return with_spread([first, *flows])
+
+    def _flows(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
+        if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):
+            cells = [request.cell for request in requests]
+            with self._announced(*requests):
+                return predict_batch_checked(self._model, [request.frames for request in requests], cells)
+        return [self._predict_once(request) for request in requests]
+
+    def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
+        """Predict the flows from frame 2 to frame 1; if the frames are equal, the flow is already known."""
+        known = [np.array_equal(request.frames[0], request.frames[1]) for request in requests]
+        asked = [replace(one, frames=one.frames[1::-1]) for one, same in zip(requests, known, strict=True) if not same]
+        back = iter(self._flows(asked))
+        return [flow if same else next(back) for flow, same in zip(flows, known, strict=True)]
+
+    def _predict_once(self, request: PredictionRequest) -> Flow:
+        with self._announced(request):
+            if request.index is not None:
+                assert isinstance(self._model, ClipModel)
+                return predict_clip_checked(self._model, request.frames, request.index, *request.cell)
+            assert isinstance(self._model, FlowModel | FlowLookup)
+            return predict_checked(self._model, request.frames, *request.cell)
