@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import polars as pl
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from ..core.errors import RobustFlowError, RunError, UsageError, first_misfit
-from ..core.files import sealed, unsealed, write_json
+from ..core.errors import RobustFlowError, RunError, UsageError
+from ..core.files import write_bytes
 from ..core.text import plain
 from ..core.types import Untrusted
 from ..metrics.rows import CLEAN
+from .trust import document_bytes, parse_document, read_document
 
 if TYPE_CHECKING:
     from .run import Run
@@ -52,36 +53,22 @@ class RunAttachment(Untrusted):
 Attachment = TypeVar("Attachment", bound=RunAttachment)
 
 
-def _parse(kind: type[Attachment], data: bytes, path: str | Path) -> Attachment:
-    remedy = f"delete it, or recreate it with robustflow {_COMMANDS[Path(path).name]}"
-    content = unsealed(data)
-    if content is None:
-        raise RunError(path, f"damaged (its content does not match its digest); {remedy}")
-    try:
-        return kind.model_validate_json(content)
-    except ValidationError as error:
-        raise RunError(path, f"{first_misfit(error)}; {remedy}") from error
+def _remedy(file: str) -> str:
+    return f"delete it, or recreate it with robustflow {_COMMANDS[file]}"
 
 
 def _read(kind: type[Attachment], run: Run, file: str) -> Attachment | None:
     """Read such a file from a run's folder; None if it does not exist."""
     path = run.path / file
-    if not path.is_file():
-        return None  # only regular files, because reading a pipe could block
-    try:
-        with open(path, "rb") as opened:
-            data = opened.read(_LARGEST)
-    except OSError:
-        return None
-    content = _parse(kind, data, path)
-    if content.run != run.manifest.identity_digest:
-        raise RunError(path, f"belongs to a different run ({content.run}); delete or recreate it")
+    content = read_document(kind, path, _LARGEST, _remedy(file))
+    if content is not None and content.run != run.manifest.identity_digest:
+        raise RunError(path, f"belongs to a different run ({content.run}); {_remedy(file)}")
     return content
 
 
 def _write(run: Run, file: str, content: RunAttachment) -> Path:
     path: Path = run.path / file
-    write_json(path, sealed(content.model_dump()))
+    write_bytes(path, document_bytes(content.model_dump()))
     return path
 
 
@@ -112,7 +99,7 @@ class RunCost(RunAttachment):
 
 def parse_cost(data: bytes, name: str) -> RunCost:
     """Parse a cost from its file."""
-    return _parse(RunCost, data, name)
+    return parse_document(RunCost, data, name, _remedy(PROFILE))
 
 
 def read_cost(run: Run) -> RunCost | None:
