@@ -34,9 +34,8 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.demo import DEMO_CLASSES
 from robustflow.data.benchmarks.export import export
 from robustflow.media.images import read_image, write_image
-from robustflow.run.frame_stage import FrameStage, frames_digest
-from robustflow.run.seconds import no_seconds
 from robustflow.run.setup import set_up_frames
+from robustflow.run.stages import FrameStage, frames_digest, no_seconds
 from robustflow.testing import ZeroFlow
 
 from ..refusals import refusal
