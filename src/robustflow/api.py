@@ -206,7 +206,7 @@ def evaluate(
     from .core.processes import refuse_unguarded_script
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
-    from .run.example_cells import capture_slider_pictures
+    from .run.examples import capture_slider_pictures
     from .run.progress import shown
     from .run.setup import open_benchmark, set_up
     from .run.source import RunSource, default_folder, warn_of_a_fresh_start

@@ -13,13 +13,10 @@ import re
 import secrets
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+from contextlib import suppress
 from pathlib import Path
 from statistics import fmean
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import polars as pl
@@ -33,9 +30,6 @@ from ..metrics.error_maps import cre as cre_of
 from ..metrics.means import averaged_rows
 from ..metrics.rows import CLEAN, ROW_KEY
 from .run import Run
-
-if TYPE_CHECKING:
-    from .setup import Setup
 
 FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 SLIDER_WIDTH = 384
@@ -148,19 +142,6 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
     """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two."""
     changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
     return jpeg_bytes(shrunk((changed or frames)[0], SLIDER_WIDTH))
-
-
-@contextmanager
-def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
-    """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
-    show is already known.
-    """
-    if len(setup.plan.benchmark.keys) > 1:
-        yield setup
-        return
-    with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
-        options = replace(setup.options, pictures=Path(pictures))
-        yield replace(setup, plan=replace(setup.plan, options=options))
 
 
 def keep_picture(

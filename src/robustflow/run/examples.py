@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import secrets
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import polars as pl
@@ -33,6 +37,19 @@ from .worker import View, Worker, temporary_worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
+
+
+@contextmanager
+def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
+    """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
+    show is already known.
+    """
+    if len(setup.plan.benchmark.keys) > 1:
+        yield setup
+        return
+    with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
+        options = replace(setup.options, pictures=Path(pictures))
+        yield replace(setup, plan=replace(setup.plan, options=options))
 
 
 def write_examples(run: Run, setup: Setup) -> bool:
