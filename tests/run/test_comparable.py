@@ -127,10 +127,7 @@ def test_common_rows_leave_out_what_differs_entirely():
     (one, _), remark = common_rows([rows(), other], ["A", "B"])
     assert set(one["corruption"]) == {CLEAN, "snow"}
     assert one.height == 18
-    assert remark == (
-        "Only rows that both measured are compared: 18 rows (clean or corrupted pairs) out of the 30 in A and the 30 "
-        "in B. Left out, because the frames or the ground truth differ: 1 corruption (fog)."
-    )
+    assert all(part in remark for part in ("18", "30 in A", "30 in B", "1 corruption (fog)"))
     other = edited("truth_digest", pl.col("sample") == "3")
     (one, _), remark = common_rows([rows(), other], ["A", "B"])
     assert "3" not in set(one["sample"])
@@ -138,21 +135,12 @@ def test_common_rows_leave_out_what_differs_entirely():
     assert common_rows([rows(), rows(1.0)], ["A", "B"])[1] == ""
 
 
-def test_comparison_over_different_ground_truth_is_refused(base):
-    other = rows().with_columns(truth_digest=pl.lit("1.5 times"))
-    with pytest.raises(RunError, match=r"A and B were measured against different ground truth .*A has ground truth"):
-        common_to({"A": made_run(base, rows()), "B": made_run(base, other)})
-
-
-def test_benchmarks_without_a_common_frame_are_named(base):
-    far = rows().with_columns(sample=pl.lit("x") + pl.col("sample"))
-    runs = {"A": made_run(base, rows(), benchmark="kitti-fc"), "B": made_run(base, far, benchmark="middlebury")}
-    with pytest.raises(RunError) as error:
-        common_to(runs)
-    assert str(error.value) == (
-        "A was measured on KITTI-FC and B on Middlebury optical flow, which have no frames in common; compare runs on "
-        "the same benchmark"
-    )
+def test_comparison_without_a_common_frame_or_over_different_ground_truth_is_refused(base):
+    first = made_run(base, rows(), benchmark="kitti-fc")
+    other_truth = rows().with_columns(truth_digest=pl.lit("1.5 times"))
+    other_frames = rows().with_columns(sample=pl.lit("x") + pl.col("sample"))
+    for second in (made_run(base, other_truth), made_run(base, other_frames, benchmark="middlebury")):
+        refusal(lambda second=second: common_to({"A": first, "B": second}), RunError, "A and B")
 
 
 def test_one_benchmark_under_two_names_is_compared_where_the_frames_are_equal(base):
@@ -230,6 +218,6 @@ def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_record
     assert [note.rpartition("; ")[2] for note in comparison_notes([dry, wet])] == ["weather dry", "weather wet"]
     packed = load_any_run(pack(dry, tmp_path / "a.robustflow"))
     assert packed.manifest.identity == dry.manifest.identity
-    with pytest.raises(RunError, match="weather: dry, here wet"):
+    with pytest.raises(RunError, match="weather"):
         recheck(packed.manifest.identity, packed.rows)
     assert recheck(wet.manifest.identity, wet.rows)

@@ -9,10 +9,10 @@ user's corruption, ...) and the rows.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import polars as pl
 
@@ -65,60 +65,48 @@ def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
     """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
-    rows ("" if there are none).
+    rows ("" if there are none); raise a RunError if there are no such rows.
     """
     parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
     shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
+    every = joined(list(names))
     if shared.is_empty():
-        raise RunError(f"{joined(list(names))} have no sample, corruption and severity in common")
-    same = shared.with_columns(
-        **{
-            name: pl.all_horizontal(
+        raise RunError(every, "no sample, corruption and severity in common")
+    same = shared.select(
+        *ROW_KEY,
+        *(
+            pl.all_horizontal(
                 pl.col("_0").struct.field(name).eq_missing(pl.col(f"_{index}").struct.field(name))
                 for index in range(len(parts))
-            )
+            ).alias(name)
             for name in _DIGESTS
-        }
-    ).select(*ROW_KEY, *_DIGESTS)
+        ),
+    )
     differ = ~(pl.col("frames_digest") & pl.col("truth_digest"))
     pairs = same.filter(differ, corruption=CLEAN)["sample"].unique().sort().to_list()
     common = same.filter(~pl.col("sample").is_in(pairs))
     corruptions = common.filter(differ)["corruption"].unique().sort().to_list()
     common = common.filter(~pl.col("corruption").is_in(corruptions))
     if common.is_empty() or (corruptions and not (common["corruption"] != CLEAN).any()):
-        raise RunError(_no_common_rows_message(names, same))
+        frames = same.filter(~pl.col("frames_digest")).height
+        truth = same.filter(~pl.col("truth_digest")).height
+        sample, corruption, severity = same.filter(differ).sort(ROW_KEY).select(ROW_KEY).row(0)
+        where = f"first in sample '{plain(sample)}', {plain(corruption)}, severity {severity}"
+        counts = f"frames in {frames} and ground truth in {truth} of {same.height} common rows, {where}"
+        raise RunError(every, f"not measured on the same data: different {counts}")
     cells = common.select(ROW_KEY)
     remark = ""
     if any(one.height != cells.height for one in rows):
-        counts = joined([f"the {one.height} in {name}" for name, one in zip(names, rows, strict=True)])
-        measured = "both" if len(rows) == 2 else "all"
-        remark = (
-            f"Only rows that {measured} measured are compared: {cells.height} rows (clean or corrupted pairs) out of "
-            f"{counts}."
-        )
+        counts = joined([f"{one.height} in {name}" for name, one in zip(names, rows, strict=True)])
+        remark = f"Compared: {cells.height} common rows (clean or corrupted pairs) out of {counts}."
     for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
         if left_out:
-            remark += (
-                f" Left out, because the frames or the ground truth differ: {counted(len(left_out), noun)} "
-                f"({_listed(left_out)})."
-            )
+            which = f"{counted(len(left_out), noun)} ({_listed(left_out)})"
+            remark += f" Left out, because the frames or the ground truth differ: {which}."
     return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
 
 
-def _no_common_rows_message(names: Sequence[str], same: pl.DataFrame) -> str:
-    frames = same.filter(~pl.col("frames_digest"))
-    what = "given different frames" if frames.height else "measured against different ground truth"
-    first = (frames if frames.height else same.filter(~pl.col("truth_digest"))).sort(ROW_KEY).select(ROW_KEY)
-    sample, corruption, severity = first.row(0)
-    where = f"sample '{plain(sample)}', {plain(corruption)}" + (f" severity {severity}" if severity else "")
-    return (
-        f"{joined(list(names))} were {what} in the same cell ({where}; {first.height} of {same.height} common rows "
-        "differ)"
-    )
-
-
-@dataclass(frozen=True)
-class CommonRows:
+class CommonRows(NamedTuple):
     """The rows of several runs that may be compared."""
 
     rows: Mapping[str, pl.DataFrame]
@@ -130,12 +118,8 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     try:
         rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
     except RunError as error:
-        titles = {name: _title(run) for name, run in runs.items()}
-        if len(set(titles.values())) > 1 and not _share_cells(runs):
-            (first, title), *others = titles.items()
-            of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
-            raise RunError(f"{of}, which have no frames in common; compare runs on the same benchmark") from None
-        raise RunError(error, f"{differences(runs)}; compare runs on the same frames and ground truth") from None
+        why = f"{error.args[-1]}; {differences(runs)}; compare runs on the same frames and ground truth"
+        raise RunError(error.culprit, why) from None
     remarks = [remark]
     if words := differences(runs):
         remarks.append(f"The runs differ: {words}.")
@@ -147,11 +131,6 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
 
 
-def _share_cells(runs: Mapping[str, Run]) -> bool:
-    keys = [set(run.rows.select(ROW_KEY).iter_rows()) for run in runs.values()]
-    return bool(set.intersection(*keys))
-
-
 def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
     """Describe how the measurements of several runs differ; "" if they do not. `parts` limits the description to some
     of the parts of `measured_in_words`."""
@@ -159,61 +138,51 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
     if len({sample_set(run) for run in every}) == 1:
         return ""
     by_words: dict[str, list[str]] = {}
-    conditions = _distinguishing_words(measured_in_words(every), parts) if parts else conditions_of(every)
-    for name, words in zip(runs, conditions, strict=True):
+    for name, words in zip(runs, conditions_of(every, parts), strict=True):
         by_words.setdefault(words, []).append(name)
     return "; ".join(
         f"{joined(names)} {'has' if len(names) == 1 else 'have'} {words}" for words, names in by_words.items() if words
     )
 
 
-def conditions_of(runs: Sequence[Run]) -> list[str]:
+def conditions_of(runs: Sequence[Run], parts: Sequence[str] = ()) -> list[str]:
     """Return a short name for what each run measured, based on the differences between the runs; "" for all if there
     are none."""
-    words, sets = _distinguishing_words(measured_in_words(runs)), [sample_set(run) for run in runs]
-    of_words: dict[str, set[str]] = {}
-    for each, measured in zip(words, sets, strict=True):
-        of_words.setdefault(each, set()).add(measured)
-    return [
-        each if len(of_words[each]) == 1 else ", ".join(filter(None, (each, f"frames {measured[:_DIGITS]}")))
-        for each, measured in zip(words, sets, strict=True)
-    ]
-
-
-def _distinguishing_words(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -> list[str]:
-    differing = [name for name in differing_parts(parts) if not among or name in among]
-    return [", ".join(one[name] for name in differing if one.get(name)) for one in parts]
-
-
-def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return the parts of `measured_in_words` that differ between runs, except digests that another part explains."""
-    names = dict.fromkeys(name for one in parts for name in one)
-    differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
+    measured = measured_in_words(runs)
+    names = dict.fromkeys(name for one in measured for name in one)
+    differing = [name for name in names if len({one.get(name, "") for one in measured}) > 1]
     other_data = any(name in ("benchmark", "dataset") or name.startswith("protocol ") for name in differing)
     explained = ("truth", "clean") if other_data else ("truth",) if "ground_truth" in differing else ()
-    return [name for name in differing if name not in explained]
+    chosen = [name for name in differing if name not in explained and (not parts or name in parts)]
+    words = [", ".join(one[name] for name in chosen if one.get(name)) for one in measured]
+    if parts:
+        return words
+    sets = [sample_set(run) for run in runs]
+    kinds = Counter(each for each, _ in set(zip(words, sets, strict=True)))
+    return [
+        each if kinds[each] == 1 else ", ".join(filter(None, (each, f"frames {frames[:_DIGITS]}")))
+        for each, frames in zip(words, sets, strict=True)
+    ]
 
 
 def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
     """Describe what each of several runs measured, part by part; the most informative parts come first."""
     clean = [_clean_cells(run) for run in runs]
     shared = sorted(set.intersection(*(set(one) for one in clean)))
-    named = [set(run.measured.corruptions) for run in runs]
-    everywhere = set.intersection(*named)
+    everywhere = set.intersection(*(set(run.measured.corruptions) for run in runs))
     out = []
-    for run, cells, names in zip(runs, clean, named, strict=True):
-        words = dict(recipe_in_words(run))
+    for run, cells in zip(runs, clean, strict=True):
+        words, names = dict(recipe_in_words(run)), sorted(run.measured.corruptions)
         if shared:
             truth = [cells[sample][1] for sample in shared]
             words["truth"] = f"ground truth {_digits(truth)}" if any(truth) else "no ground truth"
             words["clean"] = f"clean frames {_digits([cells[sample][0] for sample in shared])}"
         alike = any(len(other) == len(cells) and other.keys() != cells.keys() for other in clean)
         words["pairs"] = counted(len(cells), "pair") + (f" {_digits(sorted(cells))}" if alike else "")
-        if len(names) <= _MOST_NAMED:
-            words["corruptions"] = joined(sorted(names)) if names else "no corruption"
-        else:
-            more = sorted(names - everywhere)
-            words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
+        more = [name for name in names if name not in everywhere]
+        few = joined(names) if names else "no corruption"
+        many = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
+        words["corruptions"] = few if len(names) <= _MOST_NAMED else many
         levels = run.measured.severities or run.manifest.severities  # a run of attacks alone has no means
         words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
         words["severities"] += f" ({UNEVEN})" if run.manifest.uneven else ""
