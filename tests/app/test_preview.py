@@ -14,7 +14,7 @@ from PIL import Image
 
 import robustflow as rf
 from robustflow.corruptions import load_corruption
-from robustflow.data.benchmarks.demo import DEMO_CLASSES
+from robustflow.data.benchmarks.paper import DEMO_CLASSES
 
 from .launch import SCRIPTED
 from .library import direct_numbers

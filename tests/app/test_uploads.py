@@ -87,7 +87,7 @@ def _claims(width: int, height: int) -> bytes:
         ({"frame1": ("a.png", b"")}, "a.png: "),
         ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "more than 8.3 megapixels"),
         ({"frame1": ("a.png", _claims(60000, 60000))}, "decompression bomb"),
-        ({"frame1": ("a.png", _png(FRAME[:-1]))}, "frames differ in size"),
+        ({"frame1": ("a.png", _png(FRAME[:-1]))}, "resize one"),
         ({"truth": ("gt.flo", b"PIEH")}, "gt.flo"),
         ({"truth": ("gt.flo", _flo(9, 9, True))}, "the flow is float32 (9, 9, 2); expected"),
         ({"truth": ("gt.flo", _flo(96, 144, False))}, "no pixel with known flow"),

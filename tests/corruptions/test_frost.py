@@ -31,8 +31,8 @@ from robustflow.corruptions.weather.frost import (
 )
 from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.data.benchmarks.demo import DEMO_CLASSES
 from robustflow.data.benchmarks.export import export
+from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.media.images import read_image, write_image
 from robustflow.run.setup import set_up_frames
 from robustflow.run.stages import FrameStage, frames_digest, no_seconds

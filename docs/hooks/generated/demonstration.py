@@ -18,7 +18,7 @@ from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.calibration import Ssim
 from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
-from robustflow.data.benchmarks.demo import DEMO_CLASSES
+from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
 from robustflow.data.video.variants import ShortClip
 

@@ -18,7 +18,7 @@ from ..core.errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..core.plugins import needed_options
 from ..core.types import Sample
 from ..corruptions import Corruption
-from ..data.benchmarks.demo import DEMO_CLASSES
+from ..data.benchmarks.paper import DEMO_CLASSES
 from ..data.datasets.clips import Video
 from ..data.datasets.motorcycle import Motorcycle
 from ..models import MODELS, FlowModel, ModelSpec

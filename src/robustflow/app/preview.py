@@ -118,7 +118,7 @@ def _described(wanted: PreviewRequest, classes: Mapping[str, type[Corruption]]) 
     name, _ = wanted.corruption
     if all(layer.name not in classes for layer in wanted.layers):
         return f'"{name}"'
-    return f'load_corruption("{name}", classes=robustflow.data.benchmarks.demo.DEMO_CLASSES)'
+    return f'load_corruption("{name}", classes=robustflow.data.benchmarks.paper.DEMO_CLASSES)'
 
 
 def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) -> dict[str, Any]:

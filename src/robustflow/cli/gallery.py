@@ -116,7 +116,7 @@ class _GalleryRequest:
         self, frames: tuple[Path, Path] | None, model: str | None, depth: Path | None, focal: float | None, still: bool
     ) -> None:
         from ..core.arguments import SEVERITIES
-        from ..data.benchmarks.demo import DEMO_CLASSES
+        from ..data.benchmarks.paper import DEMO_CLASSES
         from ..data.datasets.still import still_scene
         from ..report.gallery.page import gallery_slider, page_of
         from ..report.gallery.pictures import gallery as cells_of

@@ -136,7 +136,6 @@ def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
 
 
 def _scale_of(path: Path, text: bytes) -> float:
-    """Return the scale from a header, 1 or -1; raise a DataError for other values."""
     try:
         scale = float(text)
     except ValueError:

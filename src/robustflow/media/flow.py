@@ -37,7 +37,6 @@ _HEADER = 12
 
 
 def read_flo(path: Path) -> tuple[Flow, Mask]:
-    """Read a .flo file; see `read_flow`."""
     with open(path, "rb") as file:
         header = file.read(_HEADER)
         if header[:4] != MAGIC[: len(header)] or not header:

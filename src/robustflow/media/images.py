@@ -96,7 +96,6 @@ def shrunk(image: Frame, widest: int) -> Frame:
 
 
 def png_bytes(image: Frame) -> bytes:
-    """Encode an RGB uint8 (H, W, 3) image as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import sys
 from dataclasses import replace
@@ -40,7 +39,7 @@ from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
 from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
-from tests.refusals import refused
+from tests.refusals import refusal
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -69,7 +68,7 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs_or_those_of_a_spli
 def test_family_names_select_corruptions_that_the_benchmark_can_make(asked, chosen):
     demo = load_benchmark("demo")
     if chosen is None:
-        with refused(UsageError, "video|noise"):
+        with pytest.raises(UsageError):
             demo.narrowed(asked)
     else:
         assert demo.narrowed(asked).corruptions == tuple(chosen)
@@ -83,16 +82,13 @@ def only_noc(kitti, tmp_path):
 
 
 def test_without_flow_occ_kitti_fc_is_refused_and_kitti2015_warns(only_noc, tmp_path):
-    with pytest.raises(
-        DataError, match=r"training: no flow_occ/, .*unpack data_scene_flow\.zip.*--benchmark kitti2015"
-    ):
-        load_benchmark("kitti-fc", only_noc)
-    with pytest.warns(UserWarning, match="no flow_occ/, so errors are measured on non-occluded ground truth"):
+    refusal(lambda: load_benchmark("kitti-fc", only_noc), DataError, only_noc / "training")
+    with pytest.warns(UserWarning, match="flow_occ"):
         load_benchmark("kitti2015", only_noc)
     (tmp_path / "released" / "clean").mkdir(parents=True)
     (only_noc / "training").rename(tmp_path / "released" / "clean" / "val")
-    with pytest.raises(DataError, match=r"val: no flow_occ/, "):
-        load_benchmark("kitti-fc", tmp_path / "released")
+    folder = tmp_path / "released"
+    refusal(lambda: load_benchmark("kitti-fc", folder), DataError, folder / "clean" / "val")
 
 
 def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, only_noc, tmp_path, real_pictures):
@@ -117,11 +113,11 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
 
 def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
     for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
-        with pytest.warns(UserWarning, match="no flow_occ/, so errors are measured on non-occluded ground truth"):
+        with pytest.warns(UserWarning, match="flow_occ"):
             assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}
         assert load_benchmark(name, shared(f"data/{name}")).protocol == {}
-    with pytest.raises(DataError, match="no flow_occ/"):
-        load_benchmark("kitti-fc", shared("data/kitti2015_noc_only"))
+    folder = shared("data/kitti2015_noc_only")
+    refusal(lambda: load_benchmark("kitti-fc", folder), DataError, folder / "training")
 
 
 def _named_like_kitti(root, keys):
@@ -140,24 +136,17 @@ OTHERS = [key for key in ALL if key not in THE_80]
 
 
 @pytest.mark.parametrize(
-    ("keys", "says"),
+    ("keys", "numbers"),
     [
-        (THE_80[3:], rf"3 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[:3])}\); the result is not"),
-        (
-            OTHERS[:2] + THE_80[:1],
-            rf"79 of KITTI-FC's 80 pairs are missing \({', '.join(THE_80[1:21])} and 59 more\), "
-            "and 2 of the 3 evaluated are not part of KITTI-FC; the result is not a KITTI-FC result",
-        ),
-        (
-            [key for key in ALL if key != OTHERS[0]],
-            "119 of the 199 evaluated are not part of KITTI-FC; the result is not a KITTI-FC result: unpack all 200",
-        ),
+        (THE_80[3:], ["3 of", THE_80[0], THE_80[2]]),
+        (OTHERS[:2] + THE_80[:1], ["79 of", "2 of the 3", THE_80[20], "59 more"]),
+        ([key for key in ALL if key != OTHERS[0]], ["119 of the 199"]),
     ],
 )
-def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
+def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, numbers):
     assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, keys)).keys == tuple(sorted(keys))
     (warning,) = recwarn.list
-    assert re.search(says, str(warning.message))
+    assert all(number in str(warning.message) for number in numbers)
 
 
 def test_complete_kitti_fc_and_gopro_fc_are_opened_without_a_note(tmp_path, recwarn):
@@ -181,8 +170,7 @@ def test_narrowed_benchmark_has_the_requested_corruptions_severities_and_pairs(k
             benchmark.narrowed(**{name: wrong})
     with pytest.raises(UsageError):
         benchmark.narrowed(limit=0)
-    with pytest.raises(UsageError, match="kitti-fc is a benchmark of moving scenes"):
-        benchmark.still()
+    refusal(benchmark.still, UsageError, "--still")
 
 
 @given(st.integers(1, 400), st.integers(1, 400))
@@ -199,8 +187,7 @@ def test_limit_selects_pairs_evenly_and_a_larger_limit_only_adds_pairs(count, li
 
 @pytest.mark.parametrize("name", ["kitti-fc", "folder"])
 def test_benchmark_without_its_data_asks_for_the_data_option(name):
-    with pytest.raises(UsageError, match="--data"):
-        load_benchmark(name)
+    refusal(lambda: load_benchmark(name), UsageError, "--data")
 
 
 def test_any_dataset_is_a_benchmark(kitti, tmp_path):
@@ -209,9 +196,8 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
     assert (benchmark.keys, len(benchmark.corruptions)) == (("000001",), 20)
     frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2})
     assert frames.protocol == {"options": {"step": "2"}}, "a different step is a different run"
-    with pytest.raises(UsageError, match="render_pass"):
-        load_benchmark("kitti-fc", kitti, options={"render_pass": "final"})
-    with pytest.raises(UsageError, match="did you mean 'sintel'"):
+    refusal(lambda: load_benchmark("kitti-fc", kitti, options={"render_pass": "final"}), UsageError, "kitti-fc")
+    with pytest.raises(UsageError, match="sintel"):
         load_benchmark("sintl", kitti)
 
 
@@ -220,7 +206,7 @@ def test_pair_without_a_valid_pixel_is_refused(kitti, tmp_path):
     nothing = np.zeros((64, 128), bool)
     for path in tmp_path.glob("training/flow_*/000000_10.png"):
         rf.write_flow(path, np.zeros((64, 128, 2), np.float32), nothing)
-    with pytest.raises(DataError, match="no pixel"):
+    with pytest.raises(DataError, match="000000_10"):
         rf.evaluate(DIS, "kitti-fc", tmp_path, tmp_path / "run", corruptions=["contrast"])
 
 
@@ -241,31 +227,30 @@ def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_p
 
 def test_folder_of_a_different_data_set_is_refused_by_name(kitti, tmp_path):
     (tmp_path / "training" / "colored_0").mkdir(parents=True)
-    with pytest.raises(DataError, match="looks like the data of --benchmark kitti2012"):
-        load_benchmark("kitti-fc", tmp_path)
-    with pytest.raises(DataError, match="looks like the data of --benchmark kitti-fc"):
-        load_benchmark("sintel", kitti)
+    for name, data, fitting in (("kitti-fc", tmp_path, "kitti2012"), ("sintel", kitti, "kitti-fc")):
+        refused = refusal(lambda name=name, data=data: load_benchmark(name, data), DataError, data)
+        assert f"--benchmark {fitting}" in str(refused)
 
 
 def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(kitti, tmp_path):
     damaged = shutil.copytree(kitti, tmp_path / "kitti")
-    (damaged / "training" / "image_2" / "000000_11.png").unlink()
+    lost = damaged / "training" / "image_2" / "000000_11.png"
+    lost.unlink()
     for name in ("kitti-fc", "kitti2015"):
-        with pytest.raises(DataError, match="000000") as caught:
-            load_benchmark(name, damaged)
-        assert "looks like" not in str(caught.value)
+        refused = refusal(lambda name=name: load_benchmark(name, damaged), DataError, lost)
+        assert "--benchmark" not in str(refused)
 
 
 def test_unusable_paths_are_refused_in_one_line(tmp_path):
-    (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
-    for path, match in (
-        ("x" * 5000, "not a valid path"),
-        ("~nouser_at_all/kitti", "there is no such user"),
-        (tmp_path / "data_scene_flow.zip", "an archive; unpack it"),
+    archive = tmp_path / "data_scene_flow.zip"
+    archive.write_bytes(b"PK")
+    for path, culprit in (
+        ("x" * 5000, f"{'x' * 60}..."),
+        ("~no_user/a", "~no_user/a"),
+        (archive, archive),
     ):
-        with refused(DataError, match) as caught:
-            load_benchmark("kitti-fc", path)
-        assert len(str(caught.value)) < 400
+        refused = refusal(lambda path=path: load_benchmark("kitti-fc", path), DataError, culprit)
+        assert len(str(refused)) < 400
 
 
 @pytest.fixture(scope="module")
@@ -292,14 +277,6 @@ def test_tau_of_the_quick_subset_is_within_a_setting_and_over_other_methods(quic
     assert quick_subset.held_out(len(quick.corruptions)).mean() == pytest.approx(quick.tau_of_others, abs=0.005)
 
 
-def test_choice_from_errors_on_two_pairs_prints_a_tau(quick_subset, tmp_path, capsys):
-    rng = np.random.default_rng(0)
-    errors = rng.gamma(2, 1, (2, 4, len(IMAGE_PAIR), 5, 2))
-    np.savez(tmp_path / "errors.npz", errors=errors, clean=rng.gamma(2, 1, (2, 4)), methods=list("abcd"))
-    quick_subset.choose(tmp_path / "errors.npz", 11)
-    assert re.search(r"10 conditions: severities .* tau (-?\d\.\d{3}, ){2}\d\.\d{3};", capsys.readouterr().out)
-
-
 def test_means_over_the_quick_subset_are_estimates_until_more_is_measured(tmp_path):
     chosen = QuickSubset(
         corruptions=("contrast",), severities=(1, 3), tau=0.96, tau_of_others=0.9, published=8, measured=5
@@ -324,10 +301,11 @@ def test_estimated_mean_is_marked_in_the_terminal_and_in_tables(tmp_path, capsys
     cells = [(name, level) for name in quick.corruptions for level in quick.severities]
     rows = rows_frame([clean, *(clean | {"corruption": name, "severity": level} for name, level in cells)])
     run = made_run(base, rows, benchmark="kitti-fc")
-    remark = "an estimate from the quick subset, whose ranking of 29 published and 14 measured models agrees with"
+    remark = estimate_remark(benchmark_facts("kitti-fc"), quick.corruptions, quick.severities)
+    assert "29 published and 14 measured" in remark
     assert remark in comparison_note(run)
     print_result(run, report=False)
-    assert f"This is {remark}" in capsys.readouterr().out
+    assert remark in capsys.readouterr().out
     fewer = made_run(base, rows.filter(pl.col("corruption") != quick.corruptions[0]), benchmark="kitti-fc")
     assert remark not in comparison_note(fewer)
 
@@ -349,14 +327,9 @@ def test_repeated_check_of_training_sets_gives_the_note_once(sets, benchmark, ke
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"subset": "quik"}, "did you mean 'quick'"),
-        ({"subset": "quick"}, "no quick subset was found for demo"),
-        ({"subset": "quick", "corruptions": "fog"}, "a subset defines its own corruptions"),
-    ],
+    "options", [{"subset": "quik"}, {"subset": "quick"}, {"subset": "quick", "corruptions": "fog"}]
 )
-def test_impossible_subset_is_refused_before_the_run_starts(tmp_path, options, says):
-    with pytest.raises(UsageError, match=says):
+def test_impossible_subset_is_refused_before_the_run_starts(tmp_path, options):
+    with pytest.raises(UsageError):
         rf.evaluate("dis", "demo", output=tmp_path / "run", **options)
     assert not (tmp_path / "run").exists()

@@ -18,6 +18,7 @@ from robustflow.report.site.models import model_pages
 from robustflow.stats.run_results import comparison_note
 from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run
+from tests.refusals import refusal
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -37,9 +38,7 @@ class Fade:
 
 def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1]), tmp_path))
-    with pytest.warns(
-        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the result is not a KITTI-FC result"
-    ):
+    with pytest.warns(UserWarning, match="77 of KITTI-FC's 80 pairs"):
         load_benchmark("kitti-fc", tmp_path)
 
 
@@ -91,7 +90,7 @@ def test_a_part_of_the_released_gopro_fc_is_marked_beside_the_published_rows(tmp
     for folder in ("clean", "contrast_1"):
         for number in (0, 1):
             picture(tmp_path / "fc" / folder / "GOPR0374_11_02" / f"000032_{number}.png", 48, 64)
-    with pytest.warns(UserWarning, match="4 of GoPro-FC's 5 sequences are missing .*; the result is not a GoPro-FC"):
+    with pytest.warns(UserWarning, match="4 of GoPro-FC's 5 sequences"):
         run = rf.evaluate(DIS, "gopro-fc", tmp_path / "fc", tmp_path / "run")
     assert comparison_note(run).startswith("1 pair, not the paper's 675; ")
     copies = pl.concat(run.rows.with_columns(sample=pl.col("sample") + f" copy {number}") for number in range(675))
@@ -106,57 +105,47 @@ def test_an_export_continues_and_never_mixes(one, tmp_path):
     assert [step.fresh for step in export(one, tmp_path)] == [False, True]
     assert frame.read_bytes() == before
     for other in ({"seed": 1}, {"common_draws": True}):
-        with pytest.raises(RunError, match="contains a different export"):
-            list(export(one, tmp_path, **other))
+        refusal(lambda other=other: list(export(one, tmp_path, **other)), RunError, tmp_path)
     (tmp_path / "export.json").write_text("[" * 100_000)
-    with pytest.raises(RunError, match="contains a different export"):
-        list(export(one, tmp_path))
+    refusal(lambda: list(export(one, tmp_path)), RunError, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("clip", "by", "message"),
-    [
-        ("second", 2, r"contains different frames of sample '1'; choose another folder"),
-        ("first", 3, "contains a different export"),
-    ],
-)
-def test_an_export_of_a_different_clip_or_an_edited_corruption_is_refused_before_it_writes(tmp_path, clip, by, message):
+@pytest.mark.parametrize(("clip", "by"), [("second", 2), ("first", 3)])
+def test_an_export_of_a_different_clip_or_an_edited_corruption_is_refused_before_it_writes(tmp_path, clip, by):
     for name in ("first", "second"):
         for index in range(4):
             picture(tmp_path / name / f"{index}.png")
-    list(export(load_benchmark("folder", tmp_path / "first").narrowed([Fade(2)], [1], 1), tmp_path / "out"))
-    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.png")}
-    with pytest.raises(RunError, match=message):
-        list(export(load_benchmark("folder", tmp_path / clip).narrowed([Fade(by)], [1]), tmp_path / "out"))
-    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.png")} == before
+    output = tmp_path / "out"
+    list(export(load_benchmark("folder", tmp_path / "first").narrowed([Fade(2)], [1], 1), output))
+    before = {path: path.read_bytes() for path in output.rglob("*.png")}
+    other = load_benchmark("folder", tmp_path / clip).narrowed([Fade(by)], [1])
+    refusal(lambda: list(export(other, output)), RunError, output)
+    assert {path: path.read_bytes() for path in output.rglob("*.png")} == before
 
 
 def test_frames_exported_from_a_different_benchmark_are_not_called_kitti_fc(tmp_path):
     shapes = load_benchmark("shapes", options={"pairs": 1, "size": "32x48"})
     list(export(shapes.narrowed(["contrast"], [1]), tmp_path))
-    with pytest.raises(DataError, match="exported from shapes, so a result on them is not a kitti-fc result"):
-        load_benchmark("kitti-fc", tmp_path)
+    refusal(lambda: load_benchmark("kitti-fc", tmp_path), DataError, tmp_path)
 
 
 def test_occluded_and_non_occluded_ground_truth_are_two_exports(kitti, tmp_path):
     noc = shutil.copytree(kitti, tmp_path / "noc", ignore=shutil.ignore_patterns("flow_occ"))
     list(export(load_benchmark("kitti2015", noc).narrowed(["contrast"], [1], 1), tmp_path / "out"))
-    with pytest.raises(RunError, match="contains a different export"):
-        list(export(load_benchmark("kitti2015", kitti).narrowed(["contrast"], [1], 1), tmp_path / "out"))
+    occ = load_benchmark("kitti2015", kitti).narrowed(["contrast"], [1], 1)
+    refusal(lambda: list(export(occ, tmp_path / "out")), RunError, tmp_path / "out")
 
 
 def test_export_into_a_folder_of_other_frames_is_refused(one, tmp_path):
     """Frames without `export.json`, such as the authors', would be kept and called an export."""
     list(export(one, tmp_path))
     (tmp_path / "export.json").unlink()
-    with pytest.raises(RunError, match="contains frames that were not exported from here; choose another folder"):
-        list(export(one, tmp_path))
+    refusal(lambda: list(export(one, tmp_path)), RunError, tmp_path)
     assert load_benchmark("kitti-fc", tmp_path).protocol == {"frames": "released"}
 
 
 def test_export_with_keys_that_are_no_file_names_leaves_no_folder(one, tmp_path):
-    with pytest.raises(DataError, match="sample 'a/0' cannot be written"):
-        list(export(replace(one, keys=("a/0",)), tmp_path / "fc"))
+    refusal(lambda: list(export(replace(one, keys=("a/0",)), tmp_path / "fc")), DataError, "a/0")
     assert not (tmp_path / "fc").exists()
 
 
@@ -164,16 +153,13 @@ def test_released_folder_has_only_the_conditions_that_it_contains(kitti, tmp_pat
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
     released = load_benchmark("kitti-fc", tmp_path / "fc")
     assert (released.corruptions, released.severities) == (("contrast",), (1, 3))
-    with pytest.raises(UsageError, match="corrupted beforehand"):
-        released.narrowed(["fog"])
+    refusal(lambda: released.narrowed(["fog"]), UsageError, "kitti-fc")
     for severity in (1, 3):
         (tmp_path / "fc" / f"contrast_{severity}").rename(tmp_path / f"moved_{severity}")
-    with pytest.raises(DataError, match="no severity that all corruptions share"):
-        load_benchmark("kitti-fc", tmp_path / "fc")
+    refusal(lambda: load_benchmark("kitti-fc", tmp_path / "fc"), DataError, tmp_path / "fc")
 
 
 def test_the_files_of_a_released_benchmark_are_no_benchmark(one, tmp_path):
     list(export(one, tmp_path))
     assert load_benchmark("kitti-fc", tmp_path).dataset.name == "kitti_fc_released"
-    with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
-        load_benchmark("kitti_fc_released", tmp_path)
+    refusal(lambda: load_benchmark("kitti_fc_released", tmp_path), UsageError, "kitti_fc_released")

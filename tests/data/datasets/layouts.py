@@ -8,11 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from robustflow.core.errors import DataError
-from robustflow.data.datasets import Dataset, load_dataset
-from robustflow.media.flow import read_flow, write_flow
-from robustflow.media.images import read_image
-from tests import refusals
+from robustflow.media.flow import write_flow
 
 HEIGHT, WIDTH = 6, 8
 
@@ -100,21 +96,3 @@ def robustspring(root: Path, conditions: tuple[str, ...] = ("spring", "fog", "ra
                     folder = root / condition / "test" / sequence / f"frame_{side}"
                     picture(folder / f"frame_{side}_{number:04d}.png", 48, 64)
     return root
-
-
-def refused(name: str, root: Path, match: str, **options: object) -> None:
-    with refusals.refused(DataError, match):
-        load_dataset(name, root, **options)
-
-
-def check(dataset: Dataset, key: str, first: Path, second: Path, truth: Path | None) -> None:
-    """Assert that the sample has exactly the contents of these files and lists them."""
-    sample = dataset.load(key)
-    np.testing.assert_array_equal(sample.frames[0], read_image(first))
-    np.testing.assert_array_equal(sample.frames[1], read_image(second))
-    assert dataset.files(key)[:2] == [first, second]
-    assert dataset.has_flow == (truth is not None)
-    if truth is not None:
-        np.testing.assert_array_equal(sample.flow, read_flow(truth)[0])
-        np.testing.assert_array_equal(sample.valid, read_flow(truth)[1])
-        assert truth in dataset.files(key)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -18,11 +17,13 @@ from robustflow.data.video.container import upright
 from robustflow.data.video.reader import VideoReader
 from robustflow.media.images import read_image
 from tests.data.video.videos import video, write_video
+from tests.refusals import refusal
 
-from . import layouts
 from .layouts import picture
 
-refused = partial(layouts.refused, "folder")
+
+def refused(root: Path, culprit: Path, error: type[Exception] = DataError, **options: object) -> None:
+    refusal(lambda: load_dataset("folder", root, **options), error, culprit)
 
 
 def test_folder_gives_frames_in_natural_order(tmp_path: Path) -> None:
@@ -59,23 +60,21 @@ def test_a_name_that_is_not_utf_8_is_refused(tmp_path: Path, name: bytes) -> Non
     path.parent.mkdir(exist_ok=True)
     picture(tmp_path / "ascii.png")
     (tmp_path / "ascii.png").rename(path)
-    refused(tmp_path, "the name is not valid UTF-8; rename")
+    refused(tmp_path, path)
 
 
 def test_folder_without_a_valid_sequence_is_refused(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
-    refused(tmp_path, "1 frame, but pairs with a step of 1 need 2 or more")
+    refused(tmp_path, tmp_path)
     picture(tmp_path / "b.png", height=9)
-    refused(tmp_path, r"a\.png is 6x8, .*b\.png is 9x8")
+    refused(tmp_path, tmp_path / "b.png")
     picture(tmp_path / "b.png")
-    refused(tmp_path, "need 3 or more", step=2)
+    refused(tmp_path, tmp_path, step=2)
     picture(tmp_path / "b.bmp")
-    refused(tmp_path, r"b\.(png|bmp) and b\.(png|bmp) share a name")
-    with pytest.raises(UsageError, match="step: cannot be 0"):
-        load_dataset("folder", tmp_path, step=0)
+    refused(tmp_path, tmp_path)
     (tmp_path / "b.bmp").write_bytes(b"")
     (tmp_path / "b.png").unlink()
-    refused(tmp_path, "b.bmp: cannot be read as an image")
+    refused(tmp_path, tmp_path / "b.bmp")
 
 
 def decoded(path: Path) -> list[np.ndarray]:
@@ -119,10 +118,9 @@ def test_video_gives_pairs_of_consecutive_frames(tmp_path: Path) -> None:
     assert sample.group == "clip"
     assert dataset.files("000004") == [path]
     for key in ("000017", "4", "x", "-00001"):
-        with pytest.raises(UsageError, match="keys go from '000000' to '000016'"):
-            dataset.load(key)
-    refused(path, "20 frame", step=20)
-    refused(tmp_path, "contains videos, not frames; give one file, for example")
+        refusal(lambda key=key: dataset.load(key), UsageError, key)
+    refused(path, path, step=20)
+    refused(tmp_path, tmp_path)
 
 
 def test_a_pickled_reader_carries_no_frame_and_no_open_file(tmp_path: Path) -> None:
@@ -191,16 +189,15 @@ def test_start_and_stop_select_a_part_of_a_video(tmp_path: Path) -> None:
     path = tmp_path / "clip.mp4"
     write_video(path, 50, 6)  # 25 frames per second
     expected = decoded(path)
-    for start, stop in ((10, 15), ("0.4s", "0.6s"), ("0:00.4", 15), ("10", "15")):
+    for start, stop in ((10, 15), ("0.4s", "0.6s"), ("0:00.4", "15")):
         dataset = load_dataset("folder", path, start=start, stop=stop)
         assert dataset.keys() == ["000010", "000011", "000012", "000013"], (start, stop)
         np.testing.assert_array_equal(dataset.load("000013").frames[1], expected[14])
         assert list(dataset.around("000013", 5)) == [-3, -2, -1, 0, 1]
     assert load_dataset("folder", path, start="1.9s").keys() == ["000048"]
     for wrong in ("x", -1, "1:2:3:4", "1:61", 2.5, True):
-        with pytest.raises(UsageError, match="a frame number such as 120, or a time"):
-            load_dataset("folder", path, start=wrong)
-    refused(path, "0 frames of 50 from start to stop, but pairs with a step of 1 need 2 or more", start="9s")
+        refused(path, "start", UsageError, start=wrong)
+    refused(path, path, start="9s")
 
 
 def test_start_and_stop_select_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
@@ -215,5 +212,4 @@ def test_start_and_stop_select_a_part_of_a_folder_of_frames(tmp_path: Path) -> N
     for number in range(6):
         picture(tmp_path / f"{number}.png")
     assert load_dataset("folder", tmp_path, start=2, stop=5).keys() == ["2", "3"]
-    with pytest.raises(UsageError, match="images have no timestamps"):
-        load_dataset("folder", tmp_path, start="1s")
+    refused(tmp_path, "start", UsageError, start="1s")

@@ -26,6 +26,7 @@ from robustflow.data.video.prepare import Preparation
 from robustflow.data.video.prepare_folder import find_sources, prepare_folder
 from robustflow.media.images import read_image
 from tests.data.video import clips
+from tests.refusals import refusal
 
 from .layouts import picture
 
@@ -57,8 +58,7 @@ def test_clean_pairs_are_the_masters_key_frames(prepared):
     assert (sample.frames[1] == frames[64]).all()
     assert (sample.group, sample.flow) == ("scene", None)
     assert dataset.files("scene/000032") == [prepared / "scene" / "keyframes" / f"{i:06d}.png" for i in (32, 64)]
-    with pytest.raises(UsageError, match="keys look like 'scene/000032'"):
-        dataset.load("scene/000033")
+    refusal(lambda: dataset.load("scene/000033"), UsageError, "scene/000033")
 
 
 @pytest.mark.parametrize("name", ["gopro_fc.json", "scene/clip.json", "scene/master.mp4", "scene/keyframes/000032.png"])
@@ -88,8 +88,7 @@ def test_a_record_of_a_variant_with_a_flipped_bit_is_refused(prepared, tmp_path)
     dataset.corrupted("scene/000032", "h264_crf", 1)
     (path,) = (tmp_path / ".records").iterdir()
     path.write_bytes(path.read_bytes().replace(b'"frames_lost": 0', b'"frames_lost": 1'))
-    with pytest.raises(DataError, match=r"\.json is damaged; delete it and the folder .*; both will be recreated"):
-        dataset.clip_records()
+    refusal(dataset.clip_records, DataError, path)
 
 
 def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
@@ -175,7 +174,7 @@ def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
 
 def test_bit_errors_that_change_no_byte_warn(prepared, tmp_path):
     dataset = GoProFCPrepared(prepared, cache=tmp_path)
-    with pytest.warns(UserWarning, match="none of [0-9]+ bytes was changed"):
+    with pytest.warns(UserWarning, match="bit_error"):
         shown = dataset.corrupted("scene/000032", "bit_error", 1)
     assert all((a == b).all() for a, b in zip(shown, dataset.load("scene/000032").frames, strict=True))
     (record,) = dataset.clip_records()
@@ -206,7 +205,7 @@ def test_bit_errors_of_the_reference_variant_use_5_m(prepared):
 def test_two_images_are_not_enough():
     grey = np.zeros((16, 16, 3), np.uint8)
     for name in CLIP:
-        with pytest.raises(UsageError, match="--benchmark gopro-fc --data CLIP"):
+        with pytest.raises(UsageError, match="--benchmark gopro-fc"):
             corrupt(grey, grey, name, 1)
 
 
@@ -244,12 +243,11 @@ def test_released_folder_is_read_without_preparation(tmp_path):
     for position in (0, 1):
         assert (clean.frames[position] == images[f"clean/GOPR0379_11_00/000032_{position}"]).all()
         assert (bright[position] == images[f"brightness_3/GOPR0379_11_00/000032_{position}"]).all()
-    (tmp_path / "fog_3" / "GOPR0374_11_02" / "000064_1.png").unlink()
-    with pytest.raises(DataError, match="missing"):
-        dataset.corrupted("GOPR0374_11_02/000064", "fog", 3)
-    (tmp_path / "clean" / "GOPR0374_11_02" / "000064_1.png").unlink()
-    with pytest.raises(DataError, match=r"000064_1.png: missing"):
-        load_benchmark("gopro-fc", tmp_path)
+    lost = [tmp_path / folder / "GOPR0374_11_02/000064_1.png" for folder in ("fog_3", "clean")]
+    lost[0].unlink()
+    refusal(lambda: dataset.corrupted("GOPR0374_11_02/000064", "fog", 3), DataError, lost[0])
+    lost[1].unlink()
+    refusal(lambda: load_benchmark("gopro-fc", tmp_path), DataError, lost[1])
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -258,8 +256,8 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     path = tmp_path / "mine.mp4"
     clips.clip(path, 60, HEIGHT, WIDTH, fps=30)
     with (
-        pytest.warns(UserWarning, match="30 frames per second, so object_motion_blur averages over up to 1.03 s"),
-        pytest.warns(UserWarning, match="1 of the 1 evaluated is not part of GoPro-FC; the result is not a GoPro-FC"),
+        pytest.warns(UserWarning, match=r"30 frames per second.*1\.03 s"),
+        pytest.warns(UserWarning, match="5 of GoPro-FC's 5 sequences .*1 of the 1 evaluated"),
     ):
         benchmark = load_benchmark("gopro-fc", path)
     assert benchmark.corruptions == PAPER_ORDER
@@ -270,11 +268,10 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
 
 
 def test_data_that_are_neither_prepared_nor_released_nor_a_video_are_refused(tmp_path):
-    with pytest.raises(UsageError, match="gopro-fc needs data"):
-        load_benchmark("gopro-fc")
-    with pytest.raises(DataError, match=r"none\.mp4: no such file or folder"):
-        load_benchmark("gopro-fc", tmp_path / "none.mp4")
-    with pytest.raises(DataError, match="neither a prepared"):
-        load_benchmark("gopro-fc", tmp_path)
-    with pytest.raises(UsageError, match="no split"):
-        load_benchmark("gopro-fc", tmp_path, tmp_path / "split.txt")
+    for data, split, error, culprit in (
+        (None, None, UsageError, "--data"),
+        (tmp_path / "none.mp4", None, DataError, tmp_path / "none.mp4"),
+        (tmp_path, None, DataError, tmp_path),
+        (tmp_path, tmp_path / "split.txt", UsageError, "--split"),
+    ):
+        refusal(lambda data=data, split=split: load_benchmark("gopro-fc", data, split), error, culprit)

@@ -19,6 +19,7 @@ from robustflow.data.datasets.shapes.render import colours_at, flow_at, render_p
 from robustflow.data.datasets.shapes.scene import at_time, backward, draw_scene, forward, from_time, inset
 from robustflow.data.datasets.shapes.textures import procedural_textures
 from robustflow.testing import ZeroFlow, check_dataset
+from tests.refusals import refusal
 
 SHAPE = (72, 96)
 
@@ -188,14 +189,14 @@ def test_own_images_are_used_as_textures(tmp_path):
      {"textures": "nowhere"}, {"readout": 1.1}, {"readout": True}],
 )  # fmt: skip
 def test_invalid_options_of_shapes_are_refused(options):
-    with pytest.raises(UsageError, match=next(iter(options))):
+    with pytest.raises(UsageError) as caught:
         load_dataset("shapes", **options)
+    assert caught.value.culprit in (*options, *map(str, options.values()))
 
 
 @pytest.mark.parametrize("key", ["1", "000003", "-00001", "1e3", "00000x", "0000001"])
 def test_unknown_keys_of_shapes_are_refused(key):
-    with pytest.raises(UsageError, match="000002"):
-        FlyingShapes(3).load(key)
+    refusal(lambda: FlyingShapes(3).load(key), UsageError, key)
 
 
 def test_shapes_are_evaluated_as_a_benchmark(tmp_path):

@@ -71,7 +71,7 @@ class Benchmark:
         wanting = next((name for name in self.corruptions if needs_depth(name)), None)
         if wanting is None:
             if self.own_depth is not None:
-                raise UsageError("none of the corruptions needs depth: choose one that does, or omit --depth")
+                raise UsageError("--depth", "none of the corruptions needs depth; choose one that does, or omit it")
             return None
         if self.depths is None:
             raise no_depth(wanting, self.dataset.name)
@@ -106,14 +106,13 @@ class Benchmark:
         named = self.severities if severities is None else _as_iterable(severities)
         levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
-            raise UsageError(
-                f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
-                f"{', '.join(map(str, self.severities))}; choose from these, or give the uncorrupted data"
-            )
+            levels = ", ".join(map(str, self.severities))
+            known = f"{', '.join(self.corruptions)} at severities {levels}"
+            raise UsageError(self.name, f"these frames were corrupted beforehand, with {known}; choose from these")
         if not (chosen or against) or not levels:
-            raise UsageError("nothing to run: give at least one corruption or attack, and one severity")
+            raise UsageError("--corruptions", "nothing to run; give a corruption or attack, and a severity")
         if both := set(chosen) & set(against):
-            raise UsageError(f"'{min(both)}' is the name of an attack: give your own corruption a different name")
+            raise UsageError(min(both), "this is the name of an attack; give your own corruption a different name")
         return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
 
     def still(self) -> Benchmark:
@@ -144,33 +143,27 @@ class Benchmark:
         if name != "quick":
             raise unknown_name("subset", name, ("quick",))
         if self.facts.quick is None:
-            raise UsageError(f"no quick subset was found for {self.name}; name fewer --corruptions or --severities")
+            raise UsageError("--subset", f"{self.name} has no quick subset; name fewer --corruptions or --severities")
         return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
 
     def _refuse_clip_corruption(self, name: str) -> None:
-        """Raise for a corruption of whole clips if the dataset does not contain clips."""
         parts = [part for part, _ in split_stack(name)]
         if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
             return
         if len(parts) > 1:
-            raise UsageError(f"{name} cannot be created: a corruption of the whole clip cannot be stacked")
+            raise UsageError(name, "a corruption of the whole clip cannot be stacked")
         videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
         video = f" --data {videos[0]}" if videos else ", which also accepts a video file"
         instead = getattr(load_corruption(name), "instead", "")
-        raise UsageError(
-            f"{name} needs the clip from which the frames were taken: give --benchmark gopro-fc{video}{instead}"
-        )
+        raise UsageError(name, f"needs the clip that the frames are from; give --benchmark gopro-fc{video}{instead}")
 
 
 def _as_iterable(given: Any) -> Iterable[Any]:
-    """Return one or several corruptions or severities as a tuple."""
     return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
-    """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are at most
-    `limit`, or if `limit` is None.
-    """
+    """Select `limit` keys spread evenly over all keys, in the same order; None or a larger limit selects all."""
     if limit is None or limit >= len(keys):
         return tuple(keys)
     chosen: set[int] = set()

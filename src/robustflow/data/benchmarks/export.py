@@ -25,7 +25,7 @@ from ...media.images import read_image, write_image
 from ..datasets.released import DISK_NAMES
 from .base import Benchmark
 from .facts import NON_OCCLUDED
-from .released import EXPORT_FILE, export_settings
+from .paper import EXPORT_FILE, export_settings
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ def export(
     own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
     truth = NON_OCCLUDED if NON_OCCLUDED.items() <= benchmark.protocol.items() else {}
     if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
-        raise DataError(f"sample '{nested[0]}' cannot be written in the KITTI layout, which has no subfolders")
+        raise DataError(nested[0], "the KITTI layout has no subfolders, so a sample of this name cannot be written")
     _claim(output, settings | scale | draws | own | truth | user_sources(variant, benchmark.corruptions))
     _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
-        fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
+        fresh = _write_frames(output / "clean" / "val", key, lambda sample=sample: sample.frames)
         scene = depths.depth(sample) if depths is not None else None
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)
@@ -69,10 +69,6 @@ def export(
                 make = partial(_corrupted, sample, corruption, severity, seed, common_draws, scene)
                 fresh = _write_frames(output / condition / "val", key, make)
                 yield Written(key, condition, fresh)
-
-
-def _frames(sample: Sample) -> tuple[Frame, ...]:
-    return sample.frames
 
 
 def _corrupted(
@@ -115,25 +111,18 @@ def _claim(output: Path, settings: dict[str, object]) -> None:
     unknown origin."""
     on_disk = export_settings(output)
     if on_disk is None and (output / "clean").exists():
-        raise RunError(
-            f"{output} contains frames that were not exported from here; choose another folder with --output"
-        )
+        raise RunError(output, "contains frames that were not exported from here; choose another --output")
     if on_disk is not None and on_disk != settings:
-        raise RunError(
-            f"{output} contains a different export ({EXPORT_FILE}: {on_disk}); choose another folder with --output"
-        )
+        raise RunError(output, f"contains a different export ({EXPORT_FILE}: {on_disk}); choose another --output")
     make_folder(output)
     write_json(output / EXPORT_FILE, settings)
 
 
 def _check_existing_frames(output: Path, benchmark: Benchmark) -> None:
-    """Raise if the clean frames of an earlier call differ from those of the benchmark."""
     for key in benchmark.keys:
         paths = _frame_paths(output / "clean" / "val", key)
         if not any(path.exists() for path in paths):
             continue
         for path, frame in zip(paths, benchmark.dataset.load(key).frames, strict=False):
             if path.exists() and not np.array_equal(read_image(path), frame):
-                raise RunError(
-                    f"{output} contains different frames of sample '{key}'; choose another folder with --output"
-                )
+                raise RunError(output, f"contains different frames of sample '{key}'; choose another --output")

@@ -71,11 +71,7 @@ EXPORTED: dict[str, Any] = {"frames": "exported"}
 
 
 def truth_remark(protocol: Mapping[str, Any]) -> str:
-    """Return a remark about the ground truth of a run, or "" if it is the dataset's usual ground truth.
-
-    >>> truth_remark(NON_OCCLUDED), truth_remark({})
-    ('non-occluded ground truth', '')
-    """
+    """Return a remark about the ground truth of a run, or "" if it is the dataset's usual ground truth."""
     return "non-occluded ground truth" if NON_OCCLUDED.items() <= protocol.items() else ""
 
 
@@ -84,11 +80,8 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
     quick = facts.quick
     if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(quick.severities):
         return ""
-    return (
-        f"an estimate from the quick subset, whose ranking of {quick.published} published and {quick.measured} "
-        f"measured models agrees with that of all conditions at a Kendall's tau of {quick.tau:.2f} within a setting "
-        f"({quick.tau_of_others:.2f} for methods that it was not chosen for)"
-    )
+    models = f"{quick.published} published and {quick.measured} measured models"
+    return f"an estimate from the quick subset, which ranks {models} like all conditions at a tau of {quick.tau:.2f}"
 
 
 NEUTRAL = BenchmarkFacts(title="own benchmark")
@@ -96,8 +89,7 @@ NEUTRAL = BenchmarkFacts(title="own benchmark")
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
-    """Return the facts of a dataset used as a benchmark: every sample under every image-pair corruption, or under the
-    corruptions distributed with the dataset."""
+    """Return the facts of a dataset used as a benchmark."""
     return BenchmarkFacts(
         title=dataset.title,
         description=dataset.description,
@@ -115,60 +107,33 @@ _STILL = "-still"
 
 
 def still_name(name: str) -> str:
-    """Return the name of a benchmark's still-scene version.
-
-    >>> still_name("sintel")
-    'sintel-still'
-    """
+    """Return the name of a benchmark's still-scene version: "sintel-still"."""
     return f"{name}{_STILL}"
 
 
 def is_still(benchmark: str) -> bool:
-    """Return whether a name denotes a still-scene benchmark, where every error is phantom motion.
-
-    >>> is_still("sintel-still"), is_still("sintel")
-    (True, False)
-    """
+    """Return whether a name denotes a still-scene benchmark, where every error is phantom motion."""
     return benchmark.endswith(_STILL)
 
 
 def sample_noun(benchmark: str) -> str:
-    """Return the noun used when a benchmark's samples are counted.
-
-    >>> sample_noun("sintel-still"), sample_noun("sintel")
-    ('still frame', 'pair')
-    """
+    """Return the noun used when a benchmark's samples are counted."""
     return "still frame" if is_still(benchmark) else "pair"
 
 
 def moving_name(benchmark: str) -> str:
-    """Return the name of the benchmark from which a still-scene benchmark was made; return other names unchanged.
-
-    >>> moving_name("sintel-still"), moving_name("sintel")
-    ('sintel', 'sintel')
-    """
+    """Return the name of the benchmark from which a still-scene benchmark was made; return other names unchanged."""
     return benchmark.removesuffix(_STILL)
 
 
 def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
     """Return the facts about a still-scene benchmark: every pixel has a known flow of zero."""
-    return facts.model_copy(
-        update={
-            "title": f"{facts.title[:70]}, still",
-            "description": "Every frame paired with itself: any flow is phantom motion.",
-            "has_flow": True,
-            "published": False,
-            "paper_pairs": None,
-        }
-    )
+    title, description = f"{facts.title[:70]}, still", "Every frame paired with itself: any flow is phantom motion."
+    changes = {"title": title, "description": description, "has_flow": True, "published": False, "paper_pairs": None}
+    return facts.model_copy(update=changes)
 
 
 def check_still(name: str, facts: BenchmarkFacts) -> None:
-    """Raise if still scenes under a benchmark's name would be misleading, because the name implies certain pairs and
-    ground truth, as do the names of the paper's benchmarks.
-    """
+    """Raise for a benchmark of the paper, whose name implies certain pairs and ground truth."""
     if facts.published:
-        raise UsageError(
-            f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes, "
-            "choose a dataset instead: --benchmark kitti2015, folder, ... with --still"
-        )
+        raise UsageError("--still", f"{name} has its own pairs and ground truth; use --benchmark kitti2015, ...")

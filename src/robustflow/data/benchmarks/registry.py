@@ -1,6 +1,7 @@
-"""Open a user-defined benchmark, `--benchmark mypkg:MyBench`, or a user-defined dataset as a benchmark. Use any
-dataset as a benchmark: the user's own frames (`folder`), or a registered dataset such as Sintel, HD1K or Spring.
-Registry of benchmarks by name: look up facts without loading data, or open a benchmark on its data.
+"""Registry of benchmarks by name: look up facts without loading data, or open a benchmark on its data.
+
+Any dataset is a benchmark: the user's own frames (`folder`), a registered dataset such as Sintel, a dataset or
+benchmark of the user (`mypkg:MyBench`).
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
     if not isinstance(made, Benchmark):
         opener = made if inspect.isroutine(made) else getattr(made, "open", None)
         if opener is None:
-            raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your dataset'")
+            raise UsageError(target, "not a benchmark: it has no function open; see the guide 'add your dataset'")
         if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
             opener = called(f"{target} failed in its construction", made).open
         made = called(f"{target} failed in open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
-        raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
+        raise UsageError(target, f"returned {type(made).__name__}; open must return a Benchmark")
     if made.name in reserved:
-        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it a different name")
+        raise UsageError(target, f"has the name of the benchmark '{made.name}'; give it a different name")
     check_members(made.dataset, f"the dataset of {target}")
     check_keys(made, target)
     source = {"benchmark": target, "source": own_source(target, made.dataset)}
@@ -47,18 +48,18 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 def check_keys(benchmark: Benchmark, what: str) -> None:
     """Check that a user's benchmark lists samples, and only samples of its dataset."""
     if not benchmark.keys:
-        raise UsageError(f"{what} lists no samples: keys must contain at least one key of its dataset")
+        raise UsageError(what, "lists no samples; keys must contain at least one key of its dataset")
     known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
     for key in benchmark.keys:
         if key not in known:
-            raise UsageError(f"{what} lists the sample {key!r:.60}, which its dataset does not contain")
+            raise UsageError(what, f"lists the sample {key!r:.60}, which its dataset does not contain")
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
     """Return a benchmark with every sample of a user's dataset under every image-pair corruption."""
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved:
-        raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it a different name")
+        raise UsageError(target, f"has the name of the dataset '{dataset.name}'; give it a different name")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
     if options:
@@ -68,23 +69,17 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
 
 
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
-    """Return a benchmark with every sample of a dataset under every image-pair corruption, or under the corruptions
-    distributed with the frames. Without ground truth, only RCRE is computed.
-    """
+    """Return a benchmark with every sample of a dataset under every image-pair corruption, or those in its files."""
     dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
     if isinstance(dataset, PreCorrupted) and not facts.corruptions:
         instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
-        raise UsageError(f"the frames of '{name}' are corrupted already{instead}")
+        raise UsageError(name, f"its frames are corrupted already{instead}")
     keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     deciding = {key: str(value) for key, value in sorted(options.items()) if key not in facts.folder_options}
     protocol: dict[str, Any] = {"options": deciding} if deciding else {}
     if getattr(dataset, "non_occluded", False):
         protocol |= NON_OCCLUDED
-        warnings.warn(
-            f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is easier "
-            f"than {facts.title}'s usual ground truth; unpack flow_occ/ there to use it",
-            stacklevel=5,
-        )
+        warnings.warn(f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)}", stacklevel=5)
     about = facts_of_dataset(facts)
     if not isinstance(dataset, PreCorrupted):
         return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
@@ -109,9 +104,8 @@ DEFAULT = "demo"
 """The default benchmark."""
 
 BENCHMARKS: Registry[Definition] = Registry("benchmark", entry_point_group="robustflow.benchmarks")
-BENCHMARKS.add("demo", "robustflow.data.benchmarks.demo:Demo")
-BENCHMARKS.add("kitti-fc", "robustflow.data.benchmarks.kitti_fc:KittiFC")
-BENCHMARKS.add("gopro-fc", "robustflow.data.benchmarks.gopro_fc:GoProFC")
+for _name, _target in (("demo", "Demo"), ("kitti-fc", "KittiFC"), ("gopro-fc", "GoProFC")):
+    BENCHMARKS.add(_name, f"robustflow.data.benchmarks.paper:{_target}")
 
 
 def load_benchmark(
@@ -127,11 +121,10 @@ def load_benchmark(
 
 
 def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
-    """Return a benchmark with the user's depth maps; without a folder, the benchmark itself."""
     if folder is not None:
         return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal))
     if focal is not None:
-        raise UsageError("--focal only applies to your own depth maps: give --depth DIR as well, or leave it out")
+        raise UsageError("--focal", "only applies to your own depth maps; give --depth DIR as well, or leave it out")
     return benchmark
 
 
@@ -140,14 +133,14 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
-            raise UsageError(f"{data} is a custom dataset; omit --benchmark, or give the folder of {name}")
+            raise UsageError("--benchmark", f"{data} is a custom dataset; omit it, or give the folder of {name}")
         return own_dataset_benchmark(str(data), chosen, options, reserved)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:
         name = _benchmark_of(root)
     if is_target(name):
         if options:
-            raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
+            raise UsageError(name, f"the benchmark has no data options; omit {', '.join(options)}")
         return own_benchmark(name, root, chosen, reserved)
     try:
         return _opened(name, root, chosen, options, reserved)
@@ -155,7 +148,7 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
         fitting = different_benchmark(root, name) if root is not None else None
         if fitting is None:
             raise
-        raise DataError(f"{error}; this folder looks like the data of --benchmark {fitting}") from error
+        raise DataError(error.culprit, f"{error.args[-1]}; it looks like the data of --benchmark {fitting}") from error
 
 
 def _benchmark_of(root: Path) -> str:
@@ -163,10 +156,7 @@ def _benchmark_of(root: Path) -> str:
     if not root.exists():
         raise DataError(root, "no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
-        raise UsageError(
-            f"{root} looks like the data of {fitting}: give --benchmark {fitting} or another that reads it "
-            "(see robustflow list datasets)"
-        )
+        raise UsageError("--benchmark", f"{root} looks like the data of {fitting}; give --benchmark {fitting}")
     return "folder"
 
 
@@ -178,7 +168,7 @@ def _opened(
             return from_dataset(name, root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
-        raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
+        raise UsageError(name, f"the benchmark has no data options; omit {', '.join(options)}")
     return BENCHMARKS.get(name).open(root, split)
 
 

@@ -56,7 +56,6 @@ def judge(
 def _of_flow_training(
     training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
 ) -> tuple[Setting, list[str]]:
-    """Return the setting that follows from the sets of the flow training, and notes about the evaluated pairs."""
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
@@ -93,7 +92,6 @@ def _of_flow_training(
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
-    """Return the setting that `K:part` implies for these pairs, and the accompanying note."""
     unknown = f"whether K:{part} contains evaluated pairs is unknown, because"
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):

@@ -1,6 +1,4 @@
-"""Facts about a dataset that a reader of results needs, as validated data on its class. Protocols for datasets:
-named samples, and the files that contain them.
-"""
+"""What a dataset is: the facts that a reader of results needs, and protocols of named samples and their files."""
 
 from __future__ import annotations
 
@@ -146,17 +144,12 @@ class Depths(Protocol):
 
 def no_depth(corruption: str, dataset: str) -> UsageError:
     """Return the error for a corruption that needs depth on a dataset without depth."""
-    return UsageError(
-        f"{corruption} needs scene depth, which '{dataset}' does not have: choose a dataset with depth "
-        "('robustflow list datasets'), or give your own maps with --depth DIR"
-    )
+    return UsageError(corruption, f"needs scene depth, which '{dataset}' lacks; give your own maps with --depth DIR")
 
 
 @runtime_checkable
 class Clips(Protocol):
-    """A dataset whose pairs come from sequences, and which therefore also provides the frames around a pair, for
-    multi-frame models.
-    """
+    """A dataset that also provides the frames around a pair, for multi-frame models."""
 
     def around(self, key: str, reach: int) -> range:
         """Return the available offsets, at most `reach` before and after the pair, including 0 and 1."""
@@ -184,10 +177,10 @@ def has_clips(dataset: Dataset) -> bool:
 
 
 def range_around(dataset: Clips, key: str, reach: int) -> range:
-    """Return `dataset.around(key, reach)`."""
-    offsets = called(f"the dataset failed in around('{key}')", lambda: dataset.around(key, reach))
+    where = f"the dataset failed in around('{key}')"
+    offsets = called(where, lambda: dataset.around(key, reach))
     if not (isinstance(offsets, range) and offsets.step == 1 and 0 in offsets and 1 in offsets):
-        raise UsageError(f"the dataset failed in around('{key}'): expected a range with 0 and 1, got {offsets!r:.60}")
+        raise UsageError(where, f"expected a range with 0 and 1, got {offsets!r:.60}")
     return offsets
 
 

@@ -35,15 +35,11 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
         return window
     if isinstance(model, FlowModel):
         return None
-    raise UsageError(
-        f"this model needs {window.before + 2 + window.after} frames, but '{dataset.name}' contains only pairs; "
-        f"datasets with clips: {_datasets_with_clips()}"
-    )
+    needed = f"this model needs {window.before + 2 + window.after} frames, but the dataset contains only pairs"
+    raise UsageError(dataset.name, f"{needed}; datasets with clips: {_datasets_with_clips()}")
 
 
 def _datasets_with_clips() -> str:
-    """Return, as text, the names of the datasets with additional frames around their pairs, starting with those that
-    always have them."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
     with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
     ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
@@ -62,13 +58,11 @@ class ContextFrames:
         return self._window.offsets(range_around(self._dataset, key, self._window.reach))
 
     def files(self, key: str) -> list[Path]:
-        """Return the files of the frames around a pair."""
         numbers = self._numbers(key)[2:]
         if not numbers:
             return []
-        return called(
-            f"the dataset failed in frame_files('{key}')", lambda: list(self._dataset.frame_files(key, numbers))
-        )
+        where = f"the dataset failed in frame_files('{key}')"
+        return called(where, lambda: list(self._dataset.frame_files(key, numbers)))
 
     def add(self, sample: Sample) -> Sample:
         """Return the sample with the frames around its pair appended."""
@@ -77,9 +71,8 @@ class ContextFrames:
 
     def _frame(self, sample: Sample, number: int) -> Frame:
         key = sample.key
-        frame: Frame = called(
-            f"the dataset failed in frame('{key}', {number})", lambda: self._dataset.frame(key, number)
-        )
+        where = f"the dataset failed in frame('{key}', {number})"
+        frame: Frame = called(where, lambda: self._dataset.frame(key, number))
         check_frame(frame, sample.frames[0], f"sample '{key}', frame {number}")
         return frame
 
@@ -89,20 +82,12 @@ class ContextFrames:
         """Return the frames of a sample returned by `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
-        clip = corrupt_clip(
-            (clean[first + place] for place in range(len(clean))),
-            corruption,
-            severity,
-            seed,
-            sample.key,
-            first=first,
-            common_draws=common_draws,
-        )
+        frames = (clean[first + place] for place in range(len(clean)))
+        clip = corrupt_clip(frames, corruption, severity, seed, sample.key, first=first, common_draws=common_draws)
         corrupted = dict(zip(sorted(numbers), clip, strict=True))
         return tuple(corrupted[number] for number in numbers)
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """Return the frames that the dataset provides in corrupted form."""
         assert isinstance(self._dataset, CorruptedClips)
         return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
 
@@ -112,7 +97,6 @@ class ContextFrames:
         return tuple(by_number[offset] for offset in self.offsets(key))
 
     def _numbers(self, key: str) -> tuple[int, ...]:
-        """Return the offsets of the frames of a sample, in the sample's order."""
         return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))
 
 
@@ -137,47 +121,38 @@ class Video(Samples):
         self._around: dict[int, VideoReader] = {}
 
     def keys(self) -> list[str]:
-        """See `Dataset.keys`."""
         return list(self._keys)
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`."""
         self._index(key)
         return [self._path]
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`."""
         index = self._index(key)
         frames = (self._first.frame(index), self._second.frame(index + self._step))
         return Sample(key, frames, group=self._path.stem)
 
     def around(self, key: str, reach: int) -> range:
-        """See `Clips.around`."""
         index = self._index(key)
         last = (self._end - 1 - index) // self._step
         return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
 
     def frame(self, key: str, offset: int) -> Frame:
-        """See `Clips.frame`."""
         if offset not in self._around:
             self._around[offset] = copy(self._first)  # a copy reopens the file
         return self._around[offset].frame(self._index(key) + offset * self._step)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """See `Clips.frame_files`."""
         return self.files(key)
 
     def frame_names(self, key: str) -> tuple[int, int]:
-        """See `SharesFrames.frame_names`."""
         index = self._index(key)
         return index, index + self._step
 
     def _index(self, key: str) -> int:
         number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
         if not 0 <= number < len(self._keys) or self._keys[number] != key:
-            raise UsageError(
-                f"{self._path} has no sample '{key}'; keys go from '{self._keys[0]}' to '{self._keys[-1]}'"
-            )
+            raise UsageError(key, f"no such sample; keys go from '{self._keys[0]}' to '{self._keys[-1]}'")
         return int(key)
 
     def _frame_number(self, option: str, value: Position, default: int) -> int:

@@ -50,7 +50,6 @@ def scene_depth(
 
 
 def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: object) -> None:
-    """Raise a DataError unless a map has the size of the frames."""
     if values.shape != shape:
         size = "x".join(map(str, values.shape))
         raise DataError(what, f"the depth map is {size}, but the frames are {shape[0]}x{shape[1]}; resize it")
@@ -69,7 +68,6 @@ def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float6
 
 
 def existing(files: list[Path], title: str, parts: str) -> list[Path]:
-    """Return the files from which a dataset's depth is read."""
     for path in files:
         if not path.is_file():
             instead = f"unpack {parts} there, or give your own maps with --depth DIR"

@@ -1,5 +1,4 @@
-"""Your own frames, without ground truth: a folder of images, a folder of such folders, or a video. Guess the
-dataset in a folder, for the message when a folder does not match the requested dataset.
+"""Your own frames, without ground truth: a folder of images, a folder of such folders, or a video.
 
 Consecutive images in natural order ("frame2" before "frame10") form pairs. The images directly in the folder are used;
 its subfolders are used only if there are none.
@@ -85,7 +84,7 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
 def _frame_number(option: str, value: Position) -> int | None:
     chosen = position(option, value)
     if isinstance(chosen, float):
-        raise UsageError(f"{option} {value}: images have no timestamps; give a frame number, counted from 0")
+        raise UsageError(option, f"images have no timestamps, so {value} is none; give a frame number, counted from 0")
     return chosen
 
 
@@ -98,10 +97,7 @@ def _check(folder: Path, frames: list[Path]) -> None:
         stems[frame.stem] = frame
         if image_size(frame) != size:
             (h, w), (other_h, other_w) = size, image_size(frame)
-            raise DataError(
-                f"frames differ in size: {frames[0]} is {h}x{w}, {frame} is {other_h}x{other_w}; "
-                "put them in separate folders, or resize them"
-            )
+            raise DataError(frame, f"{other_h}x{other_w}, but {frames[0]} is {h}x{w}; use separate folders, or resize")
 
 
 _MARKS = {
@@ -127,13 +123,6 @@ def different_benchmark(root: Path, name: str) -> str | None:
 
 
 def benchmark_of_folder(root: Path) -> str | None:
-    """Return the benchmark whose layout matches a folder, or None.
-
-    >>> from tempfile import mkdtemp
-    >>> root = Path(mkdtemp())
-    >>> (root / "training" / "colored_0").mkdir(parents=True)
-    >>> benchmark_of_folder(root)
-    'kitti2012'
-    """
+    """Return the benchmark whose layout matches a folder, or None."""
     fitting = (name for name, marks in _MARKS.items() if any((root / mark).exists() for mark in marks))
     return next(fitting, None)

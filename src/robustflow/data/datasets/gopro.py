@@ -191,8 +191,6 @@ class GoProFCPrepared(Samples):
         return [read_record(path) for path in paths if path.is_file()]
 
     def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
-        """Return the clip of a sample and the master index of the key frame at an offset from the pair's first
-        frame."""
         clip, first, _ = self._pair(key)
         frames = clip.manifest.key_frames
         return clip, frames[frames.index(first) + offset]

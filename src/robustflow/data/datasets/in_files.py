@@ -45,7 +45,6 @@ class FlyingChairs(LayoutDataset):
     options = {"split": ("all", "train", "val")}
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         here = root.is_dir() and any(root.glob("*_img1.ppm"))
         folder = root if here else locate(self.facts.title, root, ["data"], expected=self.facts.layout) / "data"
         pairs = self.layout.pairs(folder)
@@ -104,7 +103,6 @@ class FlyingThings3D(LayoutDataset):
     }
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         part = root / {"TRAIN": "train", "TEST": "val"}[words["split"]]
         images, side, direction = f"image_{words['render_pass']}", words["side"], words["direction"]
         if (part / images).is_dir():

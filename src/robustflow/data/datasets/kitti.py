@@ -126,7 +126,6 @@ class KittiPairs(LayoutDataset):
     )
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         images = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}
         kinds = images[words["images"]] if "images" in words else ["image_2"]
         folder = locate(self.facts.title, root, kinds, self.roots, f"{' or '.join(kinds)}/ and flow_occ/")

@@ -54,7 +54,6 @@ class KittiRaw(LayoutDataset):
         super().__init__(root)
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         if not root.is_dir():
             raise DataError(root, f"no such folder; give the folder of KITTI raw that contains {self.facts.layout}")
         if words["listing"]:
@@ -121,7 +120,6 @@ class KittiMultiview(LayoutDataset):
     options = {"part": ("all", "training", "testing"), "camera": ("both", "left", "right")}
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         parts = {"all": ("training", "testing")}.get(words["part"], (words["part"],))
         cameras = {"left": ("image_2",), "right": ("image_3",)}.get(words["camera"], ("image_2", "image_3"))
         markers = [(part, images) for part in parts for images in cameras]

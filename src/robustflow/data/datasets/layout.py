@@ -134,7 +134,6 @@ class LayoutDataset(PairDataset):
         return folder, self.layout.pairs(folder, **words)
 
     def steps(self) -> Iterable[tuple[Path, Path]]:
-        """See `PairDataset.steps`."""
         if not self.layout.more_frames:
             return super().steps()
         every = matching(self.folder, self._frame).values()
@@ -158,7 +157,6 @@ def matching(base: Path, pattern: str) -> dict[Parts, dict[int | None, Path]]:
 
 
 def following(frames: Mapping[int | None, Path]) -> list[tuple[int, int]]:
-    """Return the pairs of consecutive numbers."""
     numbers = sorted(number for number in frames if number is not None)
     return [(n, m) for n, m in pairwise(numbers) if m == n + 1]
 

@@ -1,8 +1,7 @@
-"""User-provided depth maps for a dataset: `--depth DIR`. Open a user-defined dataset, `module.path:Attribute`,
-check it, and identify it by the hash of its source.
+"""What a user brings: a dataset `module.path:Attribute`, checked and identified by its source; and depth maps.
 
-The map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension .png (16-bit
-grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
+`--depth DIR`: the map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension
+.png (16-bit grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
 """
 
 from __future__ import annotations
@@ -39,9 +38,9 @@ class OwnDepth:
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
         self._folder, self._dataset = user_path(folder), dataset
         if not self._folder.is_dir():
-            raise UsageError(f"--depth {self._folder}: no such folder; give the folder with a map for every frame")
+            raise UsageError("--depth", f"{self._folder} does not exist; give the folder with a map for every frame")
         if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
-            raise UsageError(f"--focal {focal}: give a positive focal length in pixels")
+            raise UsageError("--focal", f"{focal} is invalid; give a positive focal length in pixels")
         self._focal = focal
 
     def depth(self, sample: Sample) -> SceneDepth:
@@ -53,7 +52,6 @@ class OwnDepth:
         return scene_depth(first, second, camera, self._folder, sample)
 
     def depth_files(self, key: str) -> list[Path]:
-        """See `Depths.depth_files`."""
         return list(dict.fromkeys(self._maps(key)))
 
     @cached_property
@@ -73,16 +71,10 @@ class OwnDepth:
         for frame in self._frames(key):
             path = self._map(frame)
             if path is None:
-                raise DataError(
-                    self._folder,
-                    f"no depth map for {frame}; expected {frame.stem} with the extension "
-                    f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/",
-                )
+                names = f"{frame.stem} with {' or '.join(_READERS)}, here or in {frame.parent.name}/"
+                raise DataError(self._folder, f"no depth map for {frame}; expected {names}")
             if (other := self._owners.get(path)) is not None and other != frame:
-                raise DataError(
-                    path,
-                    f"matches both {other} and {frame}; put the maps into folders named like the folders of the frames",
-                )
+                raise DataError(path, f"matches {other} and {frame}; put the maps into folders named like the frames'")
             found.append(path)
         return found[0], found[1]
 
@@ -101,10 +93,7 @@ class OwnDepth:
         names = dataset.frame_names(key) if isinstance(dataset, SharesFrames) else tuple(dataset.files(key)[:2])
         frames = tuple(Path(name) for name in names if isinstance(name, Path))
         if len(frames) != 2 or any(frame.suffix.lower() not in IMAGE_SUFFIXES for frame in frames):
-            raise UsageError(
-                f"--depth needs maps named like the files of the frames, but the files of '{dataset.name}' are "
-                "not images; give a folder of images"
-            )
+            raise UsageError("--depth", f"maps are named like images, but the files of '{dataset.name}' are not images")
         return frames
 
     def _map(self, frame: Path) -> Path | None:
@@ -131,7 +120,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
         opener = dataset
         dataset = called(f"{target} failed in its construction", lambda: opener(**options))
     elif options:
-        raise UsageError(f"{target} is a dataset object, which does not accept options; omit {', '.join(options)}")
+        raise UsageError(target, f"a dataset object does not accept options; omit {', '.join(options)}")
     check_members(dataset, target)
     return dataset
 
@@ -140,7 +129,7 @@ def check_members(dataset: Any, what: str) -> None:
     """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample."""
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):
-            raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
+            raise UsageError(what, f"not a dataset: it has no '{member}'; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
         raise UsageError(what, f"the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
     keys = called(f"{what} failed in keys", dataset.keys)
@@ -175,6 +164,5 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
 
 
 def own_source(target: str, made: object) -> str:
-    """Return a hash (16 hexadecimal digits) of the source code of a user's object: its class, and the module named
-    in the target."""
+    """Return a hash (16 hexadecimal digits) of the source of a user's object: its class, and the target's module."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)

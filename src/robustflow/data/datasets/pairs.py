@@ -1,6 +1,5 @@
-"""A dataset as a Python sequence: `len`, `ds[0]`, `ds["key"]`, `for sample in ds`, and a `repr`. A dataset of image
-pairs in files. The files are located when the dataset is opened, so that a missing file is reported before a run
-starts. A position in a clip: a frame number, or a time.
+"""Datasets as Python sequences, and datasets of image pairs in files, which are located when the dataset is opened, so
+that a missing file is reported before a run starts.
 """
 
 from __future__ import annotations
@@ -61,7 +60,6 @@ class PairFiles:
     group: str = ""
 
     def files(self) -> list[Path]:
-        """Return all files of the pair."""
         maps = (self.flow, self.occlusion, self.invalid)
         return [*self.frames, *(path for path in maps if path is not None)]
 
@@ -75,9 +73,7 @@ class Truth(NamedTuple):
 
 
 class PairDataset(Samples):
-    """Base class for datasets of `PairFiles`. A reader locates the pairs, and overrides the reading of ground truth if
-    necessary.
-    """
+    """Base class for datasets of `PairFiles`; a subclass overrides the reading of ground truth if necessary."""
 
     name: str = "folder"
     has_flow: bool = True
@@ -90,49 +86,38 @@ class PairDataset(Samples):
         self._pairs = dict(sorted(pairs.items()))
 
     def keys(self) -> list[str]:
-        """See `Dataset.keys`."""
         return list(self._pairs)
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`."""
         return self.pair(key).files()
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`."""
         pair = self.pair(key)
         frames = read_frames(pair.frames)
         truth = self.truth(pair)
         if truth is None:
             return Sample(key, frames, group=pair.group)
         if truth.flow.shape[:2] != frames[0].shape[:2]:
-            raise DataError(
-                pair.flow,
-                f"the flow is {_size(truth.flow)}, but the frame {pair.frames[0].name} is "
-                f"{_size(frames[0])}; the files do not match",
-            )
+            raise DataError(pair.flow, f"{_size(truth.flow)}, but {pair.frames[0]} is {_size(frames[0])}")
         if not truth.valid.any():
             raise DataError(pair.flow, "no pixel with known flow, so nothing can be measured; restore the file")
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
     def pair(self, key: str) -> PairFiles:
-        """Return the files of a sample; raise a UsageError for an unknown key."""
         if key not in self._pairs:
             close = get_close_matches(key, self._pairs, n=1, cutoff=0.5) or [next(iter(self._pairs))]
-            raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{close[0]}'")
+            raise UsageError(key, f"no such sample of {self.name}; keys look like '{close[0]}'")
         return self._pairs[key]
 
     def around(self, key: str, reach: int) -> range:
-        """See `Clips.around`."""
         first, second = self.pair(key).frames
         return range(-len(_walk(self._steps[1], first, reach)), 2 + len(_walk(self._steps[0], second, reach)))
 
     def frame(self, key: str, offset: int) -> Frame:
-        """See `Clips.frame`."""
         first = self.pair(key).frames[0]
         return read_frames((first, *self.frame_files(key, [offset])))[1]
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """See `Clips.frame_files`."""
         ordered = sorted(set(offsets))
         before, (first, second) = max(0, -ordered[0]), self.pair(key).frames
         earlier = _walk(self._steps[1], first, before)
@@ -141,7 +126,6 @@ class PairDataset(Samples):
         return [frames[len(earlier) + offset] for offset in ordered]
 
     def frame_names(self, key: str) -> tuple[Path, Path]:
-        """See `SharesFrames.frame_names`."""
         return self.pair(key).frames
 
     def steps(self) -> Iterable[tuple[Path, Path]]:
@@ -159,39 +143,30 @@ class PairDataset(Samples):
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """Read the ground truth for training: only the flow file, without maps of occluded or unreliable pixels, as in
-        the original code; override if the flow requires more than one file."""
+        """Read the ground truth for training: only the flow file, as in the original code."""
         return PairDataset.truth(self, pair)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
-        """Return the entries of `Sample.meta` about the ground truth."""
         return {}
 
 
 def pairs_at_step(frames: Sequence[Path], step: int, where: Path, total: int = 0) -> list[tuple[Path, Path]]:
-    """Pair each frame with the frame `step` positions later; the last `step` frames do not start a pair. `total` is the
-    number of frames before a range was selected.
-    """
+    """Pair each frame with the one `step` positions later; `total` is the count before a range was selected."""
     if len(frames) <= step:
         raise too_few_frames(len(frames), step, where, total)
     return list(zip(frames, frames[step:], strict=False))
 
 
 def too_few_frames(count: int, step: int, where: Path, total: int = 0) -> DataError:
-    """Return the error for a sequence without a single pair."""
     frames = counted(count, "frame") + (f" of {total} from start to stop" if total > count else "")
     return DataError(where, f"{frames}, but pairs with a step of {step} need {step + 1} or more")
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
-    """Read the frames of a pair."""
     frames = tuple(read_image(path) for path in paths)
     for path, frame in zip(paths, frames, strict=True):
         if frame.shape != frames[0].shape:
-            raise DataError(
-                f"frames differ in size: {paths[0]} is {_size(frames[0])}, {path} is {_size(frame)}; "
-                "both frames of a pair must have the same size"
-            )
+            raise DataError(path, f"{_size(frame)}, but {paths[0]} is {_size(frames[0])}; resize one")
     return frames
 
 
@@ -223,4 +198,4 @@ def position(option: str, value: Position | float) -> int | float | None:
         return float(match[1])
     if match := re.fullmatch(r"(?:(\d{1,3}):)?(\d{1,3}):([0-5]?\d(?:\.\d+)?)", text):
         return 3600.0 * int(match[1] or 0) + 60.0 * int(match[2]) + float(match[3])
-    raise UsageError(f"{option} cannot be {value!r}: give a frame number such as 120, or a time such as 12.5s or 1:05")
+    raise UsageError(option, f"cannot be {value!r}; give a frame number such as 120, or a time such as 12.5s or 1:05")

@@ -62,9 +62,9 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' is read from a folder: specify it with --data FOLDER (root=... in Python)")
+        raise UsageError("--data", f"dataset '{name}' is read from a folder; give it (root=... in Python)")
     if root is not None and not takes_root:
-        raise UsageError(f"dataset '{name}' needs no folder; omit --data (root=... in Python)")
+        raise UsageError("--data", f"dataset '{name}' needs no folder; omit it (root=... in Python)")
     for option in options:
         if option == "root" or option not in parameters:
             raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])

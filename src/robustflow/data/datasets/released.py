@@ -70,7 +70,6 @@ class KittiFCReleased(ReleasedPairs, KittiPairs):
     options = {"split": ("val", "training")}
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         self.root = locate(self.facts.title, root, [f"clean/{words['split']}/image_2"], expected=self.facts.layout)
         return super().find(self.root / "clean" / words["split"], words)
 
@@ -94,6 +93,5 @@ class GoProFCReleased(ReleasedPairs):
     marker = "clean"
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         self.root, pairs = super().find(root, words)
         return self.root, pairs

@@ -76,7 +76,6 @@ class Sintel(LayoutDataset):
         super().__init__(root)
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         folder = locate(self.facts.title, root, ["flow"], ("training", ""), self.facts.layout)
         passes = [path.name for path in folders(folder) if path.name not in _SINTEL_MAPS]
         if words["render_pass"] not in passes:
@@ -145,7 +144,6 @@ class Spring(LayoutDataset):
     roots = ("", "train")
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         require("h5py", "Spring's ground truth")
         return super().find(root, words)
 

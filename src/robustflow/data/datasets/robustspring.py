@@ -67,7 +67,6 @@ class Condition(LayoutDataset):
         super().__init__(condition_folder(root, condition, spring))
 
     def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        """See `LayoutDataset.find`."""
         pairs: dict[str, PairFiles] = {}
         for sequence in folders(root):
             for side in _SIDES if re.fullmatch(r"\d{4}", sequence.name) else ():
@@ -174,11 +173,9 @@ class RobustSpring(Samples):
         return read_frames((self.files(key)[0], self._corrupted_file(corruption, severity, clean)))[1]
 
     def _condition(self, key: str) -> Condition:
-        """Return the clean pairs in the direction that a key names."""
         return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
 
     def _corrupted_file(self, corruption: str, severity: int, clean: Path) -> Path:
-        """Return the corrupted file of a clean frame."""
         if corruption not in self._corrupted or severity != 1:
             raise UsageError(corruption, f"not in {self.root} at severity {severity}; corruptions exist at severity 1")
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)

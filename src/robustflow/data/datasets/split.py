@@ -79,13 +79,10 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
     if str(split) != DRIVE_DISJOINT:
         return read_split(split, keys)
     if dataset != "kitti2015":
-        raise UsageError(
-            f"--split {DRIVE_DISJOINT} is a split of KITTI 2015, not of {dataset}; leave it out, or give a file with "
-            "one key per line"
-        )
+        raise UsageError("--split", f"{DRIVE_DISJOINT} is a split of KITTI 2015, not of {dataset}; give a file of keys")
     chosen = drive_disjoint_split(keys).evaluation
     if not chosen:
-        raise DataError(f"--split {DRIVE_DISJOINT} evaluates none of these {len(keys)} pairs; leave it out")
+        raise DataError("--split", f"{DRIVE_DISJOINT} evaluates none of these {len(keys)} pairs; leave it out")
     return chosen
 
 
@@ -115,12 +112,8 @@ def _listed(path: Path, entries: list[str], keys: Sequence[str]) -> set[str]:
     for entry in entries:
         if entry not in known:
             close = get_close_matches(entry, keys, n=1) or [keys[0]]
-            missing = sum(other not in known for other in entries)
-            raise DataError(
-                path,
-                f"no sample '{entry}' in the dataset ({missing} of {len(entries)} are unknown); "
-                f"did you mean '{close[0]}'?",
-            )
+            lost = f"{sum(other not in known for other in entries)} of {len(entries)} are unknown"
+            raise DataError(path, f"no sample '{entry}' in the dataset ({lost}); did you mean '{close[0]}'?")
         if entry in chosen:
             raise DataError(path, f"'{entry}' is listed twice; list every key only once")
         chosen.add(entry)

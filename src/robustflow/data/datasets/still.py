@@ -35,10 +35,7 @@ class Still(Samples):
 
     def __init__(self, dataset: Dataset, keys: Iterable[str], depths: Depths | None = None) -> None:
         if isinstance(dataset, PreCorrupted):
-            raise UsageError(
-                f"still scenes cannot be made from '{dataset.name}', whose frames are already corrupted or are "
-                "corrupted as clips; give uncorrupted frames: --benchmark folder, kitti2015, sintel, ..."
-            )
+            raise UsageError("--still", f"the frames of '{dataset.name}' are corrupted already, or as clips")
         self.name = dataset.name
         self._dataset = dataset
         self._own_depths = depths
@@ -49,15 +46,12 @@ class Still(Samples):
         self._keys = [each for key in frames for each in (key, key + SECOND) if each in chosen]
 
     def keys(self) -> list[str]:
-        """See `Dataset.keys`."""
         return list(self._keys)
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`."""
         return self._dataset.files(pair_key(key))
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`."""
         number = int(key.endswith(SECOND))
         return replace(still_scene(self._dataset.load(pair_key(key)), number), key=key)
 
@@ -70,7 +64,6 @@ class Still(Samples):
         return SceneDepth((pair.maps[which],) * 2, (pair.measured[which],) * 2, camera)
 
     def depth_files(self, key: str) -> list[Path]:
-        """See `Depths.depth_files`."""
         return self._depths().depth_files(pair_key(key))
 
     def _depths(self) -> Depths:
@@ -81,15 +74,12 @@ class Still(Samples):
         return self._dataset
 
     def around(self, key: str, reach: int) -> range:
-        """See `Clips.around`."""
         return range(-reach, reach + 2)
 
     def frame(self, key: str, offset: int) -> Frame:
-        """See `Clips.frame`."""
         return self.load(key).frames[0]
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """See `Clips.frame_files`."""
         return self.files(key)
 
 
@@ -105,9 +95,5 @@ def _frame_names(dataset: Dataset, key: str) -> tuple[Hashable, Hashable]:
 
 
 def pair_key(key: str) -> str:
-    """Return the key of the pair that a still scene comes from.
-
-    >>> pair_key("000010:2"), pair_key("000010")
-    ('000010', '000010')
-    """
+    """Return the key of the pair that a still scene comes from: "000010" for "000010:2"."""
     return key.removesuffix(SECOND)

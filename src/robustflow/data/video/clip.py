@@ -30,7 +30,6 @@ class ClipFile:
 
     @property
     def stored_size(self) -> tuple[int, int]:
-        """Return the size (H, W) of the encoded frames; both sides are even."""
         return even_size(self.height, self.width)
 
 

@@ -157,7 +157,6 @@ def abr(rate: int) -> Encoding:
 
 
 def check_size(height: int, width: int) -> None:
-    """Check that frames of a size can be encoded."""
     if max(height, width) > _LONGEST_SIDE:
         raise DataError(f"frames of {width}x{height}", f"H.264 encodes at most {_LONGEST_SIDE} pixels per side")
 
@@ -173,7 +172,6 @@ def configure(context: Any, height: int, width: int, fps: Fraction, encoding: En
 
 
 def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
-    """Convert an I420 frame to a PyAV frame."""
     frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="yuv420p")
     frame.pts, frame.time_base = index, 1 / fps
     return frame

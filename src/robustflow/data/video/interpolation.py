@@ -229,7 +229,6 @@ def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def _sample(image: Any, x: Any, y: Any, channel: int) -> Any:
-    """Sample bilinearly with a repeated border."""
     height, width = image.shape[:2]
     x = min(max(x, 0.0), width - 1.0)
     y = min(max(y, 0.0), height - 1.0)

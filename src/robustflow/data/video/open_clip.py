@@ -144,7 +144,6 @@ def _sha256(path: Path, changed: int, size: int) -> str:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read the record of how a variant was created."""
     content = unsealed(path.read_bytes())
     if content is None:
         raise DataError(path, f"damaged; delete it and {path.parents[1] / path.stem}; both will be recreated")

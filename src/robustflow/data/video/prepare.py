@@ -71,7 +71,6 @@ class ClipTiming:
 
 
 def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
-    """Compute the timing of one clip."""
     check_size(*source.size)
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
@@ -129,7 +128,6 @@ def prepare_clip(
 def _write_clip(
     source: Source, folder: Path, wanted: ClipManifest, interpolator: Interpolator | None, progress: Progress
 ) -> PreparedClip:
-    """Write the clip in a locked folder."""
     work = folder / f".segments-{digest_of_value(wanted.model_dump())}"
     if interpolator is None:
         pictures: Iterable[I420] = map(rgb_to_i420, source.frames())
@@ -148,7 +146,6 @@ def _write_clip(
 
 
 def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
-    """Return the clip if it exists and has the same settings."""
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None

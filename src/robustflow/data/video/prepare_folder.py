@@ -177,13 +177,11 @@ def estimate_disk(
 
 
 def check_room(estimate: DiskEstimate, output: Path) -> None:
-    """Check that there is enough disk space."""
     if estimate.kept + estimate.temporary > estimate.free:
         raise DataError(output, f"not enough disk space: {estimate}; choose a different --output or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
-    """Return the size in bytes of a master frame and of the PNG of a key frame."""
     probe = list(islice(source.frames(), PROBE))
     frames = list(interpolate(probe, FlowInterpolator(), factor)) if factor > 1 else probe
     height, width = even_size(*source.size)

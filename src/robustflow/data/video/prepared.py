@@ -222,7 +222,6 @@ def _read(path: Path, kind: type[R]) -> R:
 
 
 def is_prepared(data: Path) -> bool:
-    """Return whether a folder was created by `robustflow prepare gopro-fc`."""
     return (data / FOLDER_MANIFEST).is_file()
 
 

@@ -59,7 +59,6 @@ class PictureFolder:
             yield frame
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind of source and the first and last file names."""
         return {"kind": "pictures", "first": self.paths[0].name, "last": self.paths[-1].name}
 
 
@@ -111,7 +110,6 @@ class VideoFile:
             raise DataError(self.path, f"{read} of {self.count} frames can be decoded; copy or convert it again")
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, codec, pixel format and declared rate, and the frame intervals if the rate is variable."""
         return {
             "kind": "video",
             "file": self.path.name,

@@ -98,7 +98,6 @@ class Fill:
 
     @property
     def frames_lost(self) -> int:
-        """Return the number of replaced frames."""
         return sum(last - first + 1 for first, last, _ in self.lost)
 
 
@@ -241,7 +240,6 @@ DEFAULT_RATE = Fraction(30)
 
 
 def frame_rate(path: Path) -> Fraction:
-    """Return the mean frame rate of a video file."""
     if path.is_dir():
         return DEFAULT_RATE
     with open_video(path) as container:

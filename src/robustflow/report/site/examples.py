@@ -30,7 +30,7 @@ from ...core.files import (
 )
 from ...core.text import plain
 from ...core.types import Frame, Untrusted
-from ...data.benchmarks.demo import DEMO_CLASSES
+from ...data.benchmarks.paper import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image, shrunk
 from ...run.example_cells import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH

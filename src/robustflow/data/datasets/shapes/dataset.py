@@ -48,13 +48,13 @@ class FlyingShapes(Samples):
         readout: float = 0.0,
     ) -> None:
         if type(pairs) is not int or not 1 <= pairs <= _MOST_PAIRS:
-            raise UsageError(f"pairs must be an integer from 1 to {_MOST_PAIRS}, not {pairs!r}")
+            raise UsageError("pairs", f"must be an integer from 1 to {_MOST_PAIRS}, not {pairs!r}")
         if type(seed) is not int:
-            raise UsageError(f"seed must be an integer, not {seed!r}")
+            raise UsageError("seed", f"must be an integer, not {seed!r}")
         choice("split", split, SPLITS)
         for option, value, most in (("motion", motion, 10), ("readout", readout, 1)):
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
-                raise UsageError(f"{option} must be a number from 0 to {most}, not {value!r}")
+                raise UsageError(option, f"must be a number from 0 to {most}, not {value!r}")
         self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
         self._readout = float(readout)
         self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)
@@ -63,7 +63,6 @@ class FlyingShapes(Samples):
             texture_files(self._textures)
 
     def keys(self) -> list[str]:
-        """See `Dataset.keys`."""
         return [f"{index:06d}" for index in range(self._pairs)]
 
     def files(self, key: str) -> list[Path]:
@@ -72,7 +71,6 @@ class FlyingShapes(Samples):
         return [] if self._textures is None else texture_files(self._textures)
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`."""
         frames, flow, occluded = render_pair(self._scene(key), self._readout)
         return Sample(key, frames, flow, np.ones_like(occluded), occluded)
 
@@ -101,4 +99,4 @@ class FlyingShapes(Samples):
     def _checked(self, key: str) -> int:
         if len(key) >= 6 and key.isdecimal() and key == f"{int(key):06d}" and int(key) < self._pairs:
             return int(key)
-        raise UsageError(f"shapes has no sample '{key}'; its keys are '000000' to '{self._pairs - 1:06d}'")
+        raise UsageError(key, f"no such sample of shapes; its keys are '000000' to '{self._pairs - 1:06d}'")

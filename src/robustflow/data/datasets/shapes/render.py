@@ -69,7 +69,6 @@ def layer_depths(count: int) -> npt.NDArray[np.float32]:
 
 @njit(cache=True, nogil=True, inline="always")
 def _time(which: Any, readout: Any, y: Any, height: Any) -> Any:
-    """Return the capture time of a row of frame 0 or 1."""
     return which + readout * ((y + 0.5) / height - 0.5)
 
 
@@ -85,7 +84,6 @@ def _inside(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
 
 @inner
 def _inset_at(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
-    """Return `inset` of a point at time `t`."""
     mx, my = from_time(motion, t, x, y)
     return inset(outline, mx, my)
 

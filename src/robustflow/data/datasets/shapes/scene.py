@@ -1,6 +1,5 @@
-"""The motion of a layer: an affine map and a smooth wave, with an inverse that is exact up to rounding. For use
-inside compiled loops. The outline of a layer: an ellipse or a convex polygon, with a wobble. For use inside
-compiled loops. The content and motion of a pair; all values are drawn from the pair's random stream.
+"""The content and motion of a pair, drawn from the pair's random stream: layers with a motion (an affine map and a
+smooth wave, with an inverse that is exact up to rounding) and an outline (an ellipse or convex polygon with a wobble).
 
 Every point of a layer moves in a straight line at constant speed: at time t it is at m + t (T(m) - m), where m is
 its position in frame 1 and T(m) its position in frame 2.
@@ -111,7 +110,6 @@ def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
 
 @inner
 def _newton_time(m: Any, t: Any, x: Any, y: Any) -> Any:
-    """Compute `from_time` by Newton's method."""
     px, py = x - t * m[2], y - t * m[3]
     for _ in range(_STEPS):
         qx, qy = at_time(m, t, px, py)
@@ -190,7 +188,6 @@ class Scene:
 
 
 def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: TextureArray) -> Scene:
-    """Draw a scene."""
     height, width = shape
     unit = math.sqrt(height * width) / _REFERENCE
     shift = (_shift(rng, _BACKGROUND_SHIFT * unit * motion), _shift(rng, _BACKGROUND_SHIFT * unit * motion))
@@ -285,7 +282,6 @@ def _outline(rng: Rng, centre: tuple[float, float], unit: float) -> tuple[Number
 
 
 def _fill(rng: Rng) -> Numbers:
-    """Draw the texture coordinates and colours of a layer."""
     cosine, sine = _turn(rng.uniform(-1.0, 1.0))
     scale = rng.uniform(0.4, 1.2)
     across = [scale * cosine, scale * sine, rng.uniform(0.0, SIZE)]

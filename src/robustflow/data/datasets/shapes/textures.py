@@ -48,13 +48,12 @@ def picture_textures(folder: str) -> TextureArray:
 
 
 def texture_files(folder: str) -> list[Path]:
-    """Return the images that `picture_textures` reads, in natural order."""
     root = user_path(folder)
     if not root.is_dir():
-        raise UsageError(f"textures={folder}: no such folder; give a folder of images")
+        raise UsageError("textures", f"{folder} does not exist; give a folder of images")
     files = images_in(root)
     if not 1 <= len(files) <= _MOST_PICTURES:
-        raise UsageError(f"textures={folder}: contains {len(files)} images; give 1 to {_MOST_PICTURES}")
+        raise UsageError("textures", f"{folder} contains {len(files)} images; give 1 to {_MOST_PICTURES}")
     return files
 
 
