@@ -11,8 +11,9 @@ from robustflow.api import evaluate
 from robustflow.core.arguments import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.run.config import Selection
 from robustflow.run.identity import ModelIdentity, Provenance
-from robustflow.run.manifest import Manifest, Selection
+from robustflow.run.manifest import Manifest
 from robustflow.run.plan import Unit
 from robustflow.run.run import Run
 from robustflow.run.store import RunFolder

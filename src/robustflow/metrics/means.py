@@ -129,35 +129,36 @@ class RunRows:
             or not self.counts[samples[sample], conditions[corruption, severity]]
         ]
 
-    def cells(self, measure: Measure, averaging: Averaging = "image") -> dict[tuple[str, int], float]:
-        """Return the mean of a measure over the images of each (corruption, severity), where it is known."""
-        values = self._arrays(measure)
-        totals, counts, kept = values["total"], values["count"], values["count"] > 0
+    def cells(
+        self, measure: Measure, averaging: Averaging = "image", only: Collection[str] = ()
+    ) -> dict[tuple[str, int], float]:
+        """Return the mean of a measure over the images of each (corruption, severity), where it is known; `only` limits
+        the corruptions."""
+        counts = self._array(measure.count)
+        kept = counts > 0
         if measure.paired:
-            seen = self._arrays_of(seen=pl.col(measure.paired))["seen"] > 0
+            seen = self._array(pl.col(measure.paired)) > 0
             with_clean = np.zeros(len(self.samples), bool)
             clean = self.places.get((CLEAN, 0), np.zeros(0, np.int32))
             with_clean[self.sample_of[clean[seen[clean]]]] = True
             kept &= with_clean[self.sample_of]
+        totals = self._array(measure.total)
+        before = None if measure.minus is None else self._array(measure.minus)
         out = {}
         for at, places in self.places.items():
             some = places[kept[places]]
-            if not some.size or (measure.paired and at[0] == CLEAN):
+            if not some.size or (measure.paired and at[0] == CLEAN) or (only and at[0] not in only):
                 continue
             value = _over_images(totals[some], counts[some], measure, averaging)
-            if measure.minus is not None:
-                value -= _over_images(values["minus"][some], counts[some], measure, averaging)
+            if before is not None:
+                value -= _over_images(before[some], counts[some], measure, averaging)
             if math.isfinite(value):
                 out[at] = value
         return out
 
-    def _arrays(self, measure: Measure) -> dict[str, np.ndarray]:
-        parts = {"total": measure.total, "count": pl.when(measure.total.is_not_null()).then(measure.count)}
-        return self._arrays_of(**parts | ({} if measure.minus is None else {"minus": measure.minus}))
-
-    def _arrays_of(self, **parts: pl.Expr) -> dict[str, np.ndarray]:
-        table = self.rows.select(**{name: part.cast(pl.Float64).fill_null(0.0) for name, part in parts.items()})
-        return {column.name: column.to_numpy() for column in table.collect().iter_columns()}
+    def _array(self, value: pl.Expr) -> np.ndarray:
+        """Return a value of every row, with 0 where it is missing."""
+        return self.rows.select(value.cast(pl.Float64).fill_null(0.0)).collect().to_series().to_numpy()
 
 
 def _needed() -> list[tuple[str, str]]:
@@ -192,9 +193,9 @@ def averaged_rows(rows: pl.DataFrame) -> pl.DataFrame:
     return rows.filter(pl.col("corruption").is_in([CLEAN, *averaged_corruptions(rows)]))
 
 
-def clean_mean(rows: pl.DataFrame | pl.LazyFrame, measure: Measure, averaging: Averaging = "image") -> float | None:
+def clean_mean(rows: pl.DataFrame, measure: Measure) -> float | None:
     """Return the mean of a measure on the clean frames; None if no image has a value."""
-    return RunRows.of(rows.lazy().filter(corruption=CLEAN)).cells(measure, averaging).get((CLEAN, 0))
+    return RunRows.of(rows.filter(corruption=CLEAN)).cells(measure).get((CLEAN, 0))
 
 
 def means(
@@ -251,7 +252,7 @@ def means_of_run(of_run: RunRows, groups: Mapping[str, Collection[str]], averagi
     and `epe_clean`, `fl_clean` and `share`, the percentage of the valid pixels that are inside."""
     out = means(of_run, groups, MEASURES, averaging)
     for name, measure in CLEAN_MEASURES.items():
-        if (value := clean_mean(of_run.rows, measure, averaging)) is not None:
+        for value in of_run.cells(measure, averaging, [CLEAN]).values():
             out[name, CLEAN, None] = value
     for region, measures in REGION_MEASURES.items():
         count = f"n_{region}"

@@ -35,7 +35,7 @@ class Measure:
     Attributes:
         label: name in tables and figures.
         total: a sum, or another value of a row.
-        count: what the sum is divided by; a row without it is left out.
+        count: what the sum is divided by; a row in which it is null or 0 is left out.
         unit: unit for tables; empty for ratios.
         factor: 100 for percentages.
         minus: the value on the clean frames; its mean over the same images is subtracted.
@@ -76,6 +76,12 @@ _blind = _valid.is_null()
 _one = pl.lit(1)
 _errors = _of_errors("n_valid")
 
+
+def _known(column: str, count: pl.Expr = _one) -> pl.Expr:
+    """The count of rows in which a column has a value."""
+    return pl.when(pl.col(column).is_not_null()).then(count)
+
+
 MEASURES: dict[str, Measure] = {
     "epe": _errors["epe"],
     "cre": _errors["cre"],
@@ -99,9 +105,7 @@ MEASURES: dict[str, Measure] = {
     "coverage": Measure(
         "coverage", _with_truth, pl.when(_blind).then(_every).otherwise("n_truth"), "", better=1, explanation=""
     ),
-    "spread": Measure(
-        "spread", pl.col("spread_sum"), pl.when(pl.col("spread_sum").is_not_null()).then(_all), explanation=""
-    ),
+    "spread": Measure("spread", pl.col("spread_sum"), _known("spread_sum", _all), explanation=""),
 }
 """The measures of every condition. CREr is not an average of images: it is the mean CRE divided by the mean clean EPE
 (`means`)."""
@@ -124,18 +128,16 @@ BEFORE = Measure("EPE before", pl.col("clean_epe_sum"), _valid, explanation="Cle
 REGION_MEASURES = {region: _of_errors(f"n_{region}", f"_{region}") for region in REGIONS}
 
 CONFIDENCE: dict[str, Measure] = {
-    "ause": Measure("AUSE", pl.col("ause"), _one),
-    "ause_normalised": Measure(
-        "AUSE, normalised", pl.col("ause"), pl.when(_valid > 0).then(pl.col("epe_sum") / _valid), ""
-    ),
-    "error_at_100": Measure("error at 100 %", pl.col("epe_sum"), pl.when(pl.col("ause").is_not_null()).then(_valid)),
+    "ause": Measure("AUSE", pl.col("ause"), _known("ause")),
+    "ause_normalised": Measure("AUSE, normalised", pl.col("ause"), _known("ause", pl.col("epe_sum") / _valid), ""),
+    "error_at_100": Measure("error at 100 %", pl.col("epe_sum"), _known("ause", _valid)),
     **{
-        f"{at}_at_{share}": Measure(f"{at} at {share} %", pl.col(f"{at}_at_{share}"), _one)
+        f"{at}_at_{share}": Measure(f"{at} at {share} %", pl.col(f"{at}_at_{share}"), _known(f"{at}_at_{share}"))
         for at in ("error", "oracle")
         for share in COVERAGES
     },
-    "confidence_spearman": Measure("Spearman", pl.col("confidence_spearman"), _one, ""),
-    "rejected": Measure("rejected", pl.col("rejected_count"), _all, "%", 100.0),
+    "confidence_spearman": Measure("Spearman", pl.col("confidence_spearman"), _known("confidence_spearman"), ""),
+    "rejected": Measure("rejected", pl.col("rejected_count"), _known("rejected_count", _all), "%", 100.0),
 }
 
 _ratio = (pl.col("epe_sum") / _valid / (pl.col("clean_epe_sum") / _valid)).log()
@@ -171,12 +173,12 @@ the same pixels as on the clean frames."""
 
 
 def _attack(label: str, column: str, factor: float = 1.0, unit: str = "px") -> Measure:
-    return Measure(label, pl.col(column), _one, unit, factor, better=0)
+    return Measure(label, pl.col(column), _known(column), unit, factor, better=0)
 
 
 ATTACK: dict[str, Measure] = {
     "attack_median": _attack("median", "attack_median"),
-    "attack_capped": Measure("capped", pl.col("attack_capped_sum"), _valid, better=0),
+    "attack_capped": Measure("capped", pl.col("attack_capped_sum"), _known("attack_capped_sum", _valid), better=0),
     "attack_way_gone": _attack("target progress", "attack_way_gone", 100.0, "%"),
     "attack_late_gain": _attack("last quarter", "attack_late_gain"),
     "attack_start_spread": _attack("start spread", "attack_start_spread"),
