@@ -1,6 +1,6 @@
-"""Train the attacks of a run that need training, once per run, on samples that the run does not measure. The
-results are stored in the run folder. Compute attack cells in the process that has loaded the model, because
-attacked frames depend on the model.
+"""Attack the samples of a run, in the process that has loaded the model, because attacked frames depend on it.
+
+Attacks that need training are trained once per run, on samples that the run does not measure, and stored in its folder.
 """
 
 from __future__ import annotations
@@ -46,15 +46,17 @@ def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str,
         left = [key for key in every if key not in measured]
         if len(left) < int(attack.trains):
             raise UsageError(
-                f"attack {attack.label} needs {attack.trains} training samples that are not measured, but only "
-                f"{len(left)} are available; measure fewer with --limit or --split, or train on fewer"
+                attack.label,
+                f"the attack needs {attack.trains} training samples that are not measured, but only {len(left)} are "
+                "available; measure fewer with --limit or --split, or train on fewer",
             )
         return tuple(sorted(left, key=lambda key: (key_of("attack training", seed, key), key))[: int(attack.trains)])
     keys = read_split(attack.trains, every)
     if both := [key for key in keys if key in measured]:
         raise UsageError(
-            f"attack {attack.label} would be trained on sample '{both[0]}', which this run measures ({len(both)} such "
-            "samples in total); remove these samples from the file, or measure different ones with --split"
+            attack.label,
+            f"the attack would be trained on sample '{both[0]}' and {len(both) - 1} more that this run measures; "
+            "remove them from the file, or measure different ones with --split",
         )
     return tuple(keys)
 
@@ -76,30 +78,18 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         for label, (attack, on) in trained.get(name, {}).items():
-            pattern = _stored_pattern(folder, plan, label, severity, attack)
-            if pattern is None:
+            assert isinstance(attack, Trained)
+            path, made_of = folder.pattern_path(label, severity), f"{plan.digest()} {label} {severity}"
+            pattern = read_array(path, made_of)
+            if pattern is None or not attack.fits(pattern) or not np.isfinite(pattern).all():
                 pattern = _trained(attack, plan, on, severity, batch_size)
-                path = folder.pattern_path(label, severity)
                 path.parent.mkdir(exist_ok=True)
-                write_array(path, pattern, _pattern_key(plan, label, severity))
+                write_array(path, pattern, made_of)
             learned.setdefault(label, {})[severity] = pattern
     return learned
 
 
-def _stored_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, attack: Attack) -> Pattern | None:
-    """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
-    folder."""
-    assert isinstance(attack, Trained)
-    pattern = read_array(folder.pattern_path(label, severity), _pattern_key(plan, label, severity))
-    return pattern if pattern is not None and attack.fits(pattern) and np.isfinite(pattern).all() else None
-
-
-def _pattern_key(plan: Plan, label: str, severity: int) -> str:
-    return f"{plan.digest()} {label} {severity}"
-
-
-def _trained(attack: Attack, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
-    assert isinstance(attack, Trained)
+def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
     options, benchmark = plan.options, plan.benchmark
     pairs = []
     for key in training_keys(attack, benchmark, options.frames.seed):
@@ -138,14 +128,11 @@ class AttackStage:
         """
         cells = [cell for _, _, cell in targets]
         name = cells[0][1]
+        attack, seed = self._attacks[name], self._options.frames.seed
         with timed(self._seconds, "attack"):
             if self._warnings is None:
                 self._warnings = self._warnings_of_model(targets[0][0])
-            attack = self._attacks[name]
-            pairs = [
-                (pair_of_sample(attack, sample, severity, self._options.frames.seed), clean)
-                for sample, clean, (_, _, severity) in targets
-            ]
+            pairs = [(pair_of_sample(attack, sample, cell[2], seed), clean) for sample, clean, cell in targets]
             self._on_predict(describe_cells(cells))
             with timed(self._seconds, f"attack {name}"):
                 attacked = attack_pairs(attack, self._model, pairs, self._warnings)
@@ -154,9 +141,9 @@ class AttackStage:
 
     def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
         """Return warnings about the model itself, determined by predicting once before the first attack."""
+        assert isinstance(self._model, FlowModel)
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
-        assert isinstance(self._model, FlowModel)
         # `clean` may come from a batched prediction
         flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)
         warnings = first_warnings(self._model, (first, second), sample.key, flow)
@@ -168,10 +155,10 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """Check that all requested attacks work with a model."""
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
-        raise UsageError("attacks require a two-frame model; omit --attacks")
+        raise UsageError("--attacks", "attacks require a two-frame model; omit it")
     attacks = attacks_in_run(names, variant)
     if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
-        raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run support it")
+        raise UsageError(variant, "unknown variant: neither the corruptions nor the attacks of this run support it")
     for one in attacks.values():
         one.check(model)
     sources = {

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from ..core.errors import DataError, ModelError, RunError, UsageError
-from ..core.types import Flow, Mask, Sample
+from ..core.types import Flow, Mask
 from ..data.benchmarks import Benchmark
 from ..models.base import AnyModel, FlowLookup, FlowModel, describe_cell, predict_checked
 from .costs import GROUND_TRUTH, read_displacement, write_displacement
@@ -31,9 +31,9 @@ def displacement_histogram(
 ) -> pl.DataFrame:
     """Count pixels by flow magnitude over all samples of a benchmark, with one sample in memory at a time."""
     if model is None and not benchmark.dataset.has_flow:
-        raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
+        raise DataError(benchmark.name, "has no ground truth; name the model whose flow should be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
-        raise UsageError("displacement is measured on the flow of pairs; choose a two-frame model")
+        raise UsageError("--model", "displacement is measured on the flow of pairs; choose a two-frame model")
     table = histogram(_flows(benchmark, model, progress, digests or {}))
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
@@ -42,7 +42,7 @@ def displacement_histogram(
 def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
     """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks."""
     if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
-        raise UsageError(f"histogram edges must be ascending and start at 0; got {list(edges)[:5]}...")
+        raise UsageError("edges", f"must be ascending and start at 0; got {list(edges)[:5]}...")
     counts = np.zeros(len(edges) - 1, np.int64)
     valid_pixels = 0
     for flow, valid in flows:
@@ -51,15 +51,8 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
         counts += np.histogram(amplitude, np.minimum(edges, np.finfo(np.float64).max))[0]
         counts[-1] -= int((amplitude == edges[-1]).sum())  # np.histogram includes the upper edge of the last bin
         valid_pixels += amplitude.size
-    share = counts / valid_pixels if valid_pixels else np.zeros(len(counts))
-    return pl.DataFrame(
-        {
-            "low": np.asarray(edges[:-1], np.float64),
-            "high": np.asarray(edges[1:], np.float64),
-            "pixels": counts,
-            "share": share,
-        }
-    )
+    low, high = np.asarray(edges[:-1], np.float64), np.asarray(edges[1:], np.float64)
+    return pl.DataFrame({"low": low, "high": high, "pixels": counts, "share": counts / max(1, valid_pixels)})
 
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
@@ -87,21 +80,16 @@ def _flows(
         sample = benchmark.dataset.load(key)
         if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
             raise RunError(
-                f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the --data of the run"
+                f"{benchmark.name}, sample '{key}'", "these are not the frames of the run; use the --data of the run"
             )
-        yield _true_flow(benchmark, sample) if model is None else _predicted_flow(model, sample)
+        if model is None:
+            if sample.flow is None or sample.valid is None:
+                raise DataError(f"{benchmark.name}, sample '{key}'", "no ground truth; name a model instead")
+            yield sample.flow, sample.valid
+        else:
+            flow = predict_checked(model, sample.frames, key, "clean", 0)
+            if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
+                where = describe_cell(key, "clean", 0)
+                raise ModelError(where, f"the model returned {broken} pixels that are NaN or infinite; fix the model")
+            yield flow, np.ones(sample.shape, np.bool_)
         progress(number)
-
-
-def _true_flow(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:
-    if sample.flow is None or sample.valid is None:
-        raise DataError(f"{benchmark.name}, sample '{sample.key}': no ground truth; name a model instead")
-    return sample.flow, sample.valid
-
-
-def _predicted_flow(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask]:
-    flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
-    if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
-        where = describe_cell(sample.key, "clean", 0)
-        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; fix the model")
-    return flow, np.ones(sample.shape, np.bool_)

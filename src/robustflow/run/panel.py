@@ -64,13 +64,14 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         ("flow on the corrupted frames", flow_colours(panel.flow, radius)),
     ]
     if truth is None or valid is None:
-        pictures.append(("", None))
-        pictures.append(("difference of the two flows", error_colours(epe_map(panel.flow, panel.clean_flow))))
+        change = error_colours(epe_map(panel.flow, panel.clean_flow))
+        pictures += [("", None), ("difference of the two flows", change)]
     else:
         errors = np.where(valid, epe_map(panel.flow, truth), np.nan)
         error = thickened(error_colours(errors), ~np.isnan(errors))
-        pictures.append(("ground truth (black: unknown)", thickened(flow_colours(truth, radius, valid), valid)))
-        pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
+        known = thickened(flow_colours(truth, radius, valid), valid)
+        pictures += [("ground truth (black: unknown)", known)]
+        pictures += [("end-point error on the corrupted frames (grey: unknown)", error)]
     figure = _figure(panel, pictures)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # characters that the font lacks are shown as boxes
@@ -143,12 +144,8 @@ def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> st
     >>> numbers_line(None, None, 0.5), numbers_line(2.0, 0.25, 1.0)
     ('RCRE 0.50 px', 'EPE 2.00 px   CRE +0.25 px   RCRE 1.00 px')
     """
-    parts = [
-        None if epe is None else f"EPE {epe:.2f} px",
-        None if cre is None else f"CRE {cre:+.2f} px",
-        None if rcre is None else f"RCRE {rcre:.2f} px",
-    ]
-    return "   ".join(part for part in parts if part)
+    scores = (("EPE", epe, ""), ("CRE", cre, "+"), ("RCRE", rcre, ""))
+    return "   ".join(f"{name} {value:{sign}.2f} px" for name, value, sign in scores if value is not None)
 
 
 def panel_title(key: str, corruption: str, severity: int, why: str = "") -> str:

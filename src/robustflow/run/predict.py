@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import DataError, UsageError
+from ..core.errors import DataError, UsageError, unknown_name
 from ..core.files import make_folder
 from ..core.types import Flow
 from ..data.datasets import load_dataset
@@ -50,10 +50,10 @@ def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
     """Open two or more images in the given order, a folder of images, or a video, as pairs of adjacent frames."""
     if len(paths) == 1:
         if paths[0].is_file() and _is_picture(paths[0]):
-            raise UsageError(f"{paths[0]} is a single frame; give two or more, a folder of frames, or a video")
+            raise UsageError(paths[0], "a single frame; give two or more, a folder of frames, or a video")
         return load_dataset("folder", paths[0], **options)
     if options:
-        raise UsageError(f"-D {next(iter(options))}=... applies to a folder or a video, not to single images")
+        raise UsageError(f"-D {next(iter(options))}", "applies to a folder or a video, not to single images")
     pairs = {
         f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: PairFiles((first, second), group="frames")
         for index, (first, second) in enumerate(pairwise(paths))
@@ -71,12 +71,12 @@ def predict_flows(
 ) -> Iterator[Predicted]:
     """Write the flow of every pair as FOLDER/KEY.SUFFIX, and yield each result. Each file is complete or absent."""
     if suffix not in FLOW_FORMATS:
-        raise UsageError(f"unknown format '{suffix}': choose {', '.join(FLOW_FORMATS)}")
+        raise unknown_name("format", suffix, FLOW_FORMATS)
     keys = dataset.keys()
     targets = {key: folder / f"{key}.{suffix}" for key in keys}
     there = [path for path in targets.values() if path.exists()]
     if there and not overwrite:
-        raise UsageError(f"{there[0]} already exists; choose a different folder with -o, or use --overwrite")
+        raise UsageError(there[0], "already exists; choose a different folder with -o, or use --overwrite")
     for key, flow in flows_of(load_predictor(model).model, dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
@@ -109,10 +109,7 @@ def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius
         for one in predicted:
             frame = dataset.load(one.key).frames[0]
             if frame.shape[:2] != (height, width):
-                raise DataError(
-                    f"{one.key} differs in size from the frames before it; all frames of a video must have the same "
-                    "size"
-                )
+                raise DataError(one.key, "differs in size from the frames before it; a video has one size")
             flow, valid = read_flow(one.flow)
             yield rgb_to_i420(np.concatenate((frame, flow_colours(flow, radius, valid))))
 

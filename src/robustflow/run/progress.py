@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 
@@ -25,14 +24,8 @@ class Progress(Protocol):
         """Record that one more unit is on disk."""
 
 
-class Silent:
+class Silent(Progress):
     """A `Progress` that shows nothing."""
-
-    def start(self, folder: Path, total: int, finished: int) -> None:
-        """Ignore the message."""
-
-    def advance(self, done: FinishedUnit) -> None:
-        """Ignore the message."""
 
 
 @contextmanager
@@ -63,10 +56,8 @@ class TerminalProgress:
     def __enter__(self) -> TerminalProgress:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self._bar.__exit__(*raised)
 
     def engine(self, name: str) -> None:
         """Show the engine of the run that is about to start: "processes, 1 device + 3 feeders"."""

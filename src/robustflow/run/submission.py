@@ -63,21 +63,19 @@ class Submitted:
 def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     """Load the model of a run again."""
     if spec is None:
-        raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
+        raise RunError(run.path, "does not record how to load its model; specify --model NAME and its options")
     named = load_predictor(spec)
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
-        raise RunError(
-            f"the loaded model is not the model of {run.path} (it differs in: "
-            f"{differing_fields(named.identity, recorded)}); use the options of the run"
-        )
+        differing = differing_fields(named.identity, recorded)
+        raise RunError(run.path, f"the loaded model differs in: {differing}; use the options of the run")
     return named.model
 
 
 def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
     """Return the conditions of a submission, clean first; every condition has the same pairs."""
     if limit is not None and limit < 1:
-        raise UsageError(f"the limit must be at least 1; got {limit}")
+        raise UsageError("--limit", f"must be at least 1; got {limit}")
     clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
     wanted = {*spread(sorted(key for pairs in clean.values() for key in pairs.keys()), limit)}  # noqa: SIM118
     conditions = []
@@ -110,8 +108,7 @@ def write_submission(
         for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
             if not np.isfinite(flow).all():
                 raise ModelError(
-                    f"{each.condition}, '{key}': some vectors are not finite; a submission needs a finite vector at "
-                    "every pixel"
+                    f"{each.condition}, '{key}'", "some vectors are not finite; every pixel needs a finite vector"
                 )
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)
@@ -127,7 +124,7 @@ def _claim(folder: Path, settings: dict[str, Any]) -> None:
     except (DataError, ValueError, RecursionError):
         recorded = None
     if recorded != settings and next(folder.rglob("*.flo5"), None) is not None:
-        raise UsageError(f"{folder} contains flows of a different model; choose another folder with --output")
+        raise UsageError(folder, "contains flows of a different model; choose another folder with --output")
     make_folder(folder)
     write_json(record, settings)
 

@@ -8,7 +8,6 @@ merely late.
 from __future__ import annotations
 
 import os
-import re
 import sys
 import time
 import warnings
@@ -25,7 +24,7 @@ from ..data_files import files_of_sample
 from ..plan import Unit
 from .base import FinishedUnit, FinishedUnits, Job, Schedule, pickled
 from .processes import too_slow
-from .ray_actor import UnitActor, check_installed, installed
+from .ray_actor import UnitActor, cannot_start, check_installed, installed
 from .ray_cluster import connected, ray_module
 
 ATTEMPTS = 3
@@ -157,7 +156,7 @@ class _Crew:
             answer = self._ray.get(call)
         except exceptions.RayError as error:
             if isinstance(error, exceptions.RayTaskError) or "creation task" in str(error):
-                raise _cannot_start(error) from error
+                raise cannot_start(error) from error
             self._remove(member, error)
             return None
         if member.host is None:
@@ -259,13 +258,3 @@ class _Member:
 
 def _described(unit: Unit) -> str:
     return describe_cell(unit.key, unit.corruption, *unit.severities)
-
-
-def _cannot_start(error: Exception) -> RunError:
-    """Return the error for a node that cannot load this package; the user's code is loaded later."""
-    address = re.search(r"\bip=([^,\s)]+)", str(error))
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return RunError(
-        f"node {address[1] if address else '(address unknown)'}",
-        f"cannot start RobustFlow ({lines[-1]}); install the same version on every node",
-    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import socket
 import sys
 import time
@@ -146,6 +147,16 @@ def answered(compute: Callable[[], Any]) -> Answer:
         return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
         return "error", (type(error).__name__, str(error), traceback.format_exc())
+
+
+def cannot_start(error: Exception) -> RunError:
+    """Return the error for a node that cannot load this package; the user's code is loaded later."""
+    address = re.search(r"\bip=([^,\s)]+)", str(error))
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return RunError(
+        f"node {address[1] if address else '(address unknown)'}",
+        f"cannot start RobustFlow ({lines[-1]}); install the same version on every node",
+    )
 
 
 def _device() -> str:

@@ -16,7 +16,7 @@ from ...core.errors import DataError, RunError
 from ...core.processes import rebuilt
 from ...data.video.prepare import Preparation, Progress, prepare_clip
 from ...data.video.source import Source
-from .ray_actor import Answer, answered, check_installed, installed
+from .ray_actor import Answer, answered, cannot_start, check_installed, installed
 from .ray_cluster import connected
 
 ATTEMPTS = 3
@@ -69,15 +69,14 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
     try:
         kind, value = ray.get(call)
     except ray.exceptions.RayTaskError as error:
-        raise RunError(
-            f"a node cannot start RobustFlow ({error.cause}); install the same version on every node"
-        ) from error
+        raise cannot_start(error) from error
     except ray.exceptions.RayError as error:
         losses[source.name] += 1
         if losses[source.name] == ATTEMPTS:
             raise RunError(
-                f"clip '{source.name}' was lost {ATTEMPTS} times with the node that prepared it "
-                f"({type(error).__name__}); lack of memory is the usual cause: try fewer --workers"
+                f"clip '{source.name}'",
+                f"lost {ATTEMPTS} times with the node that prepared it ({type(error).__name__}); lack of memory is the "
+                "usual cause: try fewer --workers",
             ) from error
         return False
     if kind == "error":
@@ -91,25 +90,24 @@ def _prepare(
 ) -> Answer:
     """Prepare one clip on the node."""
     host = socket.gethostname()
-    kind, value = answered(lambda: _prepare_here(host, source, folder, preparation, proof, begins, wanted))
+
+    def prepare() -> None:
+        check_installed(host, wanted, installed())
+        if os.path.isdir(begins):
+            os.chdir(begins)
+        deadline = time.monotonic() + _APPEARS_S
+        while not proof.exists():
+            if time.monotonic() > deadline:
+                raise DataError(
+                    f"node {host}",
+                    f"cannot see files that this machine writes to {proof.parent.absolute()}; choose an --output on a "
+                    "file system that all nodes share under the same path",
+                )
+            time.sleep(0.1)
+        prepare_clip(source, folder, preparation)
+
+    kind, value = answered(prepare)
     if kind == "error":
         name, message, trace = value
         value = name, message if f"node {host}" in message else f"{message} (on node {host})", trace
     return kind, value
-
-
-def _prepare_here(
-    host: str, source: Source, folder: Path, preparation: Preparation, proof: Path, begins: str, wanted: dict[str, str]
-) -> None:
-    check_installed(host, wanted, installed())
-    if os.path.isdir(begins):
-        os.chdir(begins)
-    deadline = time.monotonic() + _APPEARS_S
-    while not proof.exists():
-        if time.monotonic() > deadline:
-            raise DataError(
-                f"node {host} cannot see files that this machine writes to {proof.parent.absolute()}; choose an "
-                "--output on a file system that all nodes share under the same path"
-            )
-        time.sleep(0.1)
-    prepare_clip(source, folder, preparation)
