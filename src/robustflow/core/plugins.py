@@ -127,11 +127,7 @@ def require(library: str, needing: str) -> None:
 
 
 def install_command(library: str) -> str:
-    """Return the command that installs a library of `EXTRAS`.
-
-    >>> install_command("onnxruntime")
-    "pip install 'robustflow[onnx]'"
-    """
+    """Return the command that installs a library of `EXTRAS`."""
     return f"pip install 'robustflow[{EXTRAS[library]}]'"
 
 
@@ -158,14 +154,7 @@ sys.meta_path.append(FolderOfModules)
 
 @contextmanager
 def working_folder_kept() -> Iterator[None]:
-    """Return to the working folder, to which the paths of a command are relative, if the user's code leaves it.
-
-    >>> before = Path.cwd()
-    >>> with working_folder_kept():
-    ...     os.chdir("/")
-    >>> Path.cwd() == before
-    True
-    """
+    """Return to the working folder, to which the paths of a command are relative, if the user's code leaves it."""
     before = os.getcwd()
     try:
         yield
@@ -184,11 +173,7 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str) -> Any:
-    """Import an attribute of a module that is installed or in the working folder.
-
-    >>> import_target("json:loads", "dataset")("[1]")
-    [1]
-    """
+    """Import an attribute of a module that is installed or in the working folder."""
     name, _, attribute = target.partition(":")
     here = Path.cwd()
     if str(here) not in sys.path and "" not in sys.path:
@@ -234,22 +219,13 @@ def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:
 
 
 def source_of_target(target: str) -> bytes | None:
-    """Return the source file of a target's module, or None if the module was not imported or does not come from a file.
-
-    >>> source_of_target("json:loads") is not None, source_of_target("sys:path")
-    (True, None)
-    """
+    """Return the source file of a target's module, or None if it was not imported or has no file."""
     path = getattr(sys.modules.get(target.partition(":")[0]), "__file__", None)
     return Path(path).read_bytes() if path else None
 
 
 def own_name(made: Any) -> str:
-    """Return the name of a user's class or object: its attribute `name`, or the class name in snake case.
-
-    >>> class HeavyRain: ...
-    >>> own_name(HeavyRain)
-    'heavy_rain'
-    """
+    """Return the name of a user's class or object: its attribute `name`, or the class name in snake case."""
     kind = made if inspect.isclass(made) else type(made)
     named = getattr(made, "name", None)
     return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
@@ -280,11 +256,7 @@ def accepts(function: Callable[..., Any], option: str) -> bool:
 
 
 def needed_options(factory: Callable[..., Any]) -> list[str]:
-    """Return the names of a factory's required options.
-
-    >>> needed_options(lambda file, threads=1: None)
-    ['file']
-    """
+    """Return the names of a factory's required options."""
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return [key for key, one in parameters_of(factory).items() if one.kind in by_name and one.default is one.empty]
 

@@ -1,7 +1,4 @@
-"""Reproduce the channel order of the published results: the reference code treats BGR frames as RGB. Convert images
-passed by the user as arrays or Pillow images. Load corruptions by name and apply them to pairs and clips.
-Identifiers of user files that affect the output of corruptions, as part of the identity of results.
-"""
+"""Load corruptions by name and apply them to images, pairs and clips; identify the user's files that affect them."""
 
 from __future__ import annotations
 
@@ -38,14 +35,10 @@ class ChannelsReversed(Corruption):
     """
 
     def __init__(self, inner: Corruption) -> None:
-        self.name = inner.name
-        self.family = inner.family
-        self.temporal = inner.temporal
-        self.truth = inner.truth
-        self.paper_severities = inner.paper_severities
+        for attribute in ("name", "family", "temporal", "truth", "paper_severities", "needs_depth"):
+            setattr(self, attribute, getattr(inner, attribute))
         super().__init__(inner.variant, inner.severities)
         self.variant = BGR
-        self.needs_depth = inner.needs_depth
         self._inner = inner
 
     @property
@@ -77,11 +70,6 @@ def as_frame(image: Any) -> Frame:
     if image.mode not in _EIGHT_BITS or "transparency" in image.info:
         raise DataError(image.mode, "corruptions require 8-bit RGB images; use image.convert('RGB')")
     return np.asarray(image.convert("RGB"))
-
-
-def to_input_type(frame: Frame, given: Any) -> Any:
-    """Convert a corrupted frame to the type of the input, a Pillow image or an array."""
-    return Image.fromarray(frame) if isinstance(given, Image.Image) else frame
 
 
 STREAM_VERSION = 3
@@ -250,7 +238,8 @@ def corrupt(
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)
-    out = tuple(to_input_type(frame, one) for frame, one in zip(clip, given, strict=True))
+    pairs = zip(clip, given, strict=True)
+    out = tuple(Image.fromarray(frame) if isinstance(one, Image.Image) else frame for frame, one in pairs)
     return out if len(out) > 1 else out[0]
 
 
@@ -316,11 +305,8 @@ def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[st
     """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are
     used.
     """
-    sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
+    kinds = [kind for kind in map(CORRUPTIONS.get, SHIPPED) if kind.source_key]
+    sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in kinds}
     parts = {part for name in names for part, _ in split_stack(name)}
     own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
     return {key: source for key, source in sources.items() if source} | ({OWN_KEY: own} if own else {})
-
-
-def _kinds_with_sources() -> list[type[Corruption]]:
-    return [kind for kind in map(CORRUPTIONS.get, SHIPPED) if kind.source_key]

@@ -90,7 +90,9 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
 
 def needs_depth(name: str) -> bool:
     """Return whether a corruption, or any part of a stack, requires the depth of the scene; False for unknown names."""
-    return any(_part_needs_depth(part) for part, _ in split_stack(name))
+    own = [own_corruption(part, "default") if is_known(part) else None for part, _ in split_stack(name)]
+    shipped = any(part in FURTHER["depth"] for part, _ in split_stack(name))
+    return shipped or any(one.needs_depth for one in own if one is not None)
 
 
 def truth_under(name: str) -> str:
@@ -101,11 +103,6 @@ def truth_under(name: str) -> str:
         own_corruption(part, "default") or CORRUPTIONS.get(part) for part, _ in split_stack(name) if is_known(part)
     ]
     return "none" if any(part.truth == "none" for part in loaded) else "unchanged"
-
-
-def _part_needs_depth(name: str) -> bool:
-    own = own_corruption(name, "default") if is_known(name) else None
-    return name in FURTHER["depth"] if own is None else own.needs_depth
 
 
 class Stack(Corruption):

@@ -34,10 +34,8 @@ class GaussianBlur(Corruption):
 class Disk(NamedTuple):
     """Parameters for one severity."""
 
-    radius: float
-    """Radius of the disk, in pixels."""
-    smoothing: float
-    """Standard deviation of the anti-aliasing, in pixels."""
+    radius: float  # radius of the disk, in pixels
+    smoothing: float  # standard deviation of the anti-aliasing, in pixels
 
 
 class DefocusBlur(Corruption):
@@ -66,10 +64,8 @@ class DefocusBlur(Corruption):
 class Shake(NamedTuple):
     """Parameters for one severity."""
 
-    radius: int
-    """Radius alpha in pixels; the kernel has 2 * radius + 1 taps."""
-    sigma: float
-    """Standard deviation of the tap weights, in pixels."""
+    radius: int  # radius alpha in pixels; the kernel has 2 * radius + 1 taps
+    sigma: float  # standard deviation of the tap weights, in pixels
 
 
 class CameraMotionBlur(Corruption):

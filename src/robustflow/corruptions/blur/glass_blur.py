@@ -20,12 +20,9 @@ SourceIndex = npt.NDArray[np.int32]
 class Glass(NamedTuple):
     """Parameters for one severity."""
 
-    sigma: float
-    """Standard deviation of both blurs, in pixels."""
-    reach: int
-    """Maximum distance alpha between swapped pixels, in pixels."""
-    iterations: int
-    """Number of shuffle passes beta."""
+    sigma: float  # standard deviation of both blurs, in pixels
+    reach: int  # maximum distance alpha between swapped pixels, in pixels
+    iterations: int  # number of shuffle passes beta
 
 
 class GlassBlur(Corruption):

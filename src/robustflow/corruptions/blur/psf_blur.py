@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...core.errors import AssetError, DataError, UsageError
-from ...core.files import cache_folder, make_folder, sealed_bytes, unsealed_bytes, write_bytes
+from ...core.files import cache_folder, make_folder, read_bounded, sealed_bytes, unsealed_bytes, write_bytes
 from ...core.paths import user_path
 from ...core.pickle_scan import scan_torch_file
 from ...core.plugins import require
@@ -33,30 +33,17 @@ LARGEST = 16 * 2**20
 """Maximum file size in bytes; the size of a stack is 2.9 million bytes."""
 
 
-def find_stack(folder: Path, rms: float) -> Path:
-    """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper)."""
-    if not folder.is_dir():
-        raise AssetError(folder, "no such folder; specify the folder with the reference code's .pth files")
-    files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
+def reference_field(folder: str | Path, rms: float) -> PsfField:
+    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files."""
+    files = sorted(Path(folder).glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(
             folder,
-            f"contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
-            "specify the folder with the reference code's five PSF stacks",
+            f"contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; specify the folder with the "
+            "reference code's five PSF stacks",
         )
-    return files[0]
-
-
-def reference_field(folder: str | Path, rms: float) -> PsfField:
-    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files."""
-    path = find_stack(Path(folder), rms)
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise DataError(path, f"not a PSF stack: it has {size} bytes instead of 2.9 million")
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(path, f"this PSF stack cannot be read: {error.strerror}") from error
+    path = files[0]
+    data = read_bounded(path, LARGEST, "a PSF stack has 2.9 million bytes")
     source = hashlib.sha256(data).hexdigest()
     cached = cache_folder("psf") / f"{source}.stack"
     stack = _read_kept(cached, source)

@@ -29,20 +29,16 @@ _FINEST, _STEPS = 1.0, 6
 class ThinLens(NamedTuple):
     """A thin lens that blurs a point at depth Z to a disk of radius `infinity * |Z - focus| / Z`."""
 
-    focus: float
-    """Focus distance in metres."""
-    infinity: float
-    """Disk radius at infinity, in pixels."""
-    largest: float
-    """Largest disk radius, in pixels."""
+    focus: float  # focus distance in metres
+    infinity: float  # disk radius at infinity, in pixels
+    largest: float  # largest disk radius, in pixels
 
 
 class DefocusState(NamedTuple):
     """State for a pair: the lens and the depth of the scene."""
 
     lens: ThinLens
-    depth: tuple[DepthMap, DepthMap]
-    """Depth maps of both frames, in metres."""
+    depth: tuple[DepthMap, DepthMap]  # depth maps of both frames, in metres
 
 
 class Defocus3d(DepthCorruption):

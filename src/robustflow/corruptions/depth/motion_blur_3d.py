@@ -46,11 +46,9 @@ class MotionBlurState(NamedTuple):
 
     path: Motion
     """Camera motion between the frames: a point X in camera coordinates becomes `rotation @ X + translation`."""
-    share: float
-    """Exposure time as a fraction of the time between the frames."""
+    share: float  # exposure time as a fraction of the time between the frames
     camera: Camera
-    depth: tuple[DepthMap, DepthMap]
-    """Depth maps of both frames, in metres."""
+    depth: tuple[DepthMap, DepthMap]  # depth maps of both frames, in metres
 
 
 class MotionBlur3d(DepthCorruption):
@@ -265,18 +263,9 @@ def _nearer(
 
 @inner
 def _visible_sums(
-    packed: Any,
-    depths: Any,
-    width: int,
-    height: int,
-    x: int,
-    y: int,
-    path: Any,
-    near: Any,
-    count: int,
-    nearest: Any,
-    found: Any,
-) -> Any:
+    packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest:
+    Any, found: Any,
+) -> Any:  # fmt: skip
     """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface."""
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)

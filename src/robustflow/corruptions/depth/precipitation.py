@@ -46,12 +46,9 @@ _MOST = 1_000_000
 class Sizes(NamedTuple):
     """Exponential size distribution: `density * exp(-slope * D)` particles per cubic metre and millimetre."""
 
-    density: float
-    """Density in 1 / (m^3 mm)."""
-    slope: float
-    """Slope in 1 / mm."""
-    largest: float
-    """Largest diameter in mm."""
+    density: float  # density in 1 / (m^3 mm)
+    slope: float  # slope in 1 / mm
+    largest: float  # largest diameter in mm
 
 
 class Fall(NamedTuple):
@@ -59,29 +56,20 @@ class Fall(NamedTuple):
 
     slowest: float
     """Minimum speed in m/s; the terminal speed is `slowest + spread * u + root * sqrt(D)`, u in (0, 1], D in mm."""
-    spread: float
-    """Range of the random part of the speed, in m/s."""
-    root: float
-    """Diameter-dependent part of the speed at a diameter of 1 mm, in m/s."""
-    wind: float
-    """Maximum wind speed in m/s; the wind is horizontal and the same for all particles."""
-    flutter: float
-    """Maximum random deviation of a particle's velocity along each axis, in m/s."""
+    spread: float  # range of the random part of the speed, in m/s
+    root: float  # diameter-dependent part of the speed at a diameter of 1 mm, in m/s
+    wind: float  # maximum wind speed in m/s; the wind is horizontal and the same for all particles
+    flutter: float  # maximum random deviation of a particle's velocity along each axis, in m/s
 
 
 class Particles(NamedTuple):
     """Particles in the camera coordinates of each frame."""
 
-    positions: tuple[Points, Points]
-    """Positions at the time of each frame, in metres."""
-    velocities: tuple[Points, Points]
-    """Velocities relative to the ground, in m/s."""
-    diameters: npt.NDArray[np.float64]
-    """Diameters in metres, float64 (n,)."""
-    lenses: npt.NDArray[np.float64]
-    """Intrinsics fx, fy, cx, cy of each frame, float64 (2, 4)."""
-    motion: Motion
-    """Camera motion from frame 1 to frame 2."""
+    positions: tuple[Points, Points]  # positions at the time of each frame, in metres
+    velocities: tuple[Points, Points]  # velocities relative to the ground, in m/s
+    diameters: npt.NDArray[np.float64]  # diameters in metres, float64 (n,)
+    lenses: npt.NDArray[np.float64]  # intrinsics fx, fy, cx, cy of each frame, float64 (2, 4)
+    motion: Motion  # camera motion from frame 1 to frame 2
 
 
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
@@ -231,8 +219,7 @@ class PrecipitationState(NamedTuple):
     """State for a pair: the particles, their veil, and the depth of the scene."""
 
     particles: Particles
-    depth: tuple[DepthMap, DepthMap]
-    """Depth maps of both frames, in metres."""
+    depth: tuple[DepthMap, DepthMap]  # depth maps of both frames, in metres
     veil: tuple[float, float]
     """Veil formed by small particles: (extinction coefficient in 1/m, start distance in metres)."""
 

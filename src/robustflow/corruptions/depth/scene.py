@@ -20,10 +20,8 @@ FRAME_INTERVAL = 0.1
 class Motion(NamedTuple):
     """Camera motion between two frames: a point X in metres becomes `rotation @ X + translation`."""
 
-    rotation: npt.NDArray[np.float64]
-    """Rotation matrix, float64 (3, 3)."""
-    translation: npt.NDArray[np.float64]
-    """Translation in metres, float64 (3,)."""
+    rotation: npt.NDArray[np.float64]  # rotation matrix, float64 (3, 3)
+    translation: npt.NDArray[np.float64]  # translation in metres, float64 (3,)
 
 
 def motion_of(camera: Camera) -> Motion | None:

@@ -29,26 +29,21 @@ class HighLight(Corruption):
     name = "high_light"
     family = "illumination"
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
+    sign = 1.0
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Table:
-        return shift_table(255.0 * self.parameter(severity), self.variant == "reference")
+        floor = self.variant == "reference" and self.sign > 0
+        return shift_table(self.sign * 255.0 * self.parameter(severity), floor)
 
     def apply(self, frame: Frame, state: Table, index: int) -> Frame:
         return look_up(frame, state)
 
 
-class LowLight(Corruption):
+class LowLight(HighLight):
     """Darkens frames: V' = V - c on [0, 1]; the severity parameter is c (paper, "Low-Light")."""
 
     name = "low_light"
-    family = "illumination"
-    paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Table:
-        return shift_table(-255.0 * self.parameter(severity))
-
-    def apply(self, frame: Frame, state: Table, index: int) -> Frame:
-        return look_up(frame, state)
+    sign = -1.0
 
 
 class LightState(NamedTuple):

@@ -35,16 +35,14 @@ _ROOM = 8
 class DiskParts(NamedTuple):
     """The parts of the kernel that are summed separately."""
 
-    widths: npt.NDArray[np.int64]
-    """Half-width of the disk in each row dy, int64 (int(radius) + 1,)."""
+    widths: npt.NDArray[np.int64]  # half-width of the disk in each row dy, int64 (int(radius) + 1,)
     taps: npt.NDArray[np.float32]
     """One half of g, starting at the centre, divided by the square root of the disk's area, float32 (g + 1,)."""
     rim: npt.NDArray[np.int64]
     """(distance, half-width) of a segment to add and of a segment to subtract, int64 (n, 4); a half-width of -1 means
     that there is no segment.
     """
-    rim_weights: npt.NDArray[np.float32]
-    """Weights of the segment pairs, float32 (n,), in the same units as `taps`."""
+    rim_weights: npt.NDArray[np.float32]  # weights of the segment pairs, float32 (n,), in the same units as `taps`
 
 
 def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
@@ -154,21 +152,9 @@ def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
 
 @inner
 def _add_rim(
-    total: Any,
-    weight: Any,
-    a: Any,
-    r0: Any,
-    l0: Any,
-    b: Any,
-    r1: Any,
-    l1: Any,
-    c: Any,
-    r2: Any,
-    l2: Any,
-    d: Any,
-    r3: Any,
-    l3: Any,
-) -> None:
+    total: Any, weight: Any, a: Any, r0: Any, l0: Any, b: Any, r1: Any, l1: Any, c: Any, r2: Any, l2: Any, d: Any,
+    r3: Any, l3: Any,
+) -> None:  # fmt: skip
     for i in range(_U(total.size)):
         inside = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r1 + i] - b[l1 + i]))
         outside = np.int32(np.int32(c[r2 + i] - c[l2 + i]) + np.int32(d[r3 + i] - d[l3 + i]))
@@ -213,21 +199,9 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
         left, right = _U(3 * (middle - d)), _U(3 * (middle + d))
         first, last = _U(3 * (middle - e)), _U(3 * (middle + e))
         _add_rim(
-            total,
-            weights[k],
-            a,
-            left + three,
-            left,
-            a,
-            right + three,
-            right,
-            b,
-            first + three,
-            first,
-            b,
-            last + three,
-            last,
-        )
+            total, weights[k], a, left + three, left, a, right + three, right, b, first + three, first, b,
+            last + three, last,
+        )  # fmt: skip
 
 
 @inner

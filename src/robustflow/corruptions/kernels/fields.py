@@ -34,8 +34,7 @@ class SmoothField(NamedTuple):
 
     samples: npt.NDArray[np.float32]
     """Samples of the field, float32; sample (i, j) is at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
-    steps: tuple[int, int]
-    """Spacing of the samples in rows and columns, in pixels."""
+    steps: tuple[int, int]  # spacing of the samples in rows and columns, in pixels
 
 
 def smooth_field(rng: Rng, shape: tuple[int, int], sigmas: tuple[float, float], amplitude: float) -> SmoothField:

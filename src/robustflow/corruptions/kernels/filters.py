@@ -122,17 +122,11 @@ def _weigh(values: Any, centre: int, left: Any, right: Any, weights: Any, out: A
     k = 1
     while k + 4 <= weights.size:
         _add_four_pairs(
-            out,
-            values[left[k] : left[k] + n],
-            values[right[k] : right[k] + n],
-            values[left[k + 1] : left[k + 1] + n],
-            values[right[k + 1] : right[k + 1] + n],
-            values[left[k + 2] : left[k + 2] + n],
-            values[right[k + 2] : right[k + 2] + n],
-            values[left[k + 3] : left[k + 3] + n],
-            values[right[k + 3] : right[k + 3] + n],
-            weights[k : k + 4],
-        )
+            out, values[left[k] : left[k] + n], values[right[k] : right[k] + n], values[left[k + 1] : left[k + 1] + n],
+            values[right[k + 1] : right[k + 1] + n], values[left[k + 2] : left[k + 2] + n],
+            values[right[k + 2] : right[k + 2] + n], values[left[k + 3] : left[k + 3] + n],
+            values[right[k + 3] : right[k + 3] + n], weights[k : k + 4],
+        )  # fmt: skip
         k += 4
     while k < weights.size:
         _add_pair(out, values[left[k] : left[k] + n], values[right[k] : right[k] + n], weights[k])

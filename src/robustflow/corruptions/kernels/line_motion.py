@@ -23,10 +23,8 @@ from ...core.types import Frame
 class LineKernel(NamedTuple):
     """A sparse kernel: out[y, x] = sum of weights[i] * in[y + offsets[i, 0], x + offsets[i, 1]]."""
 
-    offsets: npt.NDArray[np.int64]
-    """Offsets (dy, dx) in pixels, int64 (n, 2)."""
-    weights: npt.NDArray[np.uint16]
-    """Weights in units of 2**-16, uint16 (n,); their sum is 65535."""
+    offsets: npt.NDArray[np.int64]  # offsets (dy, dx) in pixels, int64 (n, 2)
+    weights: npt.NDArray[np.uint16]  # weights in units of 2**-16, uint16 (n,); their sum is 65535
 
 
 def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
@@ -95,13 +93,9 @@ def _move(padded: Any, length: int, starts: Any, weights: Any, out: Any) -> None
             b0, b1 = begin + starts[k], begin + starts[k + 1]
             b2, b3 = begin + starts[k + 2], begin + starts[k + 3]
             _add_four_taps(
-                total,
-                padded[b0 : b0 + n],
-                padded[b1 : b1 + n],
-                padded[b2 : b2 + n],
-                padded[b3 : b3 + n],
+                total, padded[b0 : b0 + n], padded[b1 : b1 + n], padded[b2 : b2 + n], padded[b3 : b3 + n],
                 weights[k : k + 4],
-            )
+            )  # fmt: skip
             k += 4
         while k < taps:
             b0 = begin + starts[k]

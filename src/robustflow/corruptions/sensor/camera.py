@@ -142,15 +142,9 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
     out = np.empty(light.shape, np.uint16)
     scale = WHITE - BLACK
     _expose(
-        np.ascontiguousarray(light).reshape(-1),
-        np.float32(1.0 / sensor.shot),
-        np.float32(scale * sensor.shot),
-        np.float32(scale * sensor.read * UNIT),
-        *_poisson_tables(),
-        quantiles(),
-        key,
-        out.reshape(-1),
-    )
+        np.ascontiguousarray(light).reshape(-1), np.float32(1.0 / sensor.shot), np.float32(scale * sensor.shot),
+        np.float32(scale * sensor.read * UNIT), *_poisson_tables(), quantiles(), key, out.reshape(-1),
+    )  # fmt: skip
     return out
 
 

@@ -173,19 +173,10 @@ def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
             first, right = parity, parity + 1
             upper, lower = noisy[(y - 1) % _RING, 1 - parity], noisy[(y + 1) % _RING, 1 - parity]
         _average_alike(
-            here[1:last],
-            upper[first : first + last - 1],
-            upper[right : right + last - 1],
-            lower[first : first + last - 1],
-            lower[right : right + last - 1],
-            top[1:last],
-            bottom[1:last],
-            here[: last - 1],
-            here[2:],
-            shot,
-            read,
-            out[parity, 1:last],
-        )
+            here[1:last], upper[first : first + last - 1], upper[right : right + last - 1],
+            lower[first : first + last - 1], lower[right : right + last - 1], top[1:last], bottom[1:last],
+            here[: last - 1], here[2:], shot, read, out[parity, 1:last],
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,10 +20,8 @@ FogMap = npt.NDArray[np.float32]
 class FogLevel(NamedTuple):
     """Parameters for one severity."""
 
-    strength: float
-    """Strength c of the fog."""
-    decay: float
-    """Decay of the fractal; higher values result in smoother fog."""
+    strength: float  # strength c of the fog
+    decay: float  # decay of the fractal; higher values result in smoother fog
 
 
 class Fog(Corruption):

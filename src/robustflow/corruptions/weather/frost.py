@@ -115,15 +115,12 @@ def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weight
 class FrostState(NamedTuple):
     """Texture and position of the frost crop; the texture itself remains in the cache."""
 
-    slot: int
-    """Index of the texture, 0 to 4."""
+    slot: int  # index of the texture, 0 to 4
     top: int
     left: int
     shape: tuple[int, int]
-    keep: float
-    """Weight of the frame."""
-    add: float
-    """Weight of the frost."""
+    keep: float  # weight of the frame
+    add: float  # weight of the frost
 
 
 class FrostLevel(NamedTuple):
@@ -195,17 +192,12 @@ _CLOUDS = 0.55
 class TextureStyle(NamedTuple):
     """Parameters of a texture, matched to the photograph in the same slot."""
 
-    mean: float
-    """Mean, in grey levels."""
-    spread: float
-    """Standard deviation, in grey levels."""
-    tint: tuple[float, float, float]
-    """Factors applied to red, green and blue."""
+    mean: float  # mean, in grey levels
+    spread: float  # standard deviation, in grey levels
+    tint: tuple[float, float, float]  # factors applied to red, green and blue
     crystals: int
-    length: int
-    """Length of a stem, in pixels."""
-    spacing: int
-    """Distance between the branches of a stem, in pixels."""
+    length: int  # length of a stem, in pixels
+    spacing: int  # distance between the branches of a stem, in pixels
 
 
 STYLES = (

@@ -52,32 +52,20 @@ def read_texture(slot: int) -> bytes:
     """Return the verified file content of texture `slot` (0 to 4)."""
     name = list(TEXTURES)[slot]
     named = os.environ.get(FOLDER_VARIABLE)
-    if named:
-        return _read_named(user_path(named), name)
-    for folder in (*_installed_folders(), cache_folder(PART)):
+    for folder in [user_path(named)] if named else [*_installed_folders(), cache_folder(PART)]:
         content = _read(folder / name)
         if content is not None and _is_genuine(name, content):
             return content
+        what = "not found" if content is None else f"not the photograph from {WHEEL}: its SHA-256 differs"
+        if named:
+            raise AssetError(folder / name, f"{what} ({FOLDER_VARIABLE}); {_REMEDY}")
         if content is not None:
-            _say(f"{folder / name} is not the photograph from {WHEEL} (SHA-256 differs); trying the next location")
+            _say(f"{folder / name}: {what}; trying the next location")
     folder = cache_folder(PART)
     _fetch(folder)
     content = _read(folder / name)
     if content is None or not _is_genuine(name, content):
         raise AssetError(folder / name, "this frost texture was deleted or changed while it was being read; try again")
-    return content
-
-
-def _read_named(folder: Path, name: str) -> bytes:
-    content = _read(folder / name)
-    if content is None:
-        raise AssetError(folder / name, f"not found ({FOLDER_VARIABLE}); {_REMEDY}")
-    if not _is_genuine(name, content):
-        raise AssetError(
-            folder / name,
-            f"not the photograph from {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
-            f"expected {TEXTURES[name][:12]}...; {_REMEDY}",
-        )
     return content
 
 
@@ -93,12 +81,8 @@ def _read(path: Path) -> bytes | None:
         return None
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def _is_genuine(name: str, content: bytes) -> bool:
-    return _sha256(content) == TEXTURES[name]
+    return hashlib.sha256(content).hexdigest() == TEXTURES[name]
 
 
 def _say(message: str) -> None:

@@ -18,30 +18,21 @@ from ..kernels.line_motion import LineKernel, line_kernel, move_plane
 class SnowState(NamedTuple):
     """State shared by the frames."""
 
-    flakes: Rng
-    """Parent of the random streams for the flakes in each frame."""
-    motion: LineKernel
-    """Motion kernel of the flakes."""
+    flakes: Rng  # parent of the random streams for the flakes in each frame
+    motion: LineKernel  # motion kernel of the flakes
     severity: int
 
 
 class SnowLevel(NamedTuple):
     """Parameters for one severity."""
 
-    mean: float
-    """Mean of the noise that is thresholded into flakes, on [0, 1]."""
-    deviation: float
-    """Standard deviation of the noise."""
-    zoom: float
-    """Zoom factor of the noise, which sets the flake size."""
-    threshold: float
-    """Threshold below which the noise does not form flakes."""
-    radius: int
-    """Radius of the motion blur, in pixels."""
-    sigma: float
-    """Standard deviation of the motion blur, in pixels."""
-    share: float
-    """Weight of the original image under the veil."""
+    mean: float  # mean of the noise that is thresholded into flakes, on [0, 1]
+    deviation: float  # standard deviation of the noise
+    zoom: float  # zoom factor of the noise, which sets the flake size
+    threshold: float  # threshold below which the noise does not form flakes
+    radius: int  # radius of the motion blur, in pixels
+    sigma: float  # standard deviation of the motion blur, in pixels
+    share: float  # weight of the original image under the veil
 
 
 class Snow(Corruption):
@@ -79,14 +70,9 @@ class Snow(Corruption):
         field = normal_field(state.flakes.spawn("frame", index), rows, columns)
         flakes = np.empty((round(rows * level.zoom), round(columns * level.zoom)), np.uint16)
         _enlarge(
-            field,
-            level.mean,
-            level.deviation * UNIT,
-            level.threshold,
-            *_linear_positions(len(flakes), rows),
-            *_linear_positions(flakes.shape[1], columns),
-            flakes,
-        )
+            field, level.mean, level.deviation * UNIT, level.threshold, *_linear_positions(len(flakes), rows),
+            *_linear_positions(flakes.shape[1], columns), flakes,
+        )  # fmt: skip
         layer = move_plane(flakes, state.motion)
         out = np.empty((height, 3 * width), np.uint8)
         _whiten(contiguous(frame).reshape(out.shape), layer, np.float32(level.share), out)

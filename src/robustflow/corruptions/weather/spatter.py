@@ -27,29 +27,20 @@ MUD = (63.0, 42.0, 20.0)
 class SpatterLayer(NamedTuple):
     """A spatter layer: out = x * (1 - opacity * covers) + opacity * colour."""
 
-    opacity: Plane
-    """Opacity of the layer, float32 (H, W), at least 0."""
-    colour: tuple[float, float, float]
-    """RGB colour of the drops, 0 to 255."""
-    covers: bool
-    """Whether the drops hide the background (mud) or merely add their colour (water)."""
+    opacity: Plane  # opacity of the layer, float32 (H, W), at least 0
+    colour: tuple[float, float, float]  # RGB colour of the drops, 0 to 255
+    covers: bool  # whether the drops hide the background (mud) or merely add their colour (water)
 
 
 class SpatterLevel(NamedTuple):
     """Parameters for one severity."""
 
-    mean: float
-    """Mean of the noise that is thresholded into drops, on [0, 1]."""
-    deviation: float
-    """Standard deviation of the noise."""
-    sigma: float
-    """Standard deviation of the blur that turns noise into drops, in pixels."""
-    threshold: float
-    """Threshold below which the noise does not form drops."""
-    strength: float
-    """Opacity of water, or sigma of the blur for mud."""
-    mud: bool
-    """Whether the drops are mud instead of water."""
+    mean: float  # mean of the noise that is thresholded into drops, on [0, 1]
+    deviation: float  # standard deviation of the noise
+    sigma: float  # standard deviation of the blur that turns noise into drops, in pixels
+    threshold: float  # threshold below which the noise does not form drops
+    strength: float  # opacity of water, or sigma of the blur for mud
+    mud: bool  # whether the drops are mud instead of water
 
 
 class Spatter(Corruption):
