@@ -13,7 +13,7 @@ from robustflow.attacks.api import with_controls
 from robustflow.attacks.registry import SHIPPED, norm_of
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.report.attack_table import attack_table
+from robustflow.report.attack_tables import attack_table
 from robustflow.run.run import Run
 from robustflow.run.stages import frames_digest
 from robustflow.testing import TexturePairs, ZeroFlow

@@ -11,7 +11,7 @@ import robustflow as rf
 from robustflow.attacks.ball import GREY_LEVELS
 from robustflow.attacks.registry import norm_of
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
-from robustflow.report.attack_table import attack_table, prediction_table
+from robustflow.report.attack_tables import attack_table, prediction_table
 from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, predictions, security_curves
 from robustflow.stats.ranking import spearman, spearman_interval
 

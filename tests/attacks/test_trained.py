@@ -21,7 +21,7 @@ from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.core.rng import Rng
 from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
-from robustflow.report.attack_table import attack_table
+from robustflow.report.attack_tables import attack_table
 from robustflow.run.attack_stage import learned_patterns
 from robustflow.run.plan import Unit
 from robustflow.run.setup import set_up

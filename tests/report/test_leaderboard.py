@@ -15,12 +15,11 @@ import pytest
 import robustflow as rf
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.models import load_model
-from robustflow.report.assemble import tables_of
-from robustflow.report.cost_table import cost_table
 from robustflow.report.leaderboard import PLACE, TIED, boards_of, by_error, cells_of
+from robustflow.report.paper_tables import build_table, cost_table
 from robustflow.report.render import render
 from robustflow.report.site.content import whole_content
-from robustflow.report.tables import build_table
+from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
 from robustflow.stats.model_result import ModelResult, Value
 from robustflow.stats.published.tables import published_costs, published_results

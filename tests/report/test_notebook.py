@@ -12,7 +12,7 @@ from PIL import Image
 
 from robustflow.api import evaluate
 from robustflow.core.errors import UsageError
-from robustflow.report.notebook import result_table
+from robustflow.report.run_tables import result_table
 from robustflow.testing import BrightnessFlow
 from tests.made_rows import made_run
 

@@ -12,8 +12,8 @@ from robustflow.media.flow import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.metrics.rows import ROW_KEY
 from robustflow.models import ModelSpec
-from robustflow.report.confidence_table import confidence_table
 from robustflow.report.figures.curves import sparsification_curves
+from robustflow.report.run_tables import confidence_table
 from robustflow.report.site import render_site, run_content
 from robustflow.run.records.contents import rows_from_text, rows_to_text
 from robustflow.run.records.row_rules import broken_rules

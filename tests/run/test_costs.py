@@ -11,8 +11,8 @@ import pytest
 from robustflow.api import Result, evaluate
 from robustflow.core.errors import RunError, UsageError
 from robustflow.core.files import sealed
-from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import whole_content
+from robustflow.report.tables import tables_of
 from robustflow.run.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.testing import ConstantFlow

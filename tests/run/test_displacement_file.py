@@ -14,9 +14,9 @@ from robustflow.core.files import sealed
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.media.flow import write_flow
 from robustflow.media.images import write_image
-from robustflow.report.assemble import figures_of
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
+from robustflow.report.tables import figures_of
 from robustflow.run.cells import Cells
 from robustflow.run.costs import read_displacement, write_displacement
 from robustflow.run.displacement import displacement_histogram

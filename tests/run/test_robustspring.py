@@ -18,7 +18,7 @@ from robustflow.data.datasets import load_dataset
 from robustflow.media.images import write_image
 from robustflow.models import load_model
 from robustflow.report.leaderboard import boards_of
-from robustflow.report.tables import build_table
+from robustflow.report.paper_tables import build_table
 from robustflow.run.records.pack import record_bytes
 from robustflow.run.source import RunSource
 from robustflow.run.submission import Robustness, Submitted

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from robustflow.core.errors import RunError, UsageError
 from robustflow.data.datasets.kitti import drive_groups
 from robustflow.data.datasets.split import kitti_split
+from robustflow.report.comparison import power_table
 from robustflow.report.render import render
-from robustflow.report.standings_tables import power_table
 from robustflow.stats.uncertainty import compare_rows
 from robustflow.stats.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
 

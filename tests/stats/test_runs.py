@@ -9,11 +9,11 @@ from robustflow.api import Result, evaluate
 from robustflow.cli.tables import print_result
 from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
-from robustflow.report.assemble import ALL_TABLES, ATTACK_TABLES, FLAT_AND_DEPTH, figures_of, results_of, tables_of
 from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
+from robustflow.report.tables import ROW, TABLES, figures_of, results_of, tables_of
 from robustflow.run.cells import Cells
 from robustflow.run.comparable import sample_set
 from robustflow.run.run import Run
@@ -70,7 +70,7 @@ def test_terminal_names_calibrated_severities_and_the_corruptions_of_each_mean(r
         print_result(_all_of_the_paper_and_a_far_one(runs[0], severity_scale=scale), report=False)
         out = capsys.readouterr().out
         assert ("DIS (knowledge, calibrated severities), 1 pair" in out) == (scale != "paper")
-        assert "mean over the paper's 20 corruptions: EPE" in out
+        assert "paper's corruptions: 20" in out
 
 
 def _average(run, published):
@@ -146,7 +146,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
         assert lines == lines_alone
         assert remarks[:-1] == alone
         assert remarks[-1].startswith("Left out of trends and correlations: Useless, because its clean EPE of 23.7")
-    assert "Over 5 models" in numbers("uncoupled", [*sound, useless])[0][1]
+    assert "over 5 models" in numbers("uncoupled", [*sound, useless])[0][1]
 
     figures = figures_of([*sound, useless], published=False)
     for name in ("effective_trend", "relations", "clean_against_cre"):
@@ -275,7 +275,13 @@ def test_published_rows_keep_their_marks_beside_runs(runs):
 
 def test_every_table_is_rendered_in_every_format(runs):
     tables = tables_of(runs, published=True)
-    assert {table.name for table in tables} == set(ALL_TABLES) - {*ATTACK_TABLES, FLAT_AND_DEPTH}
+    assert {table.name for table in tables} == set(TABLES) - {
+        "attacks",
+        "security",
+        "corruptions-and-attacks",
+        "flat-and-depth",
+        ROW,
+    }
     for format in FORMATS:
         texts = [render(table, format) for table in tables]
         assert format in ("terminal", "csv") or not any("<img" in text for text in texts)

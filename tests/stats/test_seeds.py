@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from robustflow.cli.main import app
 from robustflow.cli.tables import print_results
 from robustflow.core.errors import RunError, UsageError
-from robustflow.report.assemble import tables_of
 from robustflow.report.render import FORMATS, render
+from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
 from robustflow.stats.conditions import seed_groups
 from robustflow.stats.uncertainty import compare_all, standings, variance_split

@@ -49,8 +49,7 @@ def compare(
     from ..core.errors import RunError, UsageError, unknown_name
     from ..core.text import plain
     from ..report.comparison import compare as compare_two
-    from ..report.comparison import pairs_table
-    from ..report.standings_tables import power_table, standings_table, variance_table
+    from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to
     from ..run.records.pack import load_any_run
     from ..stats.conditions import seeds_of

@@ -97,10 +97,10 @@ def methods(incomplete: str) -> list[str]:
 
 def tables(incomplete: str) -> list[str]:
     """Complete the name of a `report` table after the last comma."""
-    from ..report.assemble import ALL_TABLES, ROW
+    from ..report.tables import TABLES
 
     cut = incomplete.rfind(",") + 1
-    return [incomplete[:cut] + name for name in _with_prefix((*ALL_TABLES, ROW), incomplete[cut:])]
+    return [incomplete[:cut] + name for name in _with_prefix(TABLES, incomplete[cut:])]
 
 
 def _with_prefix(names: Iterable[str], incomplete: str) -> list[str]:

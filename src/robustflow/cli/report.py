@@ -79,9 +79,9 @@ def report(
       robustflow report RUN --sample 000010_10 --corruption fog --severity 3 -o fog.png
     """
     from ..core.plugins import is_target
-    from ..report.assemble import ROW, figures_of, tables_of
     from ..report.render import FORMATS
     from ..report.render.latex import only_lines
+    from ..report.tables import ROW, figures_of, tables_of
     from ..run.records.pack import load_any_run, with_runs_inside
     from .tables import as_text, write_text
 

@@ -154,8 +154,8 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     from ..core.files import write_bytes
     from ..paper.plan import Missing, plan_table, summary_sentence
     from ..paper.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
-    from ..report.assemble import figures_of
     from ..report.figures import write_figures
+    from ..report.tables import figures_of
 
     missing = [each for each in measured if isinstance(each, Missing)]
     ran = [each for each in measured if not isinstance(each, Missing)]

@@ -1,4 +1,4 @@
-"""Tables of results for the terminal, in the paper's column order."""
+"""Print runs and tables: at most `MOST_LINES` lines for a run, the rest is on its page."""
 
 from __future__ import annotations
 
@@ -6,43 +6,35 @@ import json
 import shlex
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from ..core.errors import UsageError, unknown_name
 from ..core.files import write_bytes
-from ..core.text import counted, joined, plain
-from ..data.benchmarks.facts import sample_noun, truth_remark
-from ..metrics.means import AVERAGE, PAPER
+from ..core.text import counted, plain
+from ..data.benchmarks.facts import is_still, sample_noun, truth_remark
+from ..metrics.means import PAPER
 from ..metrics.measures import METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
-from ..report.attack_table import attack_table
-from ..report.confidence_table import confidence_table
+from ..report.attack_tables import SHORT, attack_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
+from ..report.run_tables import confidence_table, corruptions_table, runs_table, severities_table
 from ..report.table import Table, number_text
-from ..report.tables import corruptions_table, runs_table, severities_table
 from ..run.cells import UNEVEN
 from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
 from ..stats.conditions import seed_groups, seeds_of
-from ..stats.exclusion import (
-    CAVEAT,
-    PHANTOM,
-    enough_to_compare,
-    exclusion_reasons,
-    phantom_motion,
-    without_truth,
-)
-from ..stats.frame import uncoupled_means
-from ..stats.model_result import ModelResult
+from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
 from ..stats.results import METRIC_LABELS
 from ..stats.run_results import estimate_of, run_results
+
+MOST_LINES = 40
+"""Maximum number of lines printed without options about one run, or about several."""
 
 
 def as_json_text(results: Sequence[Run]) -> str:
@@ -61,92 +53,91 @@ def as_json_text(results: Sequence[Run]) -> str:
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True, with_seed: bool = False) -> None:
-    """Print the overall scores and one line per corruption to stdout. With `report`, also print the path of the report
-    page; with `with_seed`, print the seed even if it is 0."""
+    """Print the means of a run by corruption, or one metric by severity, and facts about the run. With `report`, also
+    print the path of the report page; with `with_seed`, print the seed even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
-    measured, whose = result.measured, _heading(result, with_seed)
-    console = _console()
-    attacked = attack_table(result) if metric == "all" else None
-    confidence = confidence_table(result) if metric == "all" else None
-    if metric == "all" and (measured.corruptions or attacked is None):
-        pairs = counted(measured.samples, sample_noun(result.benchmark))
-        print(for_stdout(corruptions_table(result, f"{whose}, {pairs}")), end="")
-    elif metric != "all":
-        print(for_stdout(severities_table(result, metric, f"{whose}, {metric}")), end="")
-    console.print(_sentence(result))
-    if estimate := estimate_of(result):
-        console.print(f"This is {estimate}; it is ranked only against runs of the same subset.")
-    if result.manifest.uneven:
-        console.print(f"The means are over corruptions measured on unlike conditions: {UNEVEN}.")
-    if phantom := phantom_motion(result):
-        console.print(f"{plain(phantom, None)}\n{PHANTOM}")
-    if moved := [plain(name) for name in result.averages.without_truth]:
-        leave = "leaves" if len(moved) == 1 else "leave"
-        console.print(f"{joined(moved)} {leave} no ground truth: RCRE only, and no mean includes it beside others.")
-    if attacked is not None:
-        print(for_stdout(attacked))
-    if confidence is not None:
-        print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # the page has the values by severity
-    if metric in UNCOUPLED:
-        overall = uncoupled_means(result.rows).get((metric, AVERAGE, None))
-        console.print(f"{metric} {number_text(overall)}, the mean over corruptions")
-    if reasons := exclusion_reasons(result):
-        sentence = f"Not a measure of robustness: {' and '.join(reasons)}."
-        console.print(plain(sentence, None))
-    if measured.paper_over and set(measured.averaged_over) != set(measured.paper_over):
-        number = len(measured.paper_over)
-        console.print(f"mean over the paper's {number} corruptions: {_means(result, PAPER)}")
-    missing, unmeasured = (
-        sum(len(unit.samples) for unit in units) for units in (measured.missing, measured.unmeasured)
-    )
-    if without_truth(result):
-        console.print(CAVEAT)
-    if missing:
-        cells = "row is" if missing == 1 else "rows are"
-        console.print(f"Incomplete: {missing} planned {cells} missing; the means are over the rest.")
-    if unmeasured:
-        have = "row has" if unmeasured == 1 else "rows have"
-        console.print(f"Incomplete: {unmeasured} {have} no valid pixel; the means are over the others.")
-    if measured.n_invalid:
-        console.print(f"{measured.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
-    for warning in dict.fromkeys(text for clip in result.manifest.clips for text in clip.warnings):
-        console.print(f"Warning: {plain(warning, None)}")
-    if result.left_out:
-        console.print(f"Left out: {left_out_sentence(result.left_out)}.")
-    if report:
-        console.print(f"report: {plain(str(result.path), None)}/report.html")
+    heading = _heading(result, with_seed)
+    if metric != "all":
+        tables = [severities_table(result, metric, f"{heading}, {metric}")]
+    else:
+        pairs = counted(result.measured.samples, sample_noun(result.benchmark))
+        attacked, confidence = attack_table(result, SHORT), confidence_table(result)
+        tables = [corruptions_table(result, f"{heading}, {pairs}")]
+        tables = [] if attacked and not result.measured.corruptions else tables
+        tables += [replace(attacked, remarks=())] if attacked else []
+        tables += [replace(confidence, sections=confidence.sections[:1], remarks=())] if confidence else []
+    facts = list(_facts(result, report))
+    lines = [line for table in tables for line in for_stdout(table).splitlines()]
+    _print_lines(lines, facts, "the rest is on the page; --table all prints every table")
 
 
 def print_results(results: Sequence[Run]) -> None:
     """Print one line per run, the mean and standard deviation over the seeds of a model, and, if there are enough
     pairs, the command that tests whether the runs differ."""
-    console = _console()
-    lines, groups = run_results(results), seed_groups(results)
-    print(for_stdout(runs_table(lines, groups)), end="")
-    for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
-        console.print(f"Errors are measured on {remark}.")
-    for run in results:
-        if phantom := phantom_motion(run):
-            console.print(f"{plain(run.name)}: {plain(phantom, None)}")
-    if any(map(without_truth, results)):
-        console.print(CAVEAT)
-    if all(map(enough_to_compare, results)) and (question := _question(lines, len(groups))):
-        folders = " ".join(shlex.quote(str(result.path)) for result in results)
-        console.print(f"{question} robustflow compare {folders}")
+    groups = seed_groups(results)
+    facts = [f"ground truth: {remark}" for remark in sorted(set(map(_truth, results)) - {""})]
+    facts += [PHANTOM] * any(is_still(run.benchmark) for run in results)
+    facts += [CAVEAT] * any(map(without_truth, results))
+    if all(map(enough_to_compare, results)) and (not groups or seeds_of(results) is not None):
+        folders = " ".join(shlex.quote(str(run.path)) for run in results)
+        question = "How much depends on the seed?" if groups else "Is the difference real?"
+        facts.append(f"{question} robustflow compare {folders}")
+    lines = for_stdout(runs_table(run_results(results), groups)).splitlines()
+    _print_lines(lines, facts, "--table means prints all")
 
 
-def _console() -> Console:
-    # names and folders may contain text that rich would interpret as markup
-    return Console(markup=False, highlight=False, soft_wrap=True)
+def _print_lines(lines: Sequence[str], facts: Sequence[str], rest: str) -> None:
+    """Print the lines of tables, as many as fit beside the facts, and the facts."""
+    room = max(MOST_LINES // 2, MOST_LINES - len(facts))
+    if len(lines) > room:
+        lines = [*lines[: room - 1], f"... {len(lines) - room + 1} more lines: {rest}"]
+    typer.echo("\n".join([*lines, *facts]))
 
 
-def _question(lines: Sequence[ModelResult], groups: int) -> str:
-    """Return the question that `compare` can answer about the runs; "" if they cannot be compared."""
-    if not groups:
-        return "Is the difference real?"
-    one_model = seeds_of([line.run for line in lines if line.run is not None]) is not None
-    return "How much depends on the seed?" if one_model else ""
+def _facts(run: Run, report: bool) -> Iterator[str]:
+    """Yield what a reader needs to know beside a run's numbers, one line a fact."""
+    measured = run.measured
+    missing, unmeasured = (
+        sum(len(unit.samples) for unit in units) for units in (measured.missing, measured.unmeasured)
+    )
+    paper = measured.paper_over if set(measured.averaged_over) != set(measured.paper_over) else ()
+    warnings = dict.fromkeys(text for clip in run.manifest.clips for text in clip.warnings)
+    clean, length = run.epe_clean, run.mean("flow_length", CLEAN)
+    known = {
+        "clean EPE": "" if clean is None else f"{clean:.2f} px",
+        "clean flow length, without ground truth": "" if length is None or clean is not None else f"{length:.2f} px",
+        "ground truth": _truth(run),
+        "means": UNEVEN if run.manifest.uneven else "",
+        "ranked against runs of the same subset": estimate_of(run),
+        "RCRE only, in no mean with others": ", ".join(run.averages.without_truth),
+        "paper's corruptions": f"{len(paper)}: {_means(run, PAPER)}" if paper else "",
+        "not ranked": " and ".join(exclusion_reasons(run)),
+        "incomplete, rows missing": missing or "",
+        "incomplete, rows without a valid pixel": unmeasured or "",
+        "predicted pixels NaN or infinite, in no mean": measured.n_invalid or "",
+        "left out": left_out_sentence(run.left_out) if run.left_out else "",
+        "warning": "; ".join(warnings),
+        "note": PHANTOM if is_still(run.benchmark) else CAVEAT if without_truth(run) else "",
+        "report": f"{run.path}/report.html" if report else "",
+    }
+    yield from (f"{name}: {plain(str(text), None)}" for name, text in known.items() if text)
+
+
+def _truth(run: Run) -> str:
+    return truth_remark(run.manifest.identity.frames.protocol)
+
+
+def _means(run: Run, condition: str) -> str:
+    each = (f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}" for m in ("epe", "cre", "crer", "rcre"))
+    return ", ".join(each)
+
+
+def _heading(result: Run, with_seed: bool) -> str:
+    made_with = result.manifest.identity.frames.made_with
+    seed = made_with["seed"]
+    scale = ", calibrated severities" if made_with["severity_scale"] != "paper" else ""
+    return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''}{scale})"
 
 
 def check_format(format: str, as_json: bool) -> None:
@@ -175,29 +166,3 @@ def for_stdout(table: Table) -> str:
     if not sys.stdout.isatty():
         return render_terminal(table)
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
-
-
-def _heading(result: Run, with_seed: bool) -> str:
-    made_with = result.manifest.identity.frames.made_with
-    seed = made_with["seed"]
-    scale = ", calibrated severities" if made_with["severity_scale"] != "paper" else ""
-    return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''}{scale})"
-
-
-def _sentence(result: Run) -> str:
-    clean = f"clean EPE {number_text(result.epe_clean)} px"
-    if result.rcre is None:
-        return "nothing could be measured" if result.epe_clean is None else clean
-    if result.epe_clean is None:
-        length = (
-            f"; on clean frames, the mean length of the flow is {number_text(result.mean('flow_length', CLEAN))} px"
-        )
-        return f"RCRE {number_text(result.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
-    truth = truth_remark(result.manifest.identity.frames.protocol)
-    return f"{clean}, {_means(result, AVERAGE)}{f'; {truth}' if truth else ''}"
-
-
-def _means(run: Run, condition: str) -> str:
-    each = (f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}" for m in ("epe", "cre", "crer", "rcre"))
-    coverage = run.mean("coverage", condition)
-    return ", ".join(each) + ("" if coverage in (None, 1.0) else f", coverage {number_text(coverage)}")

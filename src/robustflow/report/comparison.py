@@ -1,7 +1,9 @@
-"""`Comparison`: the difference between two runs as data frames, as a sentence, and as notebook output."""
+"""`Comparison`: the difference between two runs as data frames and as a table; tables of several runs: all pairs, a
+ranking with ties, the spread over seeds, and the pairs required for a comparison."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,15 @@ from ..stats.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..stats.uncertainty.paired import p_text
 from ..stats.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
 from .render import render
-from .table import Column, Line, Section, Table, TableCell
+from .table import DASH, Line, Table, TableCell, number_text, signed_text
 
 _DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
 _COUNTS = ("blow_ups_first", "blow_ups_second")
+_BLOW_UPS = (
+    "blow-ups: images on which the error (EPE, or RCRE without ground truth) of the first and of the second is more "
+    "than ten times that of the other; if they are few, the mean and the test depend on them."
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,68 +105,25 @@ class Comparison:
         metric = metric or self.metric
         level = self.frame["level"][0]
         first, second = (plain(name) for name in self.names)
-        blow_ups, about = _blow_ups(self.frame)
-        columns = tuple(map(Column, (first, second, *_DIFFERENCE, *blow_ups)))
-        overall = [
-            Line(mean_label(row["metric"], row["corruption"]), _cells(row, level, row["metric"], bool(blow_ups)))
-            for row in self.overall.iter_rows(named=True)
-        ]
-        parts = self.per_corruption(metric).iter_rows(named=True)
-        each = [Line(long_label(row["corruption"]), _cells(row, level, metric, bool(blow_ups))) for row in parts]
-        sections = [Section("Overall", tuple(overall))]
-        if each:
-            sections.append(Section(f"{metric_label(metric)} per corruption", tuple(each)))
-        remarks = tuple(filter(None, (self._sentence(metric), *about, self.remark)))
-        return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
+        blow_ups = _has_blow_ups(self.frame)
+        each = self.per_corruption(metric).iter_rows(named=True)
+        sections = {
+            "Overall": [
+                Line(mean_label(row["metric"], row["corruption"]), _cells(row, level, row["metric"], blow_ups))
+                for row in self.overall.iter_rows(named=True)
+            ],
+            f"{metric_label(metric)} per corruption": [
+                Line(long_label(row["corruption"]), _cells(row, level, metric, blow_ups)) for row in each
+            ],
+        }
+        remarks = (self._sentence(metric), _BLOW_UPS * blow_ups, self.remark)
+        return _table("comparison", f"{first} against {second}", (first, second), blow_ups, sections, remarks, "Mean")
 
     def __repr__(self) -> str:
         return render(self.table(), "terminal").rstrip()
 
     def _repr_html_(self) -> str:
         return render(self.table(), "html")
-
-
-def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
-    """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
-    metric, (blow_ups, about) = frame["metric"][0], _blow_ups(frame)
-    lines = [
-        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric, bool(blow_ups)))
-        for row in frame.iter_rows(named=True)
-    ]
-    remark = f"p is corrected for {len(lines)} comparisons; a bold EPE is significantly lower."
-    columns = tuple(map(Column, ("first", "second", *_DIFFERENCE, *blow_ups)))
-    return Table(
-        "pairs",
-        "Every two models",
-        columns,
-        (Section(f"Average {metric_label(metric)}", tuple(lines)),),
-        tuple(filter(None, (remark, *about, note))),
-        "Models",
-    )
-
-
-def _blow_ups(frame: pl.DataFrame) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the label of the column of blow-ups and a remark about it; empty if there are none."""
-    if not frame.select(pl.sum_horizontal(*_COUNTS).sum()).item():
-        return (), ()
-    about = (
-        "blow-ups: numbers of images on which the error (EPE, or RCRE without ground truth) of the first and of the "
-        "second is more than ten times that of the other; if they are few, the mean and the test depend on them."
-    )
-    return ("blow-ups",), (about,)
-
-
-def _cells(row: dict[str, Any], level: float, metric: str, blow_ups: bool) -> tuple[TableCell, ...]:
-    # a flow that is too short has a lower CRE, CREr and RCRE than the sound flow, so only a lower EPE is marked
-    sure = metric == "epe" and row["p_holm"] is not None and row["p_holm"] < 1 - level
-    return (
-        TableCell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
-        TableCell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
-        TableCell(f"{row['difference']:+.2f}"),
-        TableCell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
-        *(TableCell("-" if row[p] is None else p_text(row[p]).removeprefix("= ")) for p in ("p", "p_holm")),
-        *((TableCell(f"{row['blow_ups_first']}, {row['blow_ups_second']}"),) if blow_ups else ()),
-    )
 
 
 AnyRun = Run | str | Path
@@ -206,3 +169,121 @@ def _open_run(run: AnyRun) -> Run:
     if isinstance(run, str | Path):
         return load_any_run(run)
     raise UsageError(f"compare expects runs, or paths of their folders or records; got {type(run).__name__}")
+
+
+def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
+    """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
+    metric, blow_ups = frame["metric"][0], _has_blow_ups(frame)
+    lines = [
+        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric, blow_ups))
+        for row in frame.iter_rows(named=True)
+    ]
+    remarks = (
+        f"p is corrected for {len(lines)} comparisons; a bold EPE is significantly lower.",
+        _BLOW_UPS * blow_ups,
+        note,
+    )
+    sections = {f"Average {metric_label(metric)}": lines}
+    return _table("pairs", "Every two models", ("first", "second"), blow_ups, sections, remarks, "Models")
+
+
+def _table(
+    name: str,
+    title: str,
+    names: tuple[str, str],
+    blow_ups: bool,
+    sections: dict[str, list[Line]],
+    remarks: Iterable[str],
+    header: str,
+) -> Table:
+    columns = (*names, *_DIFFERENCE, *["blow-ups"] * blow_ups)
+    return Table.of(name, title, columns, sections, remarks, header, keep_empty=True)
+
+
+def _has_blow_ups(frame: pl.DataFrame) -> bool:
+    return bool(frame.select(pl.sum_horizontal(*_COUNTS).sum()).item())
+
+
+def _cells(row: dict[str, Any], level: float, metric: str, blow_ups: bool) -> tuple[TableCell, ...]:
+    # a flow that is too short has a lower CRE, CREr and RCRE than the sound flow, so only a lower EPE is marked
+    sure = metric == "epe" and row["p_holm"] is not None and row["p_holm"] < 1 - level
+    interval = DASH if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"
+    p_values = (DASH if row[p] is None else p_text(row[p]).removeprefix("= ") for p in ("p", "p_holm"))
+    counts = [f"{row['blow_ups_first']}, {row['blow_ups_second']}"] * blow_ups
+    return (
+        TableCell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
+        TableCell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
+        *map(TableCell, (signed_text(row["difference"]), interval, *p_values, *counts)),
+    )
+
+
+def standings_table(standings: pl.DataFrame, metric: str) -> Table:
+    """Tabulate the ranking of models with the range of ranks consistent with the tests, from
+    `stats.uncertainty.standings`."""
+    lines = [
+        Line.of(
+            plain(row["model"]),
+            (
+                f"{row['value']:.2f}",
+                str(row["rank"]),
+                str(row["best"]) if row["best"] == row["worst"] else f"{row['best']} to {row['worst']}",
+            ),
+        )
+        for row in standings.iter_rows(named=True)
+    ]
+    remark = (
+        "possible ranks: consistent with the significant differences from the other models (paired tests, corrected "
+        "for all pairs); models whose ranges overlap may be tied."
+    )
+    columns = (metric_label(metric), "rank", "possible ranks")
+    return Table.of("standings", "Ranking", columns, {f"Average {METRIC_LABELS[metric]}": lines}, [remark])
+
+
+def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:
+    """Tabulate the variance of one model's score by source, from `stats.uncertainty.variance_split`; `remark`
+    describes omitted data."""
+    lines = []
+    for row in split.iter_rows(named=True):
+        numbers = f"{row['deviation']:.3f}", f"{row['share']:.1f}", number_text(row["error_of_mean"], 3)
+        lines.append(Line.of(row["source"], (str(row["levels"]), *numbers)))
+    about = (
+        "deviation: standard deviation of the score of one image, averaged over corruptions; error of the mean: "
+        "contribution of the source to the standard error of the mean over all images and seeds. Severities are fixed "
+        "by the protocol, not sampled."
+    )
+    columns = ("levels", "deviation (px)", "share %", "error of the mean (px)")
+    title = f"Sources of variance in the {METRIC_LABELS[metric]} of {plain(name)}"
+    remarks = (about, plain(remark, None))
+    return Table.of("variance", title, columns, {METRIC_LABELS[metric]: lines}, remarks, "Source")
+
+
+def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
+    """Tabulate the output of `stats.uncertainty.power.plan_pairs`: one section per metric, one row per comparison."""
+    then = f"for {plan['effect'][0]:g} px"
+    now = ("difference (px)", "detectable now (px)", "pairs now", "groups now")
+    columns = (*now, f"power {then}", f"pairs {then}", "groups (interval)")
+    sections: dict[str, list[Line]] = {}
+    for row in plan.iter_rows(named=True):
+        groups = [_count(row[f"clusters_{name}"]) for name in ("needed", "low", "high")]
+        texts = (
+            f"{row['difference']:+.3f}",
+            f"{row['detectable']:.3f}",
+            f"{row['images']:,}",
+            f"{row['clusters']:,}",
+            f"{100 * row['power']:.0f} %",
+            _count(row["images_needed"]),
+            f"{groups[0]} ({groups[1]} to {groups[2]})",
+        )
+        line = Line.of(f"{plain(row['first'])} - {plain(row['second'])}", texts)
+        sections.setdefault(f"Average {METRIC_LABELS[row['metric']]}", []).append(line)
+    about = (
+        f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
+        f"{100 * power:g} %. A group is a drive or sequence, or a single pair without either. The numbers of pairs "
+        "assume as many pairs per group as in these runs, and all are estimated from the variance of these runs; the "
+        f"{100 * level:g} % interval of the number of groups is too short if a few groups dominate the difference."
+    )
+    return Table.of("power", "Pairs required for a comparison", columns, sections, [about], "Comparison")
+
+
+def _count(number: int | None) -> str:
+    return "over 10^9" if number is None else f"{number:,}"

@@ -20,10 +20,9 @@ from markupsafe import Markup
 from ..core.errors import UsageError, unknown_name
 from ..run.comparable import common_to, differences
 from ..stats.anatomy import displacements_of
-from ..stats.results import AVERAGE, FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..stats.run_results import comparison_note, named_runs, run_results, run_setting
+from ..stats.run_results import named_runs, run_results
 from .render import render
-from .table import Column, Line, Section, Table
+from .run_tables import result_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,22 +73,6 @@ def result_html(run: Run) -> str:
     picture = b64encode(figure_bytes(figure, "png")).decode()
     about = 'alt="CREr by corruption class" style="max-width: 32em"'
     return f'{fragment}<img {about} src="data:image/png;base64,{picture}">'
-
-
-def result_table(run: Run) -> Table:
-    """Tabulate the means of a run, overall and by corruption class."""
-    metrics = [metric for metric in METRIC_LABELS if run.mean(metric) is not None]
-    metrics = metrics[:-1] if run.epe is not None else metrics  # the photometric error replaces a missing EPE
-    columns = [Column(metric_label(metric)) for metric in metrics]
-    known = {AVERAGE: "all"} | {
-        name: label for name, label in FAMILY_LABELS.items() if run.mean("rcre", name) is not None
-    }
-    lines = [Line.of_numbers(label, (run.mean(metric, of) for metric in metrics)) for of, label in known.items()]
-    remarks = [f"clean EPE {run.epe_clean:.2f} px"] if run.epe_clean is not None else []
-    remarks += [note] if (note := comparison_note(run)) else []
-    benchmark = benchmark_words(run.benchmark)
-    title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark}"
-    return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:

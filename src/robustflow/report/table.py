@@ -1,4 +1,4 @@
-"""Tables as data: the content of each cell, and the best cell of each column."""
+"""Tables as data: columns, lines in sections, and the content of each cell. A renderer per medium prints them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from statistics import mean, stdev
 
+from ..metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, UNCOUPLED
 from ..run.comparable import differences
 from ..run.run import Run
 from ..stats.conditions import SeedGroup
@@ -46,7 +47,7 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a table, which shows one model."""
+    """A line of a table."""
 
     label: str
     cells: tuple[TableCell, ...]
@@ -71,7 +72,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a table: the models of one setting."""
+    """A section of a table: the models of one setting, or other lines with a heading; "" for no heading."""
 
     title: str
     lines: tuple[Line, ...]
@@ -88,6 +89,23 @@ class Table:
     remarks: tuple[str, ...] = ()
     row_header: str = "Model"
 
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        title: str,
+        columns: Iterable[str],
+        sections: Mapping[str, Iterable[Line]],
+        remarks: Iterable[str] = (),
+        row_header: str = "Model",
+        keep_empty: bool = False,
+    ) -> Table:
+        """Make a table from labels of columns and lines by section title, without empty sections and, unless they are
+        kept, empty columns."""
+        shown = tuple(Section(heading, lines) for heading, of in sections.items() if (lines := tuple(of)))
+        table = cls(name, title, tuple(map(Column, columns)), shown, tuple(filter(None, remarks)), row_header)
+        return table if keep_empty else table.without_empty_columns()
+
     @property
     def lines(self) -> list[Line]:
         """Return the lines of all sections."""
@@ -102,9 +120,8 @@ class Table:
     def without_empty_columns(self) -> Table:
         """Return the table without columns that contain only dashes.
 
-        >>> lines = (Line("dis", (TableCell("-"), TableCell("2.92"))), Line("tiny", (TableCell("-"), TableCell("-"))))
-        >>> table = Table("means", "Means", (Column("CRE"), Column("RCRE")), (Section("Runs", lines),))
-        >>> [column.label for column in table.without_empty_columns().columns]
+        >>> lines = [Line.of_numbers("dis", (None, 2.92)), Line.of_numbers("tiny", (None, None))]
+        >>> [column.label for column in Table.of("means", "Means", ("CRE", "RCRE"), {"Runs": lines}).columns]
         ['RCRE']
         """
         filled = [any(line.cells[place].text != DASH for line in self.lines) for place in range(len(self.columns))]
@@ -115,6 +132,19 @@ class Table:
             for section in self.sections
         )
         return replace(self, columns=(*compress(self.columns, filled),), sections=sections)
+
+
+_MEASURES = MEASURES | CLEAN_MEASURES | CONFIDENCE | UNCOUPLED | ATTACK
+
+
+def measure_label(name: str) -> str:
+    """Return the label of a measure with its unit.
+
+    >>> measure_label("cre"), measure_label("log_ratio")
+    ('CRE (px)', 'log ratio')
+    """
+    measure = _MEASURES[name]
+    return f"{measure.label} ({measure.unit})" if measure.unit else measure.label
 
 
 def with_exclusion(note: str, reason: str) -> str:
@@ -133,10 +163,33 @@ def full_note(result: ModelResult) -> str:
     return with_exclusion("; ".join(filter(None, (result.note, share))), result.excluded)
 
 
-def differences_remark(runs: Mapping[str, Run]) -> tuple[str, ...]:
-    """Return the remark below a table of runs that measured different conditions; empty if they did not."""
-    words = differences(runs)
-    return (f"The runs differ: {words}.",) if words else ()
+def differences_remark(runs: Mapping[str, Run]) -> str:
+    """Return the remark below a table of runs that measured different conditions; "" if they did not."""
+    words = differences(runs) if len(runs) > 1 else ""
+    return f"The runs differ: {words}." if words else ""
+
+
+def lines_of_models(
+    results: Iterable[ModelResult],
+    values: Mapping[tuple[str, str], Sequence[float | None]],
+    seeds: Sequence[SeedGroup],
+    texts: Mapping[tuple[str, str], Sequence[str]] | None = None,
+) -> list[Line]:
+    """Return a line for each result with values (by `ModelResult.key`), formatted as `texts` if given. The mean and
+    standard deviation over the seeds of a group follow the group's last run."""
+    lines = []
+    for line in results:
+        if line.key in values:
+            shown = texts[line.key] if texts else list(map(number_text, values[line.key]))
+            lines.append(Line.of(line.name, shown, full_note(line)))
+        lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
+    return lines
+
+
+def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Line:
+    """Return the line with the means and standard deviations over the seeds of a group."""
+    columns = zip(*(values[run] for run in group.runs), strict=True)
+    return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
 
 def spread_text(values: Sequence[float | None]) -> str:
@@ -147,12 +200,6 @@ def spread_text(values: Sequence[float | None]) -> str:
     """
     known = [value for value in values if value is not None]
     return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
-
-
-def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Line:
-    """Return the line with the means and standard deviations over the seeds of a group."""
-    columns = zip(*(values[run] for run in group.runs), strict=True)
-    return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
 
 def interval_text(ends: tuple[float, float] | None, decimals: int = 2) -> str:
@@ -171,3 +218,8 @@ def interval_text(ends: tuple[float, float] | None, decimals: int = 2) -> str:
 def number_text(value: float | None, decimals: int | None = None) -> str:
     """Format a number as printed in its source, or with two decimals."""
     return DASH if value is None else Value(value, decimals).text
+
+
+def signed_text(value: float | None) -> str:
+    """Format a number with its sign and two decimals."""
+    return DASH if value is None else f"{value:+.2f}"

@@ -29,8 +29,8 @@ from robustflow.data.benchmarks.facts import BenchmarkFacts, QuickSubset, estima
 from robustflow.data.datasets.split import kitti_split
 from robustflow.models import ModelSpec
 from robustflow.models.provenance import Training, parse_training_sets
-from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
+from robustflow.report.tables import tables_of
 from robustflow.run.comparable import sample_set
 from robustflow.run.identity import Provenance
 from robustflow.run.records.pack import pack

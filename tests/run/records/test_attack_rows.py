@@ -7,7 +7,7 @@ import pytest
 
 from robustflow.api import evaluate, load_run
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA
-from robustflow.report.attack_table import attack_tables
+from robustflow.report.tables import tables_of
 from robustflow.run.records.pack import record_bytes
 
 from .forge import assert_fails, at, failure, verified, with_json, with_rows
@@ -36,7 +36,7 @@ def test_runs_of_attacks_alone_are_packed_and_compared_in_a_table(tmp_path):
         for number in (1, 2)
     ]  # fmt: skip
     assert verified(record_bytes(runs[0])).ok
-    (table,) = attack_tables("security", runs, 0)
+    (table,) = tables_of(runs, published=False, wanted=["security"])
     assert "1 pair, severity 1" in table.remarks[-1]
     assert "2 pairs, severity 2" in table.remarks[-1]
 

@@ -17,7 +17,7 @@ from ...stats.effective import effective_robustness
 from ...stats.model_result import ModelResult
 from ...stats.published.tables import not_discussed, of_paper
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
-from ..tables import settings_in_order
+from ..paper_tables import settings_in_order
 from .canvas import (
     LONGEST_NAME,
     WITH_INTERVALS,

@@ -16,7 +16,8 @@ def render(table: Table) -> str:
     headings = [table.row_header, *(f"{column.group} {column.label}".strip() for column in table.columns)]
     lines = [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
     for section in table.sections:
-        lines.append(_row([f"*{escape(section.title)}*", *[""] * len(table.columns)]))
+        if section.title:
+            lines.append(_row([f"*{escape(section.title)}*", *[""] * len(table.columns)]))
         for line in section.lines:
             mark = f" <sup>{notes[line.note]}</sup>" if line.note else ""
             lines.append(_row([escape(line.label) + mark, *map(_cell, line.cells)]))

@@ -99,7 +99,7 @@ def _grid(table: Table, sections: tuple[Section, ...], block: list[int], width: 
         grid.add_column(Text(_heading(column)), justify=justify, no_wrap=not column.prose, overflow="fold")
     for section in sections:
         title = Text(next(firsts), style="italic")
-        if sections is table.sections:
+        if sections is table.sections and section.title:
             grid.add_row(title)
         for line in section.lines:
             texts = [Text(next(firsts))]

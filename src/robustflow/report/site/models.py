@@ -25,7 +25,7 @@ from ...stats.results import (
     setting_words,
 )
 from ...stats.run_results import comparison_note
-from ..analysis_tables import anatomy_table
+from ..run_tables import anatomy_table
 from ..table import DASH, Column, Line, Section, Table, TableCell, interval_text, number_text
 from .content import Content
 

@@ -17,10 +17,10 @@ from ...stats.audit import AUDIT_CHECKS, audit_results
 from ...stats.model_result import ModelResult, by_frames
 from ...stats.published.tables import PAPER
 from .. import slider
-from ..attack_table import attack_table, prediction_table
-from ..confidence_table import confidence_table
+from ..attack_tables import attack_table, prediction_table
 from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table
+from ..run_tables import confidence_table
 from ..table import Column, Line, Section, Table, number_text
 from .content import Content, run_content
 from .data import page_data

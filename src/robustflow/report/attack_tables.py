@@ -1,0 +1,170 @@
+"""Tables of attacks: errors, security curves, and the correlation between robustness to corruptions and to attacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..attacks.result import EXPLAINED
+from ..core.errors import RunError, UsageError
+from ..core.text import joined, plain
+from ..run.run import Run
+from ..stats.attacks import (
+    AttackScore,
+    CurvePoint,
+    Prediction,
+    attack_scores,
+    budget_at_double,
+    predictions,
+    security_curves,
+)
+from ..stats.results import METRIC_LABELS
+from ..stats.run_results import named_runs
+from .run_tables import few_note
+from .table import DASH, Line, Table, differences_remark, number_text, signed_text
+
+if TYPE_CHECKING:
+    from .tables import Wanted
+
+_COLUMNS = {
+    "budget": ("budget", "g"),
+    "epe": ("EPE (px)", ".2f"),
+    "cre": ("CRE (px)", ".2f"),
+    "crer": ("CREr", ".2f"),
+    "rcre": ("RCRE (px)", ".2f"),
+    "px1": ("> 1 px (%)", ".2f"),
+    "px3": ("> 3 px (%)", ".2f"),
+    "px5": ("> 5 px (%)", ".2f"),
+    "fl": ("Fl (%)", ".2f"),
+    "median": ("median (px)", ".2f"),
+    "capped": ("capped (px)", ".2f"),
+    "gain": ("gain (px)", ".2f"),
+    "way_gone": ("target progress (%)", ".2f"),
+    "late_gain": ("last quarter", ".2f"),
+    "start_spread": ("start spread", ".2f"),
+    "linf": ("L-inf", ".4g"),
+    "rms": ("RMS", ".4g"),
+    "evaluations": ("flows", ".0f"),
+    "seconds": ("time (s)", ".2f"),
+}
+"""Number of an attack -> label and format."""
+SHORT = ("budget", "epe", "cre", "rcre", "gain")
+"""Numbers that the terminal shows of a run."""
+_NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
+_REMARK = (
+    "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
+    "to the 8-bit frames that were evaluated. Median: over the pixels of a pair, averaged over pairs. Capped: "
+    "error per pixel limited to the frame diagonal. Gain: error minus that under random noise of the same norm. "
+    "Target progress: movement from the clean flow towards the attack's target. Last quarter: gain in the last quarter "
+    "of the evaluations. Start spread: best minus worst random start (the error is that of the best). Both are in px, "
+    "or in units of the attack's loss= option. L-inf, RMS: norms reached, in grey levels. Flows and time: per pair. "
+    "An attack gives a lower bound on the worst-case error."
+)
+_CURVES = (
+    "Mean error by budget in grey levels (0 to 255), with 95 % intervals over pairs or groups of pairs. Budget 0: the "
+    "clean frames. Without ground truth, the error is the distance from the clean flow."
+)
+_WARNED = "at least one pair has a warning; see the table of attacks"
+PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
+
+
+def attacks(wanted: Wanted) -> list[Table]:
+    """Return a table for each run with attacks."""
+    each = [(title, attack_table(run)) for title, run in named_runs(wanted.runs).items()]
+    return _made("attacks", [replace(table, title=f"Attacks on {plain(title)}") for title, table in each if table])
+
+
+def security(wanted: Wanted) -> list[Table]:
+    """Tabulate the security curves of runs, one section per run."""
+    named = named_runs(wanted.runs)
+    try:
+        sections = {plain(name): map(_curve_line, security_curves(run, wanted.seed)) for name, run in named.items()}
+    except RunError as error:
+        raise UsageError(str(error)) from error
+    labels = ("norm", "budget", "metric", "error (px)", "low", "high")
+    remarks = (_CURVES, differences_remark(named))
+    table = Table.of("security", "Security curves", labels, sections, remarks, "Attack, budget")
+    return _made("security", [table] if table.lines else [])
+
+
+def corruptions_and_attacks(wanted: Wanted) -> list[Table]:
+    """Return the correlations between the errors under attacks and under corruptions."""
+    try:
+        table = prediction_table(wanted.runs)
+    except RunError as error:
+        raise UsageError(str(error)) from error
+    return _made("corruptions-and-attacks", [table] if table else [])
+
+
+def _made(name: str, tables: list[Table]) -> list[Table]:
+    if not tables:
+        needed = "two runs with attacks and corruptions" if name == "corruptions-and-attacks" else "a run with attacks"
+        raise UsageError("--table", f"'{name}' needs {needed}: pass --attacks to robustflow run")
+    return tables
+
+
+def attack_table(run: Run, shown: Sequence[str] = tuple(_COLUMNS)) -> Table | None:
+    """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings are shown as
+    notes on their rows. No value is marked as best."""
+    scores = attack_scores(run)
+    if not scores:
+        return None
+    sections = {title: [_line(one, shown) for one in scores if one["norm"] == norm] for norm, title in _NORMS.items()}
+    labels = (_COLUMNS[name][0] for name in shown)
+    return Table.of(
+        "attacks", "Attacks", labels, sections, (_REMARK, _doubled(scores, run.epe_clean)), "Attack, severity"
+    )
+
+
+def _line(score: AttackScore, shown: Sequence[str]) -> Line:
+    texts = (DASH if score[name] is None else format(score[name], _COLUMNS[name][1]) for name in shown)
+    warnings = score["warnings"].items()
+    note = "; ".join(f"{EXPLAINED.get(key, key)} ({count} of {score['samples']} pairs)" for key, count in warnings)
+    return Line.of(f"{score['attack']} {score['severity']}", texts, note)
+
+
+def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
+    """Return the remark with the budget at which each attack doubles the error."""
+    norms = {score["attack"]: score["norm"] for score in scores}
+    known = {name: budget_at_double(scores, name, clean) for name in norms}
+    each = [
+        f"{name} {budget:.2g}{' %' if norms[name] == 'area' else ''}"
+        for name, budget in known.items()
+        if budget is not None
+    ]
+    return f"The clean error doubles at (grey levels or % of the pixels): {', '.join(each)}." if each else ""
+
+
+def _curve_line(point: CurvePoint) -> Line:
+    values = (number_text(value, 3) for value in (point.error, point.low, point.high))
+    texts = (point.norm, f"{point.budget:g}", point.metric, *values)
+    return Line.of(f"{point.attack} {point.budget:g}", texts, _WARNED if point.warned else "")
+
+
+def prediction_table(runs: Sequence[Run]) -> Table | None:
+    """For each attack, tabulate the rank correlation over models between errors under the attack and under corruptions.
+    Return None if fewer than two runs have both.
+    """
+    predicted = predictions(runs)
+    if not predicted:
+        return None
+    label = METRIC_LABELS[predicted[0].metric]
+    remarks = [
+        f"Spearman's rank correlation over models between the mean {label} over corruptions and its value under the "
+        "attack; interval by Fisher's z. All models are compared on the samples that they have in common. Left out: "
+        "models that are not ranked, and values whose warnings indicate a masked gradient or a nondeterministic model.",
+        predicted[0].remark,
+    ]
+    labels = ("severities", "models", "rank correlation", "95 % low", "95 % high")
+    lines = map(_prediction_line, predicted)
+    return Table.of("corruptions-and-attacks", PREDICTION, labels, {"Attacks": lines}, remarks, "Attack")
+
+
+def _prediction_line(one: Prediction) -> Line:
+    texts = map(signed_text, (one.rho, *(one.interval or (None, None))))
+    notes = [few_note(len(one.models)), *(f"without {plain(name)}: {why}" for name, why in one.left_out.items())]
+    if one.lower_bounds:
+        notes.append(f"a lower bound for {joined(list(map(plain, one.lower_bounds)))}: see the warnings of each run")
+    levels = ", ".join(map(str, one.severities))
+    return Line.of(one.attack, (levels, str(len(one.models)), *texts), "; ".join(filter(None, notes)))

@@ -1,0 +1,209 @@
+"""The paper's tables, made from published values, runs, or both: the metrics by corruption, and cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from ..core.errors import UsageError, unknown_name
+from ..core.text import joined
+from ..corruptions.registry import ordered
+from ..data.benchmarks import benchmark_facts
+from ..data.benchmarks.facts import is_still
+from ..run.costs import COUNTED_SIZE, RunCost
+from ..stats.conditions import SeedGroup
+from ..stats.exclusion import PHANTOM
+from ..stats.model_result import ModelResult, Value, printed_cost_ranks, printed_costs
+from ..stats.published.tables import COUNTED_ITERATIONS, PAPER
+from ..stats.ranking import Compared, best_of_columns
+from ..stats.results import (
+    AVERAGE,
+    CLEAN,
+    METRIC_LABELS,
+    SETTING_LABELS,
+    benchmark_words,
+    family_label,
+    short_label,
+)
+from .table import DASH, Column, Line, Section, Table, TableCell, full_note, number_text, seed_line, with_exclusion
+
+if TYPE_CHECKING:
+    from .tables import Wanted
+
+PAPER_TABLES = {"epe": "epe", "cre": "cre", "rcre": "rcre", "gopro-rcre": "rcre"}
+"""The tables of a metric by corruption, with the metric. Two are of RCRE: one for benchmarks without ground truth."""
+
+_BEST = "Bold: lowest value among models in the same setting on the same frames."
+_SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these pixels."
+
+
+def epe(wanted: Wanted) -> list[Table]:
+    """Return the paper's Tab. 2."""
+    return [build_table("epe", wanted.results, wanted.seeds)]
+
+
+def cre(wanted: Wanted) -> list[Table]:
+    """Return the paper's Tab. 7."""
+    return [build_table("cre", wanted.results, wanted.seeds)]
+
+
+def rcre(wanted: Wanted) -> list[Table]:
+    """Return the paper's Tab. 8."""
+    return [build_table("rcre", wanted.results, wanted.seeds)]
+
+
+def gopro_rcre(wanted: Wanted) -> list[Table]:
+    """Return the paper's Tab. 4."""
+    return [build_table("gopro-rcre", wanted.results, wanted.seeds)]
+
+
+def cost(wanted: Wanted) -> list[Table]:
+    """Return the paper's Tab. 3."""
+    return [cost_table(wanted.results)]
+
+
+def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
+    """Build one of `PAPER_TABLES` from any results: a line per model, a column per corruption, a section per
+    setting."""
+    if name not in PAPER_TABLES:
+        raise unknown_name("table", name, PAPER_TABLES)
+    metric = PAPER_TABLES[name]
+    chosen = {
+        line: values
+        for line in results
+        if _published_without_flow(line.benchmark) == (name == "gopro-rcre")
+        and (values := {of: value for (kind, of), value in line.values.items() if kind == metric})
+    }
+    if not chosen:
+        raise UsageError("--table", f"'{name}' would be empty: these results do not have a {METRIC_LABELS[metric]}")
+    measured = {condition for values in chosen.values() for condition in values}
+    keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE}) + [AVERAGE]
+    columns = [_column(key, metric) for key in keys]
+    gaps = any((line.coverage or 1) < 1 for line in chosen)
+    if gaps:
+        columns.append(Column("Coverage"))
+    sections = []
+    for setting in settings_in_order(line.setting for line in chosen):
+        here = {line: values for line, values in chosen.items() if line.setting == setting}
+        sections.append(Section(SETTING_LABELS.get(setting, setting), _lines(here, metric, keys, seeds, gaps)))
+    title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
+    marked = any(cell.best for section in sections for line in section.lines for cell in line.cells)
+    still = any(is_still(line.benchmark) for line in chosen)
+    remarks = [_BEST] * marked + [_SHARE] * gaps + [PHANTOM] * still
+    return Table(name, title, tuple(columns), tuple(sections), tuple(remarks))
+
+
+def _lines(
+    chosen: Mapping[ModelResult, Mapping[str, Value]],
+    metric: str,
+    keys: Sequence[str],
+    seeds: Sequence[SeedGroup],
+    gaps: bool,
+) -> tuple[Line, ...]:
+    """Build the lines for one setting."""
+    texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
+    compared = [
+        Compared(line.frames, shown if line.may_be_best(metric) else {}, bool(line.excluded))
+        for line, shown in texts.items()
+    ]
+    numbers = {
+        line.key: [*(values[key].number if key in values else None for key in keys), *[None] * gaps]
+        for line, values in chosen.items()
+    }
+    excluded = {line.key: line.excluded for line in chosen}
+    out = []
+    for (line, shown), best in zip(texts.items(), best_of_columns(compared), strict=True):
+        cells = [TableCell(shown.get(key, DASH), key in best) for key in keys]
+        cells += [TableCell(number_text(line.coverage))] * gaps
+        out.append(Line(line.name, tuple(cells), with_exclusion(line.note, line.excluded)))
+        for group in seeds:
+            if line.key == group.runs[-1] and numbers.keys() >= set(group.runs):
+                out.append(seed_line(group, numbers, excluded[group.runs[0]]))
+    return tuple(out)
+
+
+def _column(key: str, metric: str) -> Column:
+    if key in (CLEAN, AVERAGE):
+        return Column("Clean" if key == CLEAN else f"AVG {METRIC_LABELS[metric]}")
+    return Column(short_label(key), family_label(key) or "Others")
+
+
+def _published_without_flow(benchmark: str) -> bool:
+    facts = benchmark_facts(benchmark)
+    return facts.published and not facts.has_flow
+
+
+def _measured_on(benchmarks: Iterable[str]) -> str:
+    """Return the names of the results' benchmarks as text, with the paper's benchmarks first."""
+    facts = {name: benchmark_facts(name) for name in benchmarks}
+    order = sorted(facts, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
+    return joined(list(map(benchmark_words, order)))
+
+
+def settings_in_order(settings: Iterable[str]) -> list[str]:
+    """Return the distinct settings, with the paper's settings first."""
+    known = set(settings)
+    return [name for name in SETTING_LABELS if name in known] + sorted(known - set(SETTING_LABELS))
+
+
+_COST_COLUMNS = (
+    Column("Param. (M)"),
+    Column("FLOPs (G)"),
+    *(Column(setting, "CREr & rank") for setting in ("OOD", "ID", "other")),
+    *(Column(setting, "Avg. rank") for setting in ("OOD", "ID")),
+)
+
+
+def cost_table(results: Sequence[ModelResult]) -> Table:
+    """Tabulate size, computing cost, CREr, and the ranks derived from them."""
+    sections = []
+    if printed := _published_costs(results):
+        sections.append(Section("Published", printed))
+    others = [line for line in results if line.frames != PAPER]
+    if lines := tuple(_cost_line(line) for line in others if line.crer is not None):
+        sections.append(Section("Measured on different frames", lines))
+    if not sections:
+        raise UsageError("--table", "'cost' would be empty: it needs the published costs, or runs with a CREr")
+    remarks = [
+        "Published FLOPs are ranked over all models, CREr within its setting; lower is better, equal values share a "
+        "rank. The average rank is the rank of the mean of both."
+    ] * bool(printed)
+    if any(line.cost for line in others):
+        remarks.append(
+            f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
+            f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted)."
+        )
+    table = Table("cost", "Computing cost, CREr and average rank", _COST_COLUMNS, tuple(sections), tuple(remarks))
+    return table.without_empty_columns()
+
+
+def _published_costs(results: Sequence[ModelResult]) -> tuple[Line, ...]:
+    ranks = printed_cost_ranks(results)
+    lines = []
+    for name, printed in printed_costs(results).items():
+        crer = [
+            DASH if value is None else f"{value:.2f} ({ranks[key][name]})"
+            for key, value in (("crer_ood", printed.crer_ood), ("crer_id", printed.crer_id))
+        ]
+        average = [ranks[key].get(name) for key in ("average_ood", "average_id")]
+        size = f"{printed.parameters_m:.2f}", f"{printed.flops_g:.1f} ({ranks['flops'][name]})"
+        cells = [*map(TableCell, (*size, *crer, DASH))]
+        cells += [TableCell(DASH if rank is None else str(rank), rank == 1) for rank in average]
+        lines.append(Line(name, tuple(cells), best=1 in average))
+    return tuple(lines)
+
+
+def _cost_line(result: ModelResult) -> Line:
+    texts, notes = [DASH] * len(_COST_COLUMNS), [full_note(result)]
+    texts[{"OOD": 2, "ID": 3}.get(result.setting, 4)] = number_text(result.crer)
+    if (found := result.cost) is not None:
+        texts[:2] = f"{found.parameters_m:.2f}", f"{found.flops_g:.1f}"
+        notes.append(_counted_note(found))
+    return Line.of(result.name, texts, "; ".join(filter(None, notes)))
+
+
+def _counted_note(found: RunCost) -> str:
+    conditions = [f"{found.iterations} iterations"] if found.iterations not in (None, COUNTED_ITERATIONS) else []
+    if (found.height, found.width) != COUNTED_SIZE:
+        conditions.append(f"frames of {found.height}x{found.width}")
+    return f"FLOPs of {', '.join(conditions)}" if conditions else ""

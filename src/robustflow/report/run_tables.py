@@ -1,0 +1,348 @@
+"""Tables of runs: means by corruption, severity and class, with intervals, beside accuracy, and by image region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..core.arguments import SEVERITIES
+from ..core.errors import RunError, UsageError
+from ..core.text import counted, first_of, plain
+from ..metrics.measures import CONFIDENCE, UNCOUPLED
+from ..run.run import Run
+from ..stats.anatomy import error_parts, severity_slopes
+from ..stats.conditions import SeedGroup
+from ..stats.effective import effective_robustness
+from ..stats.flat_and_depth import TwinComparison, twin_comparisons
+from ..stats.frame import confidence_means, uncoupled_means
+from ..stats.model_result import ModelResult, by_frames, not_ranked, ranked
+from ..stats.published.tables import PAPER
+from ..stats.ranking import LEAST_MODELS, spearman
+from ..stats.results import (
+    AVERAGE,
+    CLEAN,
+    FAMILY_LABELS,
+    METRIC_LABELS,
+    RESULT_METRICS,
+    SETTING_LABELS,
+    benchmark_words,
+    family_label,
+    long_label,
+    metric_label,
+    on_benchmark,
+    setting_words,
+)
+from ..stats.run_results import comparison_note, named_runs, run_setting
+from ..stats.uncertainty import intervals
+from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
+from .table import (
+    DASH,
+    Column,
+    Line,
+    Section,
+    Table,
+    differences_remark,
+    full_note,
+    interval_text,
+    lines_of_models,
+    measure_label,
+    number_text,
+    signed_text,
+)
+
+if TYPE_CHECKING:
+    from .tables import Wanted
+
+MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in RESULT_METRICS}
+"""The overall means in tables of runs, with their labels."""
+_WITHOUT_TRUTH = {
+    "flow_length": "clean flow (px)",
+    "photometric": "clean photometric error (grey levels)",
+    "photometric_still": "of zero flow",
+}
+"""Measures of the clean flow in tables of runs without ground truth, with their labels."""
+_MOST_NAMED = 4
+
+
+def corruptions_table(run: Run, title: str) -> Table:
+    """Tabulate the means of a run for each corruption, and its EPE (RCRE without ground truth) at each severity."""
+    corruptions, levels = run.measured.corruptions, run.measured.severities
+    metrics = [m for m in ("epe", "cre", "crer", "rcre") if any(run.mean(m, name) is not None for name in corruptions)]
+    at_each = "epe" if "epe" in metrics else "rcre"
+    metrics += ["photometric"] * (at_each == "rcre")
+    metrics += ["coverage"] * run.averages.has_gaps + ["spread"] * (run.mean("spread") is not None)
+    at_levels = [f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level) for level in levels]
+    lines = []
+    for name in corruptions:
+        values = [*(run.mean(m, name) for m in metrics), *(run.mean(at_each, name, level) for level in levels)]
+        lines.append(Line.of(name, (family_label(name) or "Others", *map(number_text, values))))
+    lines.append(Line.of("mean", ("", *(number_text(run.mean(m)) for m in metrics), *[""] * len(levels))))
+    columns = ["class", *(METRIC_LABELS.get(m, m) for m in metrics), *at_levels]
+    return Table("corruptions", title, tuple(map(Column, columns)), (Section("", tuple(lines)),), (), "Corruption")
+
+
+def severities_table(run: Run, metric: str, title: str) -> Table:
+    """Tabulate a measure of a run, or one of `UNCOUPLED`, by corruption and severity, with the mean over severities."""
+    numbers = uncoupled_means(run.rows) if metric in UNCOUPLED else run.means
+    levels = [
+        level for level in SEVERITIES if any((metric, name, level) in numbers for name in run.measured.corruptions)
+    ]
+    lines = [
+        Line.of_numbers(name, (numbers.get((metric, name, level)) for level in (*levels, None)))
+        for name in run.measured.corruptions
+    ]
+    lines.append(Line.of("mean", (*[""] * len(levels), number_text(numbers.get((metric, AVERAGE, None))))))
+    columns = tuple(map(Column, (*map(str, levels), "mean")))
+    return Table("severities", title, columns, (Section("", tuple(lines)),), row_header="Corruption")
+
+
+def result_table(run: Run) -> Table:
+    """Tabulate the means of a run, overall and by corruption class."""
+    metrics = [metric for metric in METRIC_LABELS if run.mean(metric) is not None]
+    metrics = metrics[:-1] if run.epe is not None else metrics  # the photometric error replaces a missing EPE
+    known = {AVERAGE: "all"} | {
+        name: label for name, label in FAMILY_LABELS.items() if run.mean("rcre", name) is not None
+    }
+    lines = [Line.of_numbers(label, (run.mean(metric, of) for metric in metrics)) for of, label in known.items()]
+    remarks = [f"clean EPE {run.epe_clean:.2f} px" if run.epe_clean is not None else "", comparison_note(run)]
+    title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark_words(run.benchmark)}"
+    return Table.of("result", title, map(metric_label, metrics), {"Means": lines}, remarks, "Corruptions")
+
+
+def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
+    """Tabulate the overall means of runs; without ground truth, also the mean length and the photometric error of the
+    clean flow. For each group in `seeds`, a row with the mean and standard deviation follows the group's last run."""
+    without_truth = all(line.number("epe", CLEAN) is None for line in results)
+    values = {}
+    for line in results:
+        run = line.run if without_truth else None
+        clean = (run.mean(name, CLEAN) if run else None for name in _WITHOUT_TRUTH)
+        values[line.key] = [*(line.number(*key) for key in MEANS), *clean]
+    lines = lines_of_models(results, values, seeds)
+    return Table.of("runs", "Means", (*MEANS.values(), *_WITHOUT_TRUTH.values()), {"Runs": lines})
+
+
+def row(wanted: Wanted) -> list[Table]:
+    """Return the overall means of the runs, to be pasted into another table."""
+    return [runs_table(wanted.of_runs("row"), wanted.seeds)]
+
+
+def means(wanted: Wanted) -> list[Table]:
+    """Tabulate the overall means of runs with intervals, such as "3.21 [2.50, 4.10]", and the standard deviation of ln
+    EPE (of ln RCRE without ground truth), on which the coverage of the intervals depends. An interval is omitted if
+    there are too few images to compute it."""
+    results = wanted.of_runs("means")
+    known: list[bool] = []
+    texts, values = {}, {}
+    for line in results:
+        assert line.run is not None
+        rows = intervals(line.run.rows, seed=wanted.seed).to_dicts()
+        estimates = {(one["metric"], one["corruption"]): one for one in rows}
+        spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
+        texts[line.key] = [*(_estimate(estimates.get(key)) for key in MEANS), number_text(spread)]
+        values[line.key] = [*(estimates[key]["estimate"] if key in estimates else None for key in MEANS), spread]
+        known += [estimates[key]["low"] is not None for key in MEANS if key in estimates]
+    least = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
+    remarks = [f"No intervals: they need at least {least}."]
+    if any(known):
+        remarks = [f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if any."]
+        remarks += [f"Means without an interval: fewer than {least}, or one decides the mean."] * (not all(known))
+    about = "sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over images or sequences."
+    if any(known):
+        about += " Up to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, perhaps in fewer."
+    title = "Means with intervals" if any(known) else "Means"
+    lines = lines_of_models(results, values, wanted.seeds, texts)
+    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": lines}, [*remarks, about])]
+
+
+def _estimate(one: dict[str, float | None] | None) -> str:
+    if one is None:
+        return DASH
+    low, high = one["low"], one["high"]
+    ends = None if low is None or high is None else (low, high)
+    return f"{number_text(one['estimate'])} {interval_text(ends)}".rstrip()
+
+
+_CONFIDENCE_REMARK = (
+    "AUSE: area between the sparsification curve and the oracle's; 0 if the least confident pixels have the largest "
+    "errors. Normalised: divided by the error of each image. Error at 80 %: error of the 80 % most confident pixels. "
+    "Spearman: rank correlation of confidence and error; -1 is best. Rejected: share of pixels rejected by the "
+    "forward-backward check of Sundaram et al. 2010."
+)
+_CONFIDENCE_SHOWN = [name for name in CONFIDENCE if "_at_" not in name or name in ("error_at_80", "error_at_50")]
+_CONDITIONS = {CLEAN: "Clean", AVERAGE: "All corruptions"} | FAMILY_LABELS
+
+
+def confidence_table(run: Run) -> Table | None:
+    """Tabulate the confidence scores of a run by corruption family and by severity; return None if it has none."""
+    numbers = confidence_means(run.rows)
+    at = {(condition, severity) for _, condition, severity in numbers}
+
+    def line(condition: str, severity: int | None) -> Line:
+        label = _CONDITIONS[condition] if severity is None else f"{_CONDITIONS[condition]} {severity}"
+        return Line.of_numbers(label, (numbers.get((measure, condition, severity)) for measure in _CONFIDENCE_SHOWN))
+
+    sections = {
+        "Means": [line(name, None) for name in _CONDITIONS if (name, None) in at],
+        "By severity": [line(name, level) for name in FAMILY_LABELS for level in SEVERITIES if (name, level) in at],
+    }
+    if not numbers:
+        return None
+    title = f"Confidence ({run.manifest.identity.measuring.confidence})"
+    labels = map(measure_label, _CONFIDENCE_SHOWN)
+    return Table.of("confidence", title, labels, sections, [_CONFIDENCE_REMARK], "Corruptions")
+
+
+_CORRELATIONS = {"rank_correlation": "rank correlation", "rank_correlation_given_motion": "given the motion"}
+_UNCOUPLED_REMARK = (
+    "log ratio: ln(EPE / clean EPE), averaged over images; 0.69 if errors double. Medians are over images. "
+    "Fl increase: percentage points of Fl-all. Rank correlation: between corrupted and clean EPE over images, first "
+    "uncontrolled, then controlled for the true flow magnitude. CRE is EPE - clean EPE, so it depends on accuracy."
+)
+
+
+def uncoupled(wanted: Wanted) -> list[Table]:
+    """Tabulate the measures that depend less on accuracy than CRE. With five or more ranked models on the same frames,
+    add the rank correlations of CRE and log ratio with the clean EPE."""
+    results = wanted.of_runs("uncoupled")
+    lines, same_frames = [], dict[str, list[tuple[float, float, float]]]()
+    for result in results:
+        assert result.run is not None
+        numbers, clean, cre = uncoupled_means(result.run.rows), result.run.epe_clean, result.run.cre
+        values = {name: numbers.get((name, AVERAGE, None)) for name in (*UNCOUPLED, *_CORRELATIONS)}
+        ratio = values["log_ratio"]
+        if ratio is None and values["median_cre"] is None:
+            continue
+        lines.append(Line.of_numbers(result.name, (clean, cre, *values.values()), full_note(result)))
+        if clean is not None and cre is not None and ratio is not None and not result.excluded:
+            same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
+    if not lines:
+        raise UsageError("--table", "'uncoupled' needs ground truth, which none of these runs has")
+    remarks = [_UNCOUPLED_REMARK]
+    for models in same_frames.values():
+        if len(models) >= LEAST_MODELS:
+            accuracy, *others = map(list, zip(*models, strict=True))
+            of_cre, of_ratio = (signed_text(spearman(accuracy, one)) for one in others)
+            remarks.append(
+                f"Rank correlation with the clean EPE over {len(models)} models: CRE {of_cre}, log ratio {of_ratio}."
+            )
+    remarks.append(left_out_remark(results))
+    labels = ("clean EPE (px)", "CRE (px)", *map(measure_label, UNCOUPLED), *_CORRELATIONS.values())
+    return [Table.of("uncoupled", "Robustness beside accuracy", labels, {"Runs": lines}, remarks)]
+
+
+def left_out_remark(results: Sequence[ModelResult]) -> str:
+    """Return the remark that names the runs omitted from statements about models in general; "" if there are none."""
+    reasons = not_ranked(results)
+    return f"Left out of trends and correlations: {'; '.join(reasons)}." if reasons else ""
+
+
+def effective(wanted: Wanted) -> list[Table]:
+    """Tabulate the effective robustness for each set of comparable results with enough models."""
+    tables: list[Table] = []
+    reason = UsageError("there are no results")
+    for frames, lines in by_frames(wanted.about).items():
+        part = ranked(lines)
+        if not any(line.values for line in part):
+            continue
+        try:
+            settings = effective_robustness(part)
+        except UsageError as error:
+            reason = error
+            continue
+        models = first_of([plain(name) for name in dict.fromkeys(line.name for line in part)], _MOST_NAMED)
+        whose = "published models" if frames == PAPER else on_benchmark(models, part[0].benchmark)
+        sections = {
+            SETTING_LABELS.get(setting, setting): [
+                Line.of_numbers(
+                    one.line.name, (one.clean, one.corrupted, one.expected, one.factor), full_note(one.line)
+                )
+                for one in of_setting
+            ]
+            for setting, of_setting in settings.items()
+        }
+        remarks = [
+            "factor: EPE / EPE expected from the clean EPE by a fit to the other models; below 1: more robust than "
+            "expected from accuracy.",
+            left_out_remark(lines),
+        ]
+        name = f"effective-{len(tables) + 1}" if tables else "effective"
+        labels = ("clean EPE", "EPE", "expected EPE", "factor")
+        tables.append(Table.of(name, f"Effective robustness: {whose}", labels, sections, remarks))
+    if not tables:
+        raise reason
+    return tables
+
+
+def anatomy(wanted: Wanted) -> list[Table]:
+    """Return the error of each run by part."""
+    wanted.of_runs("anatomy")
+    return [anatomy_table(wanted.runs)]
+
+
+def anatomy_table(runs: Sequence[Run]) -> Table:
+    """Tabulate the error of each run by image region and corruption family, and its slope over severities."""
+    named = named_runs(runs)
+    sections = {}
+    for name, run in named.items():
+        lines = [
+            Line.of_numbers(
+                part.label, (part.share, part.contribution, part.cre, part.crer, part.rcre, part.broken, None)
+            )
+            for part in error_parts(run.averages)
+        ]
+        slopes = severity_slopes(run.averages, "rcre").items()
+        lines += [Line.of_numbers(long_label(corruption), [None] * 6 + [slope]) for corruption, slope in slopes]
+        sections[name] = lines
+    explained = (
+        "share: share of the pixels; adds: contribution of a family to the mean CRE; broken: net share of pixels that "
+        "became Fl outliers; slope: RCRE per severity step."
+    )
+    labels = ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")
+    return Table.of("anatomy", "Anatomy of error", labels, sections, [explained, differences_remark(named)], "Part")
+
+
+def flat_and_depth(wanted: Wanted) -> list[Table]:
+    """Tabulate rank correlations over models, and each model's differences, between 2D corruptions and their 3D
+    counterparts."""
+    wanted.of_runs("flat-and-depth")
+    try:
+        found = twin_comparisons(wanted.runs, wanted.seed)
+    except RunError as error:
+        raise UsageError(str(error)) from error
+    if not found:
+        raise UsageError(
+            "--table", "'flat-and-depth' needs runs with a corruption and its 3D counterpart, for example fog,fog_3d"
+        )
+    sections = {"Rank correlation over models": list(map(_correlation_line, found))}
+    for one in found:
+        sections[f"{one.flat} and {one.deep}, severities {', '.join(map(str, one.severities))}"] = [
+            Line.of_numbers(
+                plain(m.model), (m.flat, m.deep, m.difference.estimate, m.difference.low, m.difference.high), m.excluded
+            )
+            for m in one.models
+        ]
+    remarks = [
+        f"{METRIC_LABELS[found[0].metric]} under a 2D corruption and its 3D counterpart, on the same pairs and "
+        "severities. Value: Spearman's rank correlation over ranked models, interval by Fisher's z; for one model, "
+        "the difference 3D minus 2D in px, interval over pairs or groups of pairs.",
+        *dict.fromkeys(one.remark for one in found),
+    ]
+    title = "Do 2D corruptions predict 3D corruptions?"
+    labels = ("flat (px)", "in depth (px)", "value", "95 % low", "95 % high")
+    return [Table.of("flat-and-depth", title, labels, sections, remarks, "Corruptions, model", keep_empty=True)]
+
+
+def _correlation_line(one: TwinComparison) -> Line:
+    texts = map(signed_text, (one.rho, *(one.interval or (None, None))))
+    return Line.of(f"{one.flat}, {one.deep} ({counted(one.count, 'model')})", (DASH, DASH, *texts), few_note(one.count))
+
+
+def few_note(models: int) -> str:
+    """Return the note on a correlation that too few models have; "" if there are enough.
+
+    >>> few_note(3), few_note(12)
+    ('3 models: fewer than the 5 of a correlation', '')
+    """
+    few = f"{counted(models, 'model')}: fewer than the {LEAST_MODELS} of a correlation"
+    return few if models < LEAST_MODELS else ""
