@@ -30,7 +30,7 @@ def test_report_prints_a_run(robustflow):
     summary = json.loads(Path("run/summary.json").read_text())
     assert summary["corruptions"]["contrast"]["severities"] == [1, 5]
     assert robustflow.prints("report", "run") == out
-    assert "Digital" in robustflow.prints("report", "run", "--metric", "rcre")
+    assert "contrast" in robustflow.prints("report", "run", "--metric", "rcre")
 
 
 def test_models_may_be_given_without_an_option_and_severities_as_a_range(robustflow):
@@ -129,7 +129,7 @@ def run_of_named(tmp_path_factory):
 
 def test_report_states_why_a_model_is_excluded(robustflow, run_of_named):
     out = robustflow.prints("report", run_of_named)
-    (line,) = (line for line in out.splitlines() if line.startswith("Not a measure of robustness: "))
+    (line,) = (line for line in out.splitlines() if line.startswith("not ranked: "))
     assert "is at least half of the 11.44 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
@@ -141,8 +141,7 @@ def test_report_prints_log_ratios_on_request(robustflow, tmp_path):
     out = robustflow.prints("report", run.path, "--metric", "log_ratio")
     for value in (*ratios, sum(ratios) / 2):
         assert f"{value:.2f}" in out
-    assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
-    assert "Not a measure of robustness" not in out
+    assert "not ranked" not in out
     frame = run.frame.filter(pl.col("severity").is_null(), measure="median_log_ratio", condition="average")
     assert frame["value"].item() == pytest.approx(sum(ratios) / 2)
     robustflow.refuses("report", run.path, "--metric", "log_ration")
@@ -179,13 +178,13 @@ def test_model_that_returns_only_nan_has_no_result(robustflow, tmp_path):
     with pytest.warns(UserWarning, match="no measured pixel, so there is no worst sample"):
         out = robustflow.prints("run", "-m", "not_a_number:flow", "-c", "contrast", "-s", "1", "--allow-invalid")
     assert "nothing could be measured" in out
-    assert "2 rows have no valid pixel" in out
+    assert "rows without a valid pixel: 2" in out
 
 
 def test_own_frames_have_no_ground_truth(robustflow, tmp_path):
     write_frames(tmp_path / "frames", [(64, 96)] * 3)
     few = ("-d", "frames", "-c", "contrast", "-s", 1, "-o", "run", "--no-examples")
-    assert "no ground truth" in robustflow.prints("run", "-m", "dis", "-b", "folder", *few)
+    assert "EPE" not in robustflow.prints("run", "-m", "dis", "-b", "folder", *few).replace("RCRE", "")
     assert json.loads(Path("run/summary.json").read_text())["epe_clean"] is None
 
 
@@ -201,7 +200,7 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
     for name, run in runs.items():
         clean = [run.mean(measure, "clean") for measure in ("flow_length", "photometric", "photometric_still")]
         assert _cells_of(table, name)[1:] == [f"{value:.2f}" for value in clean]
-    assert all(f"on clean frames, the mean length of the flow is {length:.2f} px" in alone for length in lengths)
+    assert all(f"clean flow {length:.2f} px" in alone for length in lengths)
     assert "robustflow compare" not in out
 
 
@@ -258,7 +257,6 @@ def test_seeds_of_a_still_run_are_draws_in_one_folder(robustflow, tmp_path):
     cells = {name: _cells_of(out, name)[place] for name in ("contrast", "impulse_noise")}
     assert cells["contrast"] == "0.00", "it draws nothing"
     assert float(cells["impulse_noise"]) > 0
-    assert "standard deviation over 2 draws" in out
     robustflow.refuses(*command, "-o", "run", "--seeds", "0")
 
 

@@ -75,10 +75,10 @@ def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):
     table = corruptions_table(run, "title")
     lines = {line.label: [cell.text for cell in line.cells] for section in table.sections for line in section.lines}
     shown = [column.label for column in table.columns]
-    assert shown[1:5] == ["EPE", "CRE", "CREr", "RCRE"]
-    assert lines["elastic_transform"][1:4] == lines["rolls"][1:4]
-    assert not any(text.strip("-–— ") for text in lines["elastic_transform"][1:4])
-    assert float(lines["elastic_transform"][4]) > 1
+    assert shown[:4] == ["EPE", "CRE", "CREr", "RCRE"]
+    assert lines["elastic_transform"][:3] == lines["rolls"][:3]
+    assert not any(text.strip("-–— ") for text in lines["elastic_transform"][:3])
+    assert float(lines["elastic_transform"][3]) > 1
 
 
 def test_the_command_line_names_corruptions_without_truth(run, capsys):

@@ -16,7 +16,7 @@ from ..core.errors import UsageError, unknown_name
 from ..core.files import write_bytes
 from ..core.text import counted, plain
 from ..data.benchmarks.facts import is_still, sample_noun, truth_remark
-from ..metrics.means import PAPER
+from ..metrics.means import AVERAGE, PAPER
 from ..metrics.measures import METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..report.attack_tables import SHORT, attack_table
@@ -103,10 +103,8 @@ def _facts(run: Run, report: bool) -> Iterator[str]:
     )
     paper = measured.paper_over if set(measured.averaged_over) != set(measured.paper_over) else ()
     warnings = dict.fromkeys(text for clip in run.manifest.clips for text in clip.warnings)
-    clean, length = run.epe_clean, run.mean("flow_length", CLEAN)
+    yield _overall(run)
     known = {
-        "clean EPE": "" if clean is None else f"{clean:.2f} px",
-        "clean flow length, without ground truth": "" if length is None or clean is not None else f"{length:.2f} px",
         "ground truth": _truth(run),
         "means": UNEVEN if run.manifest.uneven else "",
         "ranked against runs of the same subset": estimate_of(run),
@@ -122,6 +120,14 @@ def _facts(run: Run, report: bool) -> Iterator[str]:
         "report": f"{run.path}/report.html" if report else "",
     }
     yield from (f"{name}: {plain(str(text), None)}" for name, text in known.items() if text)
+
+
+def _overall(run: Run) -> str:
+    if run.rcre is None and run.epe_clean is None:
+        return "nothing could be measured"
+    if run.epe_clean is None:
+        return f"RCRE {number_text(run.rcre)} px; clean flow {number_text(run.mean('flow_length', CLEAN))} px long"
+    return f"clean EPE {number_text(run.epe_clean)} px, {_means(run, AVERAGE)}"
 
 
 def _truth(run: Run) -> str:

@@ -26,7 +26,6 @@ from ..stats.results import (
     RESULT_METRICS,
     SETTING_LABELS,
     benchmark_words,
-    family_label,
     long_label,
     metric_label,
     on_benchmark,
@@ -75,9 +74,9 @@ def corruptions_table(run: Run, title: str) -> Table:
     lines = []
     for name in corruptions:
         values = [*(run.mean(m, name) for m in metrics), *(run.mean(at_each, name, level) for level in levels)]
-        lines.append(Line.of(name, (family_label(name) or "Others", *map(number_text, values))))
-    lines.append(Line.of("mean", ("", *(number_text(run.mean(m)) for m in metrics), *[""] * len(levels))))
-    columns = ["class", *(METRIC_LABELS.get(m, m) for m in metrics), *at_levels]
+        lines.append(Line.of_numbers(name, values))
+    lines.append(Line.of("mean", (*(number_text(run.mean(m)) for m in metrics), *[""] * len(levels))))
+    columns = [*(METRIC_LABELS.get(m, m) for m in metrics), *at_levels]
     return Table("corruptions", title, tuple(map(Column, columns)), (Section("", tuple(lines)),), (), "Corruption")
 
 
