@@ -13,7 +13,8 @@ from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
-from robustflow.report.tables import ROW, TABLES, figures_of, results_of, tables_of
+from robustflow.report.table import results_of
+from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.cells import Cells
 from robustflow.run.comparable import sample_set
 from robustflow.run.run import Run

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from ..attacks.result import EXPLAINED
 from ..core.errors import RunError, UsageError
@@ -22,10 +21,7 @@ from ..stats.attacks import (
 from ..stats.results import METRIC_LABELS
 from ..stats.run_results import named_runs
 from .run_tables import few_note
-from .table import DASH, Line, Table, differences_remark, number_text, signed_text
-
-if TYPE_CHECKING:
-    from .tables import Wanted
+from .table import DASH, Line, Table, Wanted, differences_remark, number_text, signed_text
 
 _COLUMNS = {
     "budget": ("budget", "g"),

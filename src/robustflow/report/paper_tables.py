@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from ..core.errors import UsageError, unknown_name
 from ..core.text import joined
@@ -25,10 +24,19 @@ from ..stats.results import (
     family_label,
     short_label,
 )
-from .table import DASH, Column, Line, Section, Table, TableCell, full_note, number_text, seed_line, with_exclusion
-
-if TYPE_CHECKING:
-    from .tables import Wanted
+from .table import (
+    DASH,
+    Column,
+    Line,
+    Section,
+    Table,
+    TableCell,
+    Wanted,
+    full_note,
+    number_text,
+    seed_line,
+    with_exclusion,
+)
 
 PAPER_TABLES = {"epe": "epe", "cre": "cre", "rcre": "rcre", "gopro-rcre": "rcre"}
 """The tables of a metric by corruption, with the metric. Two are of RCRE: one for benchmarks without ground truth."""

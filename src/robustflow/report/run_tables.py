@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import RunError, UsageError
@@ -40,6 +39,7 @@ from .table import (
     Line,
     Section,
     Table,
+    Wanted,
     differences_remark,
     full_note,
     interval_text,
@@ -48,9 +48,6 @@ from .table import (
     number_text,
     signed_text,
 )
-
-if TYPE_CHECKING:
-    from .tables import Wanted
 
 MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in RESULT_METRICS}
 """The overall means in tables of runs, with their labels."""

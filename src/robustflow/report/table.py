@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import compress
 from statistics import mean, stdev
 
+from ..core.errors import UsageError
 from ..metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, UNCOUPLED
 from ..run.comparable import differences
 from ..run.run import Run
-from ..stats.conditions import SeedGroup
+from ..stats.conditions import SeedGroup, seed_groups
 from ..stats.model_result import ModelResult, Value
+from ..stats.published.tables import PAPER, published_results
+from ..stats.run_results import run_results
 
 DASH = "-"
 """Text of a cell without a number."""
@@ -223,3 +227,40 @@ def number_text(value: float | None, decimals: int | None = None) -> str:
 def signed_text(value: float | None) -> str:
     """Format a number with its sign and two decimals."""
     return DASH if value is None else f"{value:+.2f}"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What tables are made from: runs, the published results if wanted, and the random seed of the intervals. With
+    `only_own`, trends are over the runs alone."""
+
+    runs: Sequence[Run]
+    published: bool
+    seed: int = 0
+    only_own: bool = False
+
+    @cached_property
+    def results(self) -> list[ModelResult]:
+        """The published results, if wanted, followed by the results of the runs."""
+        return results_of(self.runs, self.published)
+
+    @property
+    def about(self) -> list[ModelResult]:
+        """The results that trends are about."""
+        return [line for line in self.results if not (self.only_own and line.frames == PAPER)]
+
+    @cached_property
+    def seeds(self) -> list[SeedGroup]:
+        """The groups of runs that differ only in the seed."""
+        return seed_groups(self.runs)
+
+    def of_runs(self, table: str) -> list[ModelResult]:
+        """Return the results of the runs alone, for a table that needs some."""
+        if not self.runs:
+            raise UsageError("--table", f"'{table}' requires runs: give at least one run")
+        return run_results(self.runs)
+
+
+def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
+    """Return the published results, if requested, followed by the results of the runs."""
+    return [*(published_results() if published else []), *run_results(runs, published)]

@@ -4,55 +4,17 @@ which makes the tables of one name from what is wanted."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ..core.errors import UsageError
 from ..core.plugins import Registry
 from ..stats.anatomy import displacements_of
-from ..stats.conditions import SeedGroup, seed_groups
-from ..stats.model_result import ModelResult
-from ..stats.published.tables import PAPER, published_results
-from ..stats.run_results import run_results
-from .table import Table
+from .table import Table, Wanted, results_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..run.run import Run
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What tables are made from: runs, the published results if wanted, and the random seed of the intervals. With
-    `only_own`, trends are over the runs alone."""
-
-    runs: Sequence[Run]
-    published: bool
-    seed: int = 0
-    only_own: bool = False
-
-    @cached_property
-    def results(self) -> list[ModelResult]:
-        """The published results, if wanted, followed by the results of the runs."""
-        return results_of(self.runs, self.published)
-
-    @property
-    def about(self) -> list[ModelResult]:
-        """The results that trends are about."""
-        return [line for line in self.results if not (self.only_own and line.frames == PAPER)]
-
-    @cached_property
-    def seeds(self) -> list[SeedGroup]:
-        """The groups of runs that differ only in the seed."""
-        return seed_groups(self.runs)
-
-    def of_runs(self, table: str) -> list[ModelResult]:
-        """Return the results of the runs alone, for a table that needs some."""
-        if not self.runs:
-            raise UsageError("--table", f"'{table}' requires runs: give at least one run")
-        return run_results(self.runs)
 
 
 ROW = "row"
@@ -65,11 +27,6 @@ for _name, _module in {
     ROW: "run_tables",
 }.items():
     TABLES.add(_name, f"{__package__}.{_module}:{_name.replace('-', '_')}")
-
-
-def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
-    """Return the published results, if requested, followed by the results of the runs."""
-    return [*(published_results() if published else []), *run_results(runs, published)]
 
 
 def tables_of(
