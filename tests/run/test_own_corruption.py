@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import RobustFlowError, UsageError
+from robustflow.core.errors import RobustFlowError, RunError, UsageError
 from robustflow.testing import ZeroFlow
 from tests.corruptions.rain import forget
 
@@ -26,7 +26,7 @@ def test_edited_own_corruption_starts_a_new_run_on_the_command_line(rain_package
     robustflow.prints(*run, *own)  # goes on
     (rain_package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
     forget()
-    assert "the source of the corruption rain has changed since" in robustflow.refuses(*run, *own, code=1)
+    assert "corruptions (rain)" in robustflow.refuses(*run, *own, code=1)
 
     robustflow.prints("record", "pack", "run", "-o", "mine.robustflow")
     robustflow.prints("record", "verify", "mine.robustflow")
@@ -44,7 +44,7 @@ def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_packag
     one, two = (run.rows.filter(pl.col("corruption") == "rain").sort("severity")["frames_digest"] for run in runs)
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
-    with pytest.raises(RobustFlowError, match="source of the corruption rain has changed"):
+    with pytest.raises(RobustFlowError, match=r"corruptions \(rain\)"):
         rf.evaluate(ZeroFlow(), output=rain_package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 
@@ -66,9 +66,7 @@ def test_edited_own_corruption_without_an_output_folder_starts_a_new_run_with_a_
 
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
     assert rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
-    with pytest.warns(
-        UserWarning, match="source of the corruption rain has changed since runs/.* a new run starts in runs/"
-    ):
+    with pytest.warns(UserWarning, match="^rain has changed since runs/"):
         other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path
     assert set(rf.load_run(first.path).rows["severity"]) == {0, 1, 2}
@@ -79,9 +77,7 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_
     robustflow.prints("run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own)
     forget()
     monkeypatch.setattr("robustflow.corruptions.own._own", {})
-    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in robustflow.refuses(
-        "report", "run", "--examples", code=1
-    )
+    robustflow.refusal("report run --examples", RunError, "rain")
     assert "rain_module" not in sys.modules
     robustflow.prints("report", "run", "--examples", "--own-corruption", "rain_module:Rain")
     assert (rain_package / "run" / "examples" / "worst.jpg").is_file()

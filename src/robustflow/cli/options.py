@@ -68,7 +68,7 @@ def _of_run() -> dict[str, inspect.Parameter]:
             metavar="KEY=VALUE" if declared.parse == "pairs" else None,
             autocompletion=getattr(complete, declared.complete) if declared.complete else None,
         )
-        default = field.default if declared.default is None else declared.default
+        default = field.default if declared.cli_default is None else declared.cli_default
         parameters[name] = _parameter(name, Annotated[str if kind is Any else kind, option], default)
     return parameters
 

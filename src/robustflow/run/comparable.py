@@ -208,9 +208,9 @@ def _digits(value: Any) -> str:
 _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "dataset": lambda value: f"dataset {value}",
     **{
-        name: option.words
+        name: option.in_words
         for name, field in FrameOptions.model_fields.items()
-        if (option := option_of(field)) is not None and option.words is not None
+        if (option := option_of(field)) is not None and option.words
     },
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",

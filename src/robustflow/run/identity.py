@@ -1,8 +1,7 @@
-"""Define everything that determines the results of a run, in three parts: frames, model and measurement. Describe a
-model's training data, and what they mean for a run. Describe the environment of a run, for its manifest.
+"""What a manifest says about a run: its identity, which is everything that determines its results, the training data of
+its model, and its environment.
 
-These classes are the only definition. A plan makes an `Identity`; manifests and records store it; it is used to resume,
-compare, group and repeat runs. A new field of `FrameIdentity` takes effect in all of these.
+A plan makes an `Identity`; manifests and records store it; it is used to resume, compare, group and repeat runs.
 """
 
 from __future__ import annotations
@@ -32,10 +31,6 @@ LONGEST_NAME = 80
 """Maximum length of a model's name in tables and figures."""
 
 Text = Annotated[str, Field(min_length=1)]
-
-
-_EDITED = {"corruption": "the source of the corruption", "attack": "the definition of the attack"}
-_ADDED = {"corruption": "your corruption", "attack": "the attack"}
 
 
 class _IdentityPart(Untrusted):
@@ -120,42 +115,32 @@ class Identity(_IdentityPart):
         """Return a stable hash of 16 hexadecimal digits, the same for a plan and for its manifest."""
         return digest_of_value(self.record())
 
-    def difference(self, before: Identity) -> str:
-        """Describe how this identity differs from an earlier one, naming the user's corruptions."""
-        parts = differing_fields(self, before)
-        kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
-        if kind is None:
-            return f"it differs in: {parts}"
-        current, recorded = getattr(self.frames, parts), getattr(before.frames, parts)
-        if edited := [name for name in current if name in recorded and current[name] != recorded[name]]:
-            return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
-        if added := [name for name in current if name not in recorded]:
-            return f"it was started without {_ADDED[kind]} {', '.join(added)}"
-        return f"it was also started with the {kind} {', '.join(recorded)}"
-
-    def edited_corruptions(self, before: Identity) -> list[str]:
-        """Return the user's corruptions whose source differs between two identities; empty if anything else differs
-        too."""
-        current, recorded = self.frames.corruptions, before.frames.corruptions
-        if differing_fields(self, before) != "corruptions":
-            return []
-        return [name for name in current if name in recorded and current[name] != recorded[name]]
-
 
 def recorded_scale(scale: str) -> str:
     """Return a severity scale as an identity names it: with the digest of the calibration."""
     return f"calibrated {calibration_digest()}" if scale == "calibrated" else scale
 
 
-def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
-    """Return the names of the fields in which two identities, or two of their parts, differ; the settings of a model
-    count as one field, "model".
+def difference(now: Identity | Mapping[str, Any], before: Identity | Mapping[str, Any]) -> str:
+    """Name the fields in which two identities, or two descriptions of models, differ, and the entries of a field that
+    has several; the settings of a model count as one field, "model".
 
-    >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
-    'seed'
+    >>> difference({"seed": 1, "own": {"rain": "a", "hail": "b"}}, {"seed": 1, "own": {"rain": "c", "hail": "b"}})
+    'own (rain)'
     """
+    named = []
+    for field in differing_fields(now, before):
+        new, old = _fields(now).get(field, {}), _fields(before).get(field, {})
+        both = isinstance(new, dict) and isinstance(old, dict) and field != "model"
+        entries = differing_fields(new, old) if both else []
+        named.append(f"{field} ({', '.join(entries)})" if entries else field)
+    return ", ".join(named) or "identity"
+
+
+def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> list[str]:
+    """Return the names of the fields in which two identities, or two of their parts, differ."""
     new, old = _fields(now), _fields(before)
-    return ", ".join(sorted(key for key in new.keys() | old.keys() if new.get(key) != old.get(key))) or "identity"
+    return sorted(key for key in new.keys() | old.keys() if new.get(key) != old.get(key))
 
 
 def _fields(part: _IdentityPart | Mapping[str, Any]) -> Mapping[str, Any]:
@@ -173,7 +158,7 @@ def checked_name(name: str) -> str:
     """
     name = name.strip()
     if not name or len(name) > LONGEST_NAME or not name.isprintable():
-        raise UsageError(f"the name of a model must be 1 to {LONGEST_NAME} printable characters, not {name[:100]!r}")
+        raise UsageError(f"{name[:100]!r}", f"the name of a model must be 1 to {LONGEST_NAME} printable characters")
     return name
 
 
@@ -212,19 +197,8 @@ UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
 """The provenance of a model with unknown training data."""
 
 
-_PACKAGES = (
-    "robustflow",
-    "numpy",
-    "opencv-python-headless",
-    "opencv-python",
-    "scipy",
-    "numba",
-    "polars",
-    "av",
-    "torch",
-    "torchvision",
-    "ptlflow",
-)
+_PACKAGES = ["robustflow", "numpy", "opencv-python-headless", "opencv-python", "scipy", "numba", "polars", "av"]
+_PACKAGES += ["torch", "torchvision", "ptlflow"]
 
 
 class Machine(Untrusted):

@@ -34,11 +34,9 @@ class NamedModel:
         """Raise if the model does not support a batch size."""
         check_count("--batch-size", size)
         if size > 1 and isinstance(self.model, ClipModel):
-            raise UsageError("a multi-frame model predicts one clip at a time; omit --batch-size")
+            raise UsageError("--batch-size", "a multi-frame model predicts one clip at a time; omit it")
         if size > 1 and not isinstance(self.model, BatchedFlowModel):
-            raise UsageError(
-                "this model predicts one pair at a time (it has no method predict_batch); omit --batch-size"
-            )
+            raise UsageError("--batch-size", "the model has no method predict_batch; omit it")
 
 
 def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
@@ -58,5 +56,5 @@ def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
     """Load a model as `name_model` does, and check that it can predict the flow of new frames."""
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("flow files cannot be used to predict new frames; specify a model")
+        raise UsageError("--model", "flow files cannot be used to predict new frames")
     return named

@@ -28,7 +28,7 @@ from ..metrics.rows import CLEAN
 from .cells import merged_levels, union
 from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Job
-from .identity import environment
+from .identity import difference, environment
 from .manifest import Manifest
 from .plan import Plan, Unit
 from .store import RunFolder
@@ -45,8 +45,8 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     old = folder.manifest()
     if old and old.identity != identity:
         if not folder.rows().is_empty():
-            difference = identity.difference(old.identity)
-            raise RunError(folder.path, f"contains a different run ({difference}); {_ELSEWHERE}")
+            differing = difference(identity, old.identity)
+            raise RunError(folder.path, f"contains a different run; it differs in: {differing}; {_ELSEWHERE}")
         old = None
     if old is None:
         old = Manifest(

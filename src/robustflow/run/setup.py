@@ -26,7 +26,7 @@ from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
 from .attack_stage import check_attacks
 from .config import DEFAULTS, MeasuringOptions, RunConfig
-from .identity import FrameIdentity, Identity, Provenance, checked_name, differing_fields
+from .identity import FrameIdentity, Identity, Provenance, checked_name, difference, differing_fields
 from .named_model import NamedModel, name_model
 from .plan import Plan, RunOptions, left_out_sentence
 from .run import Run
@@ -63,22 +63,17 @@ def set_up(
         if not benchmark.closed or on_disk(corruption) is None:
             load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
-        raise UsageError(
-            "these frames were corrupted beforehand, at the paper's severities; omit --severity-scale, "
-            "or use the uncorrupted data"
-        )
+        raise UsageError("--severity-scale", "these frames were corrupted beforehand; omit it")
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
-        raise UsageError("flow files cannot be used with --still; omit --still, or choose a model that predicts")
+        raise UsageError("--still", "flow files cannot be used with it; choose a model that predicts")
     check_confidence(measuring.confidence, named.model)
     _check_draws(measuring, benchmark)
     attack_sources = check_attacks(benchmark, frames.seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
-        raise UsageError(
-            "3D corruptions need depth, which is available only for the two frames of a pair, but this model needs "
-            f"{window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
-        )
+        needed = window.before + 2 + window.after
+        raise UsageError("--model", f"it needs {needed} frames, but 3D corruptions have the depth of only two")
     options = RunOptions(
         frames,
         measuring,
@@ -92,18 +87,15 @@ def set_up(
     provenance = Provenance.of(named.training, benchmark.name, benchmark.keys, benchmark.protocol)
     plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
-        raise UsageError(
-            f"nothing to run: {left_out_sentence(plan.left_out())}; choose different severities, or the paper's "
-            "--severity-scale"
-        )
+        raise UsageError("--severity-scale", f"nothing to run: {left_out_sentence(plan.left_out())}")
     return Setup(plan, named)
 
 
 def _check_draws(measuring: MeasuringOptions, benchmark: Benchmark) -> None:
     if measuring.draws > 1 and benchmark.closed:
-        raise UsageError("these frames were corrupted beforehand, with one draw; omit --seeds")
+        raise UsageError("--seeds", "these frames were corrupted beforehand, with one draw; omit it")
     if measuring.draws > 1 and measuring.confidence is not None:
-        raise UsageError("a run measures either a confidence or the spread over seeds; omit one of the two")
+        raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:
@@ -111,20 +103,17 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     identity = run.manifest.identity
     benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
     if source.model is None:
-        raise RunError(f"{run.path} was run with a Python object, which has no name; specify --model NAME")
+        raise RunError(run.path, "run with a Python object, which has no name; specify --model NAME")
     try:
         named = name_model(source.model)
     except RobustFlowError as error:
-        raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
+        raise RunError(run.path, f"its model can no longer be loaded: {error}") from error
     measuring, window = identity.measuring.options, window_on(named.model, benchmark.dataset)
     options = replace(_options_of(identity, benchmark), measuring=measuring, window=window)
     check_confidence(measuring.confidence, named.model)
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
-        raise RunError(
-            f"the current setup does not match that of {run.path} (it differs in: {differing_fields(now, identity)}); "
-            "use the options of the run"
-        )
+        raise RunError(run.path, f"the setup differs from the run's in: {difference(now, identity)}; use its options")
     return Setup(plan, named)
 
 
@@ -137,8 +126,8 @@ def set_up_frames(
     made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
     if made != recorded:
         differing = differing_fields(made, recorded)
-        parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing.split(", ")]
-        remedies = [words for name, words in _REMEDIES.items() if name in differing.split(", ")]
+        parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
+        remedies = [words for name, words in _REMEDIES.items() if name in differing]
         raise RunError(
             f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
             f"{remedies[0] if remedies else 'use the version of the run'}"
@@ -159,10 +148,7 @@ def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: 
     """Return the benchmark of a run; raise if opening it would load code named in an untrusted file."""
     name = moving_name(frames.benchmark)
     if name not in BENCHMARKS and name not in DATASETS:
-        raise RunError(
-            f"the run's benchmark '{plain(frames.benchmark)}' is unknown: neither this package nor an installed one "
-            "provides it, and code named in a run is never loaded"
-        )
+        raise RunError(plain(frames.benchmark), "unknown benchmark; code named in a run is never loaded")
     return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
 
 
@@ -184,7 +170,7 @@ def open_benchmark(
     else:
         chosen = benchmark
         if given := [name for name, value in {"data": data, "split": split, "data_options": options}.items() if value]:
-            raise UsageError(f"the benchmark '{chosen.name}' is already open: omit {', '.join(given)}")
+            raise UsageError(given[0], f"the benchmark '{chosen.name}' is already open: omit it")
         check_keys(chosen, f"the benchmark '{chosen.name}'")
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
@@ -197,8 +183,7 @@ def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
     for name in frames.corruptions:
         if not is_known(name):
             raise RunError(
-                f"the run's corruption '{plain(name)}' is unknown and not part of this package: specify it with "
-                "--own-corruption MODULE:ATTRIBUTE, or install its package"
+                plain(name), "unknown corruption of the run: give it with --own-corruption, or install its package"
             )
     return RunOptions(
         frames.options,

@@ -29,6 +29,7 @@ from ..data.datasets.folder import OWN_FRAMES
 from ..models.catalog import PTLFLOW, is_in_ptlflow
 from ..models.loading import ModelSpec
 from ..models.registry import MODELS
+from .identity import differing_fields
 from .plan import Plan
 from .store import RunFolder
 
@@ -71,15 +72,11 @@ class RunSource:
             return None
         options = {key: value for key, value in self.model.options if key not in given}
         if self.model.name in _OF_FILES or not _registered(self.model.name):
-            raise RunError(
-                f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file; "
-                "code named in a run's folder is never loaded: give --model yourself if you trust it"
-            )
+            raise RunError(plain(self.model.name), f"{FILE} names code or a file, which is not loaded; give --model")
         for key, value in options.items():
             if isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
-                    f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; files "
-                    f"named in a run's folder are never opened: give -O {plain(key)}=VALUE yourself if you trust it"
+                    plain(value, 200), f"{FILE} names a file, which is not opened; give -O {plain(key)}=VALUE"
                 )
         return ModelSpec(self.model.name, tuple((options | dict(given)).items()))
 
@@ -133,12 +130,7 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
             manifest = RunFolder(other).manifest()
         except RunError:
             continue
-        if manifest is None:
-            continue
-        if edited := identity.edited_corruptions(manifest.identity):
-            warnings.warn(
-                f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts in "
-                f"{folder}",
-                stacklevel=3,
-            )
+        if manifest is not None and differing_fields(identity, manifest.identity) == ["corruptions"]:
+            edited = differing_fields(identity.frames.corruptions, manifest.identity.frames.corruptions)
+            warnings.warn(f"{', '.join(edited)} has changed since {other}; a new run starts in {folder}", stacklevel=3)
             return

@@ -20,7 +20,7 @@ from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
 from ..models import ModelSpec
 from ..models.base import AnyModel
 from .data_files import file_digests
-from .identity import differing_fields
+from .identity import difference
 from .named_model import load_predictor
 from .predict import flows_of
 from .run import Run
@@ -67,7 +67,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     named = load_predictor(spec)
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
-        differing = differing_fields(named.identity, recorded)
+        differing = difference(named.identity, recorded)
         raise RunError(run.path, f"the loaded model differs in: {differing}; use the options of the run")
     return named.model
 

@@ -90,7 +90,7 @@ class UnitActor:
     def _begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> str:
         import cv2
 
-        from ..identity import differing_fields
+        from ..identity import difference
         from .base import Job
 
         cv2.setNumThreads(1)
@@ -107,7 +107,7 @@ class UnitActor:
         if (loaded := job.model_identity(model)) != identity:
             raise RunError(
                 self._node,
-                f"has a different model of the same name (it differs in: {differing_fields(loaded, identity)}); use "
+                f"has a different model of the same name (it differs in: {difference(loaded, identity)}); use "
                 "the same files on every node",
             )
         self._worker = replace(job, folder=None, loaded=model).worker(self._note)
