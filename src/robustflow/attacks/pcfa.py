@@ -29,9 +29,7 @@ _ITERATIONS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Pcfa(Attack):
-    """Minimise the distance to the target, plus a penalty if the mean square of the change exceeds the squared
-    budget.
-    """
+    """Minimise the distance to the target, plus a penalty on the mean square of the change over the budget."""
 
     name: ClassVar[str] = "pcfa"
     norms: ClassVar[tuple[str, ...]] = ("rms",)

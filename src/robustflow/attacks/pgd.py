@@ -121,10 +121,7 @@ number of steps."""
 
 @dataclass(frozen=True, kw_only=True)
 class Apgd(Attack):
-    """Projected gradient ascent with an initial step size of twice the budget. If too few steps since the last check
-    raised the score, or the best score did not improve, the step size is halved and the search resumes at the best
-    pair.
-    """
+    """Projected gradient ascent that halves its step and returns to the best pair when too few steps improve."""
 
     name: ClassVar[str] = "apgd"
 

@@ -79,8 +79,7 @@ class Problem:
 
     @property
     def best(self) -> Images:
-        """The images inside the ball with the highest score so far, even if the attack overwrote the array since;
-        initially the clean pair."""
+        """The images inside the ball with the highest score so far, even if the attack overwrote the array since."""
         if not np.array_equal(self._best, self._best_copy):
             self._best = self._best_copy
         return self._best
@@ -222,9 +221,7 @@ def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where:
 
 
 def check_gradient(problem: Problem, rng: Rng) -> None:
-    """Compare the flows of `differentiable` and `predict` on the clean pair, and the change of the loss along the sign
-    of the gradient with that in random directions, without counting the evaluations.
-    """
+    """Compare the flows of `differentiable` and `predict`, and the slope along the gradient with random ones."""
     asked = Evaluation(problem.model, problem.pair.key, images=problem.ball.clean)
     where = f"on the clean pair of '{problem.pair.key}'" if problem.pair.key else "on the clean pair"
     check_same_flow(problem.model, evaluate(asked).flow, problem.clean_flow, where)

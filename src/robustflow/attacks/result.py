@@ -92,9 +92,7 @@ class Attacked:
 
 
 def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[float, float, float]:
-    """Compute the largest change, its root mean square (both in grey levels), and the share of values that changed,
-    over both frames.
-    """
+    """Return the largest change and its root mean square, in grey levels, and the share of changed values."""
     change = np.stack(frames).astype(np.int16) - np.stack(clean)
     squares = np.square(change, dtype=np.float64)
     return float(np.abs(change).max()), float(np.sqrt(squares.mean())), float(np.count_nonzero(change) / change.size)

@@ -23,9 +23,7 @@ _FEW = 50
 
 @dataclass(frozen=True, kw_only=True)
 class Square(Attack):
-    """Random search that starts with vertical stripes; each query tries a random square in one frame and keeps it if
-    the loss rises.
-    """
+    """Random search: each query tries a random square in one frame and keeps it if the loss rises."""
 
     name: ClassVar[str] = "square"
     needs_gradients: ClassVar[bool] = False
@@ -66,8 +64,7 @@ class Square(Attack):
 
 
 def quick_score(problem: Problem, moved: str) -> float:
-    """Return the score that Square reaches with a few queries on the pair of `problem`, in a ball of integer grey
-    levels inside the ball of `problem`; -inf if there is none."""
+    """Return the score that Square reaches with a few queries inside the ball of `problem`; -inf if none fits."""
     budget = int(problem.ball.budget)
     if problem.ball.norm == "area" or budget < 1:
         return -np.inf

@@ -152,9 +152,7 @@ def predict_clip_checked(
 def predict_batch_checked(
     model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
-    """Predict several pairs in one call, with the same checks as `predict_checked`; each cell is (key, corruption,
-    severity).
-    """
+    """Predict several pairs in one call, checked like `predict_checked`; a cell is (key, corruption, severity)."""
     where = describe_cells(cells)
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
@@ -216,9 +214,7 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
 
 
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
-    """Check a model's result and copy it to a flow of the frames' size, float32 (H, W, 2): the model may overwrite its
-    array in the next prediction. Masked values become NaN.
-    """
+    """Check a result and copy it to a flow (H, W, 2), because models reuse arrays; masked values become NaN."""
     expected = (*frames[0].shape[:2], 2)
     try:
         array = np.asarray(unmasked(flow))

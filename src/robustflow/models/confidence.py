@@ -72,9 +72,7 @@ def with_back(flow: Flow, back: Flow) -> Answer:
 
 
 def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, ...], where: str) -> Answer:
-    """Call a model that returns a confidence, and check its flow and confidence; `where` describes the frames in
-    messages.
-    """
+    """Call a model that returns a confidence, and check both; `where` describes the frames."""
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
     if not isinstance(answer, tuple) or len(answer) != 2:

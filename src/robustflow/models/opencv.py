@@ -19,9 +19,7 @@ from .pairs import check_pair
 
 
 class Farneback:
-    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the OpenCV parameters used in the
-    paper.
-    """
+    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the paper's parameters."""
 
     single_threaded = True
 

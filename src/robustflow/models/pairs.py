@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -30,35 +30,18 @@ class PairNetwork(ABC):
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Return the flows of several pairs."""
-        return predict_by_size(self._predict, frames1, frames2)
-
-    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        if self._batches_pairs:
-            return self.run(frames1, frames2)
-        return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
-
-
-def predict_by_size(
-    predict: Callable[[list[Frame], list[Frame]], Sequence[Flow]], frames1: Sequence[Frame], frames2: Sequence[Frame]
-) -> list[Flow]:
-    """Call `predict` once for each frame size, and return the flows in the order of the pairs.
-
-    >>> black = np.zeros((2, 3, 3), np.uint8)
-    >>> predict_by_size(lambda first, second: [frame[..., :2] for frame in first], [black], [black])[0].shape
-    (2, 3, 2)
-    """
-    if len(frames1) != len(frames2):
-        raise UsageError("frames2", f"{len(frames2)} second frames for {len(frames1)} first frames; pass pairs")
-    sizes: dict[tuple[int, ...], list[int]] = {}
-    for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
-        check_pair(frame1, frame2)
-        sizes.setdefault(frame1.shape, []).append(i)
-    flows: dict[int, Flow] = {}
-    for members in sizes.values():
-        batch = predict([frames1[i] for i in members], [frames2[i] for i in members])
-        flows.update(zip(members, batch, strict=True))
-    return [flows[i] for i in range(len(frames1))]
+        """Return the flows of several pairs; those of equal size share calls where the network batches pairs."""
+        if len(frames1) != len(frames2):
+            raise UsageError("frames2", f"{len(frames2)} second frames for {len(frames1)} first frames; pass pairs")
+        sizes: dict[tuple[int, ...], list[int]] = {}
+        for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
+            check_pair(frame1, frame2)
+            sizes.setdefault(frame1.shape if self._batches_pairs else (i,), []).append(i)
+        flows: dict[int, Flow] = {}
+        for members in sizes.values():
+            together = self.run([frames1[i] for i in members], [frames2[i] for i in members])
+            flows.update(zip(members, together, strict=True))
+        return [flows[i] for i in range(len(frames1))]
 
 
 def check_pair(frame1: Frame, frame2: Frame) -> None:

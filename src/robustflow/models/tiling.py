@@ -29,9 +29,7 @@ SIGMA = 0.05
 
 
 def tile_origins(length: int, tile: int) -> list[int]:
-    """Return the start of each tile along an axis: every `tile - OVERLAP` pixels, with the last tile flush with the
-    end.
-    """
+    """Return the start of each tile along an axis; the last tile is flush with the end."""
     return [*range(0, length - tile, tile - OVERLAP), length - tile]
 
 
@@ -53,9 +51,7 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
 
 
 class TiledModel:
-    """A model that predicts each tile separately. Frames smaller than a tile are padded with black at the bottom and on
-    the right.
-    """
+    """Predict each tile separately; frames smaller than a tile are padded with black below and on the right."""
 
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
         self.model = model

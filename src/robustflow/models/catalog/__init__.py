@@ -73,9 +73,7 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """Return the public checkpoints of a model; `ptlflow:NAME` has the same ones as NAME, unless NAME refers to a
-    different library's model.
-    """
+    """Return the public checkpoints of a model; `ptlflow:NAME` has those of NAME unless both have entries."""
     named = [entry for entry in checkpoints() if entry.model == model]
     return named or [entry for entry in checkpoints() if entry.model == model.removeprefix(PTLFLOW)]
 

@@ -72,9 +72,7 @@ class DisRgb:
         return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Predict a flow as in `FlowModel.predict`, for frames of any size and motion up to a fifth of the longer
-        side.
-        """
+        """Predict a flow as in `FlowModel.predict`, for motion up to a fifth of the longer side."""
         check_pair(frame1, frame2)
         return dis_flow(frame1, frame2, OPERATING_POINTS[self._number])
 

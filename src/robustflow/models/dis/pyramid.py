@@ -55,9 +55,7 @@ def slopes(image: Image, order: int) -> tuple[Image, Image]:
 
 
 def enlarged(flow: Flow, factor: int, height: int, width: int) -> Flow:
-    """Upsample a flow bilinearly from frames downsampled by `factor` to full resolution, and crop it to (height,
-    width, 2).
-    """
+    """Upsample a flow bilinearly by `factor`, and crop it to (height, width, 2)."""
     out = np.empty((height, width, 2), np.float32)
     _enlarge(flow, factor, out)
     return out
@@ -150,9 +148,7 @@ _MEMORY = 32
 
 
 def coefficients(image: Image) -> Image:
-    """Return the spline coefficients to be weighted by `spline_weights`, in the frame's shape; the frame is mirrored
-    about its edge pixels.
-    """
+    """Return the spline coefficients for `spline_weights`; the frame is mirrored about its edge pixels."""
     height, columns = image.shape
     weighed = image.astype(np.float64)
     _filter(weighed)

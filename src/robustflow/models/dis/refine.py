@@ -46,9 +46,7 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 
 @njit(cache=True, nogil=True)
 def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
-    """Warp frame 2 backwards along the flow; write the mean of frame 1 and the warped frame to `middle`, and their
-    difference to `change`.
-    """
+    """Warp frame 2 backwards; write its mean with frame 1 to `middle`, and their difference to `change`."""
     height, width, _ = flow.shape
     half = np.float32(0.5)
     for y in range(height):
@@ -115,9 +113,7 @@ def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
 
 @njit(cache=True, nogil=True)
 def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: Any, system: Any, smooth: Any) -> None:
-    """Return the linear system of the data terms for each pixel (xx, xy, yy, right-hand sides) and the smoothness
-    weights.
-    """
+    """Write the linear system of each pixel (xx, xy, yy, right-hand sides) and the smoothness weights."""
     height, width, _ = flow.shape
     zero, two, least = np.float32(0), np.float32(2), np.float32(_EPSILON * _EPSILON)
     for y in range(height):
@@ -143,9 +139,7 @@ def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: A
 
 @njit(cache=True, nogil=True)
 def _link(smooth: Any, links: Any) -> None:
-    """Return the weights between neighbours: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at
-    the edges.
-    """
+    """Write the weights between neighbours: links[0] between (y, x - 1) and (y, x), links[1] between rows."""
     height, width = smooth.shape
     half = np.float32(0.5)
     for y in range(height):

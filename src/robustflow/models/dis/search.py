@@ -184,9 +184,7 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
 
 @inner
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
-    """Sum a patch of `image` multiplied by `sx` and `sy`: first over each column in a vectorised loop, then over the
-    columns.
-    """
+    """Sum a patch of `image` times `sx` and `sy`, first over columns in a vectorised loop."""
     a, b = lanes[0], lanes[1]
     for k in range(a.size):
         a[k] = b[k] = 0
@@ -204,9 +202,7 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
 
 @inner
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
-    """Return the sum of squared differences between a patch and its bilinear match, after subtracting each channel's
-    mean.
-    """
+    """Return the sum of squares between a patch and its bilinear match, without each channel's mean."""
     y0, at_y = in_search_area(y + v, image1.shape[0], patch)
     x0, at_x = in_search_area(x + u, image1.shape[1] // 3, patch)
     wy, wx = np.float32(at_y), np.float32(at_x)

@@ -12,9 +12,7 @@ from .blocks.pwc import ContextNetwork, FeaturePyramid, conv, warp
 
 
 class ReducedDenseEstimator(nn.Module):
-    """The decoder of a level, which maps correlation, reduced features and flow to a flow residual. Each layer receives
-    the outputs of the two previous layers.
-    """
+    """The decoder of a level; each layer receives the outputs of the two previous layers."""
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -59,9 +57,7 @@ class ARFlow(nn.Module):
         return self.feature_pyramid_extractor(image)
 
     def flows(self, features1: list[Tensor], features2: list[Tensor]) -> list[Tensor]:
-        """Return one flow per level, finest first, each upsampled to four times the size of its level, in pixels at
-        that size. Swap the pyramids to obtain the backward flow.
-        """
+        """Return one flow per level, finest first, each at four times the size of its level."""
         coarse_to_fine = list(zip(features1[:0:-1], features2[:0:-1], self.conv_1x1, strict=True))
         flow = torch.zeros_like(coarse_to_fine[0][0][:, :2], dtype=torch.float32)
         flows = []

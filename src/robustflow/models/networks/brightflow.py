@@ -91,9 +91,7 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualEncoder(nn.Module):
-    """RAFT's encoder: a 7 x 7 convolution with stride 2, three stages with two residual blocks each, and a 1 x 1
-    convolution.
-    """
+    """RAFT's encoder: a 7 x 7 convolution, three stages of two residual blocks, a 1 x 1 convolution."""
 
     def __init__(self, outputs: int = 256, inputs: int = 3) -> None:
         super().__init__()

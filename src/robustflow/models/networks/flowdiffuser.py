@@ -185,9 +185,7 @@ class FlowDiffuser(nn.Module):
         ]
 
     def _encoded(self, image1: Tensor, image2: Tensor) -> tuple[CorrelationPyramid, Tensor, Tensor, Tensor]:
-        """Return the correlations at 1/8 resolution, the features of both images at 1/4, and the context at 1/8 and
-        1/4, for images in -1..1.
-        """
+        """Return the correlations at 1/8, the features at 1/4, and the context at 1/8 and 1/4, for images in -1..1."""
         features8, features4 = self.encode(self.fnet, torch.cat((image1, image2)))
         context8, context4 = self.encode(self.cnet, image1)
         features1, features2 = features8.chunk(2)
@@ -226,9 +224,7 @@ class FlowDiffuser(nn.Module):
         return states
 
     def _refined(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """Return the state and the flow at 1/4 resolution, in pixels of that resolution, after each iteration of the
-        refinement.
-        """
+        """Return the state and the flow at 1/4 resolution, in its pixels, after each iteration."""
         enlarge = {"size": context.shape[2:], "mode": "bilinear", "align_corners": True}
         flow, net = F.interpolate(2 * flow, **enlarge), F.interpolate(net, **enlarge)
         start = pixel_grid(context)

@@ -224,9 +224,7 @@ class TinyVitBlock(nn.Module):
 
 
 class Stage(nn.Module):
-    """A stage: blocks, followed by a layer that widens the map for the next stage, and downsamples it except before the
-    last stage.
-    """
+    """Blocks, then a layer that widens the map for the next stage, with a stride except before the last."""
 
     def __init__(self, blocks: list[nn.Module], width: int, following: int | None, stride: int = 2) -> None:
         super().__init__()

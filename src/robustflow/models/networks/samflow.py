@@ -53,9 +53,7 @@ class SamFlow(nn.Module):
         self.register_buffer("sam_std", torch.tensor(_SAM_STD).view(3, 1, 1), persistent=False)
 
     def fused_context(self, image1: Tensor) -> Tensor:
-        """Return the fused features of the context network and SAM, (N, 256, H / 8, W / 8), for RGB images (N, 3, H, W)
-        in 0..255.
-        """
+        """Return the fused features of the context network and SAM, (N, 256, H / 8, W / 8)."""
         sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))
         return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
 
@@ -123,9 +121,7 @@ class Attention(nn.Module):
 
 
 class TwoWayBlock(nn.Module):
-    """A two-way block: attention among the tokens, attention from tokens to image, an MLP, and attention from image to
-    tokens, each followed by a residual and a norm.
-    """
+    """Attention among the tokens, to the image, an MLP, attention from the image; each with residual and norm."""
 
     def __init__(self, first: bool) -> None:
         super().__init__()

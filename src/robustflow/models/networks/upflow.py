@@ -44,9 +44,7 @@ class Sampling:
 
 
 class SelfGuidedUpsampler(nn.Module):
-    """The self-guided upsampler, which corrects an upsampled flow: each pixel can copy the flow from the position to
-    which an interpolation flow points.
-    """
+    """Correct an upsampled flow: a pixel can copy the flow of the position that an interpolation flow names."""
 
     def __init__(self, sampling: Sampling) -> None:
         super().__init__()
@@ -68,9 +66,7 @@ class SelfGuidedUpsampler(nn.Module):
 
 
 class UPFlow(nn.Module):
-    """UPFlow, which predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
-    upsampler.
-    """
+    """UPFlow, which predicts both directions in one coarse-to-fine pass over five levels."""
 
     def __init__(self, align_corners: bool = True, mask_threshold: float = 0.9999) -> None:
         super().__init__()

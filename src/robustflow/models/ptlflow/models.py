@@ -240,20 +240,6 @@ def _silence() -> Iterator[None]:
         yield
 
 
-def _paper_model(name: str) -> partial[NetworkModel]:
-    return partial(ptlflow_model, name, name, iterations=12)
-
-
-raft = _paper_model("raft")
-gma = _paper_model("gma")
-csflow = _paper_model("csflow")
-skflow = _paper_model("skflow")
-gmflownet = _paper_model("gmflownet")
-craft = _paper_model("craft")
-flowformer = _paper_model("flowformer")
-flowformer_pp = _paper_model("flowformer_pp")
-
-
 @dataclass(frozen=True)
 class _ClipConvention:
     """How a network receives its clip; see `PtlflowClipNet`."""
@@ -320,9 +306,10 @@ def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
     return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
 
 
-videoflow_bof = ptlflow_factory("videoflow_bof", "videoflow_bof")
-videoflow_mof = ptlflow_factory("videoflow_mof", "videoflow_mof")
-memflow = ptlflow_factory("memflow", "memflow")
-memflow_t = ptlflow_factory("memflow_t", "memflow_t")
-streamflow = ptlflow_factory("streamflow", "streamflow")
-memfof = ptlflow_factory("memfof", "memfof")
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Provide attributes such as `models.raft`, to which the model registry refers; the paper's run 12 iterations."""
+    if name in (*BATCHED, "flowformer"):
+        return partial(ptlflow_model, name, name, iterations=12)
+    if name not in CLIPS:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return ptlflow_factory(name, name)

@@ -32,9 +32,7 @@ class PtlflowNet(nn.Module):
         return self._training_outputs(image1, image2)[0]
 
     def matched_predictions(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Return the flow after every iteration and GMFlowNet's matching confidence between pixels of the two frames at
-        1/8 resolution, (N, P, P).
-        """
+        """Return the flow after every iteration and GMFlowNet's matching confidence at 1/8, (N, P, P)."""
         flows, outputs = self._training_outputs(image1, image2)
         if "soft_corr_map" not in outputs:
             raise ModelError("this ptlflow network has no matching step before its iterations; use the loss 'sequence'")

@@ -73,9 +73,7 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 
 @njit(cache=True, nogil=True)
 def warp(maps: Any, flow: Any, out: Any) -> None:
-    """Sample `maps` (H, W, C) bilinearly at pixel + `flow` (H, W, 2), with replicated borders, and write to `out` (H,
-    W, C).
-    """
+    """Sample `maps` (H, W, C) bilinearly at pixel + `flow`, with replicated borders, into `out`."""
     height, width, channels = maps.shape
     one, two = np.float32(1), np.float32(2)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
@@ -101,9 +99,7 @@ def warp(maps: Any, flow: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
 def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
-    """Correlate `first` (H, W, C) at each pixel with the pixels of `second` within `radius` (zero outside the map), and
-    write the means over channels to `out` (H, W, (2 * radius + 1) ** 2); the window is in row-major order.
-    """
+    """Write the mean products of `first` with `second` within `radius` (zero outside) to `out`, row by row."""
     height, width, channels = first.shape
     side = 2 * radius + 1
     for row in range(height):

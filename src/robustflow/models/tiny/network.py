@@ -42,9 +42,7 @@ class Tiny(nn.Module):
         return self.predictions(image1, image2)[-1]
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return the flow of every level at full size, coarsest level first, (N, 2, H, W) each, in pixels of the
-        image.
-        """
+        """Return the flow of every level at full size, coarsest first, (N, 2, H, W) each, in pixels."""
         size = (image1.shape[2], image1.shape[3])
         levels = list(zip(self.pyramid(image1)[:0:-1], self.pyramid(image2)[:0:-1], self.reduce, strict=True))
         flow = torch.zeros_like(levels[0][0][:, :2])

@@ -133,9 +133,7 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
 
 
 def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> tuple[str, str | None]:
-    """Load the checkpoint, if there is one. Return its hash, or else that of the module's weights, and the training
-    sets that it declares.
-    """
+    """Load the checkpoint, if any. Return its hash, or that of the module's weights, and its training sets."""
     for key, value in (*module.named_parameters(), *module.named_buffers()):
         if is_lazy(value):
             raise ModelError(key, f"in a lazy layer of {name}: call the module once on a pair before you pass it")
@@ -177,9 +175,7 @@ class ModuleNet(nn.Module):
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return all flows in the chosen output, the final one last; without a choice, a list of outputs is a list of
-        flows.
-        """
+        """Return all flows in the chosen output, the final one last; by default, a list is a list of flows."""
         returned = self._returned(image1, image2)
         if isinstance(returned, dict) or self.output not in (None, -1):
             chosen_output(returned, self.output)  # raises an error for an output that is not a flow

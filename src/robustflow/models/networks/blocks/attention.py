@@ -11,9 +11,7 @@ from torch import Tensor
 
 
 def to_windows(x: Tensor, size: int) -> Tensor:
-    """Split a map into windows, row by row, after zero-padding it at the bottom and on the right to a multiple of the
-    window size.
-    """
+    """Split a map into windows, row by row, zero-padded at the bottom and on the right."""
     n, height, width, channels = x.shape
     x = F.pad(x, (0, 0, 0, -width % size, 0, -height % size))
     rows, columns = x.shape[1] // size, x.shape[2] // size

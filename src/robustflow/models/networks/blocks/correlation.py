@@ -91,9 +91,7 @@ class WindowVolume:
             self.levels.append(F.avg_pool2d(self.levels[-1], 2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Look up the correlations around `coordinates` (N, 2, H, W); the result is (N, 324, H, W), in the order of
-        `CorrelationPyramid.lookup`.
-        """
+        """Look up the correlations around `coordinates`, (N, 324, H, W), ordered as in `CorrelationPyramid`."""
         n, _, height, width = self.shape
         inside = (coordinates - self.centre + self.HALF).permute(0, 2, 3, 1).reshape(-1, 2)
         levels = [sample_window(level, inside / 2**i, self.RADIUS) for i, level in enumerate(self.levels)]
@@ -151,8 +149,6 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
 
 
 def _gets_smaller(pixels: Tensor, side: int) -> Tensor:
-    """Return whether an integer coordinate becomes smaller when it is normalised to -1..1 for `grid_sample` and
-    converted back.
-    """
+    """Return whether `grid_sample`'s normalisation to -1..1 and back makes a coordinate smaller."""
     normalised = 2 * pixels / (side - 1) - 1
     return (normalised + 1) / 2 * (side - 1) < pixels

@@ -24,9 +24,7 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
 
 
 def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> Tensor:
-    """Return a mask of the flow targets inside the map: 1 where the bilinear weights inside the map sum to at least
-    `threshold`, otherwise 0.
-    """
+    """Return 1 where the bilinear weights inside the map sum to at least `threshold`, otherwise 0."""
     ones = torch.ones_like(flow[:, :1], dtype=torch.float32)
     return (warp(ones, flow, align_corners=align_corners) >= threshold).float()
 
@@ -41,9 +39,7 @@ def leaves(flow: Tensor) -> Tensor:
 def conv(
     inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1, linear: bool = False
 ) -> nn.Sequential:
-    """Build a convolution that keeps the size (up to its stride), followed by LeakyReLU(0.1) unless
-    `linear`.
-    """
+    """Build a convolution that keeps the size (up to its stride), with LeakyReLU(0.1) unless `linear`."""
     padding = (kernel - 1) // 2 * dilation
     layers: list[nn.Module] = [nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation)]
     return nn.Sequential(*layers if linear else [*layers, nn.LeakyReLU(0.1)])
@@ -96,9 +92,7 @@ class DenseEstimator(nn.Module):
         self.channels = inputs
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the input and all intermediate features, most recent first, (N, channels, H, W), and the output (N,
-        outputs, H, W).
-        """
+        """Return all features, most recent first, (N, channels, H, W), and the output (N, outputs, H, W)."""
         for step in (self.conv1, self.conv2, self.conv3, self.conv4, self.conv5):
             features = torch.cat((step(features), features), dim=1)
         return features, self.conv_last(features)

@@ -11,9 +11,7 @@ from torch import Tensor, nn
 
 
 def mask_layers(factor: int = 8) -> nn.Sequential:
-    """Build the head that maps a state (N, 128, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H,
-    W).
-    """
+    """Build the head from a state (N, 128, H, W) to the logits of `convex_upsample`."""
     return nn.Sequential(nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
 
 
@@ -64,9 +62,7 @@ class MotionEncoder(nn.Module):
         self.conv = nn.Conv2d(192 + 64, 128 - 2, 3, padding=1)
 
     def forward(self, flow: Tensor, correlation: Tensor) -> Tensor:
-        """Map a flow (N, 2, H, W), in pixels of this resolution, and correlations (N, correlation, H, W) to (N, 128, H,
-        W).
-        """
+        """Map a flow (N, 2, H, W) and correlations (N, correlation, H, W) to (N, 128, H, W)."""
         correlation_features = F.relu(self.convc2(F.relu(self.convc1(correlation))))
         moved = F.relu(self.convf2(F.relu(self.convf1(flow))))
         return torch.cat((F.relu(self.conv(torch.cat((correlation_features, moved), dim=1))), flow), dim=1)
