@@ -1,6 +1,8 @@
-"""Test the windows, positions and strides of the image encoders that the parity packs do not cover."""
+"""What the parity packs do not cover: windows and positions of the image encoders, and the diffusion schedule."""
 
 from __future__ import annotations
+
+import math
 
 import pytest
 
@@ -10,8 +12,11 @@ import torch
 
 from robustflow.core.errors import ModelError
 from robustflow.models.networks.blocks.attention import attend
+from robustflow.models.networks.flowdiffuser import initial_noise, register_schedule, renoise
 from robustflow.models.networks.flowdiffuser_layers import PairTransformer, WindowBlock
 from robustflow.models.networks.sam_encoders import Attention, SamSize, SamVit, WindowAttention, distance_index
+
+from ...refusals import refusal
 
 pytestmark = pytest.mark.torch
 
@@ -48,8 +53,7 @@ def test_beyond_1024_pixels_there_are_no_positions():
     net = SamVit(SamSize(width=8, depth=1, heads=2, global_blocks=(0,)))
     with torch.no_grad():
         assert net(torch.zeros(1, 3, 32, 1024)).shape == (1, 256, 2, 64)
-        with pytest.raises(ModelError, match=r"1024x1024 pixels, not for 32x1040; predict in tiles"):
-            net(torch.zeros(1, 3, 32, 1040))
+        refusal(lambda: net(torch.zeros(1, 3, 32, 1040)), ModelError, "32x1040")
 
 
 @pytest.mark.parametrize("size", [7, 14])
@@ -120,3 +124,58 @@ def test_pairs_of_a_batch_are_encoded_independently():
     for found, wanted in zip(together, alone, strict=True):
         assert found.shape == first.shape
         torch.testing.assert_close(found[1:2], wanted, atol=1e-4, rtol=1e-4)
+
+
+@pytest.fixture
+def schedule():
+    module = torch.nn.Module()
+    register_schedule(module)
+    return module
+
+
+def test_the_schedule_is_nichol_and_dhariwals(schedule):
+    """Compute equation 17 of the paper, and equations 6, 10 and 11 of Ho et al. 2020, in a float64 loop."""
+
+    def f(step):
+        return math.cos((step / 1000 + 0.008) / 1.008 * math.pi / 2) ** 2
+
+    signal = 1.0
+    for step in range(1000):
+        beta = min(1 - f(step + 1) / f(step), 0.999)
+        before, signal = signal, signal * (1 - beta)
+        wanted = {
+            "betas": beta,
+            "alphas_cumprod": signal,
+            "alphas_cumprod_prev": before,
+            "sqrt_alphas_cumprod": math.sqrt(signal),
+            "sqrt_one_minus_alphas_cumprod": math.sqrt(1 - signal),
+            "log_one_minus_alphas_cumprod": math.log(1 - signal),
+            "sqrt_recip_alphas_cumprod": math.sqrt(1 / signal),
+            "sqrt_recipm1_alphas_cumprod": math.sqrt(1 / signal - 1),
+            "posterior_variance": beta * (1 - before) / (1 - signal),
+            "posterior_log_variance_clipped": math.log(max(beta * (1 - before) / (1 - signal), 1e-20)),
+            "posterior_mean_coef1": beta * math.sqrt(before) / (1 - signal),
+            "posterior_mean_coef2": (1 - before) * math.sqrt(1 - beta) / (1 - signal),
+        }
+        for name, value in wanted.items():
+            found = getattr(schedule, name)
+            assert found.dtype == torch.float64
+            assert found[step].item() == pytest.approx(value, rel=1e-8, abs=1e-12), (name, step)
+
+
+def test_a_step_keeps_the_noise_and_lowers_its_level(schedule):
+    generator = torch.Generator().manual_seed(0)
+    clean, noise = (torch.randn((1, 2, 3, 4), generator=generator, dtype=torch.float64) for _ in range(2))
+    now, following = schedule.alphas_cumprod[749], schedule.alphas_cumprod[499]
+    noisy = now.sqrt() * clean + (1 - now).sqrt() * noise
+    found = renoise(noisy, clean, now, following)
+    torch.testing.assert_close(found, following.sqrt() * clean + (1 - following).sqrt() * noise)
+
+
+def test_the_noise_is_normal_and_named_by_seed_and_size():
+    noise = initial_noise(3, 100, 120)
+    assert noise.shape == (1, 2, 100, 120)
+    # Four standard errors of the mean and the variance of 24 000 numbers.
+    assert abs(noise.mean()) < 4 / 24000**0.5
+    assert abs(noise.var() - 1) < 4 * (2 / 24000) ** 0.5
+    assert not torch.equal(noise, initial_noise(4, 100, 120))

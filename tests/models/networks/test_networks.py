@@ -18,7 +18,7 @@ from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
 from robustflow.testing import TexturePairs
 
-from ...refusals import refused
+from ...refusals import refusal
 from ..textures import noise_pair
 
 FEW = {"brightflow": {"iterations": 2}, "samflow_t": {"iterations": 2, "tile": "none"}}
@@ -63,8 +63,9 @@ def load(checkpoint):
 def test_without_a_checkpoint_the_message_names_the_file(name, tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
     for options in ({}, {"checkpoint": tmp_path / "absent.pth"}):
-        with refused(ModelError, rf"model '{name}'.*https://github\.com/"):
-            load_model(name, **options)
+        culprit = options.get("checkpoint", name)
+        error = refusal(lambda options=options: load_model(name, **options), ModelError, culprit)
+        assert "https://github.com/" in str(error)
 
 
 @pytest.mark.parametrize("name", ["samflow_t", "samflow_b", "samflow_h"])
@@ -145,24 +146,25 @@ def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "says"),
+    ("name", "options", "culprit"),
     [
-        ("arflow", {"size": "100x200"}, "multiples of 64"),
-        ("arflow", {"iterations": 12}, "unknown option of model 'arflow' 'iterations'"),
-        ("brightflow", {"iterations": True}, "iterations must be an integer of at least 1, not True"),
-        ("samflow_t", {"iterations": 0}, "iterations must be an integer of at least 1"),
-        ("upflow", {"align_corners": "no"}, "align_corners must be true or false, not 'no'"),
-        ("upflow", {"mask_threshold": "high"}, "mask_threshold must be a number from 0 to 1, not 'high'"),
-        ("upflow", {"mask_threshold": 1.5}, "mask_threshold must be a number from 0 to 1, not 1.5"),
-        ("flowdiffuser", {"seed": "first"}, "seed must be an integer"),
-        ("flowdiffuser", {"seed": True}, "seed must be an integer"),
-        ("flowdiffuser", {"vertical": "top"}, "vertical must be bottom"),
-        ("arflow", {"sha256": "12345678"}, "random weights are not read from a file"),
+        ("arflow", {"size": "100x200"}, None),
+        ("arflow", {"iterations": 12}, "iterations"),
+        ("arflow", {"sha256": "12345678"}, "sha256"),
+        ("brightflow", {"iterations": True}, "iterations"),
+        ("samflow_t", {"iterations": 0}, "iterations"),
+        ("upflow", {"align_corners": "no"}, "align_corners"),
+        ("upflow", {"mask_threshold": "high"}, "mask_threshold"),
+        ("upflow", {"mask_threshold": 1.5}, "mask_threshold"),
+        ("flowdiffuser", {"seed": "first"}, "seed"),
+        ("flowdiffuser", {"seed": True}, "seed"),
+        ("flowdiffuser", {"vertical": "top"}, "vertical"),
     ],
 )
-def test_invalid_options_of_networks_are_refused(name, options, says):
-    with pytest.raises(UsageError, match=says):
+def test_invalid_options_of_networks_are_refused(name, options, culprit):
+    with pytest.raises(UsageError) as caught:
         load_model(name, checkpoint="random", **options)
+    assert culprit in (None, caught.value.culprit)
 
 
 @pytest.mark.torch

@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -13,10 +14,10 @@ from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.confidence import ConfidentModel
-from robustflow.models.ptlflow.models import BESIDES, CONFIDENT
+from robustflow.models.ptlflow.models import BESIDES, CONFIDENT, constructor_options
 from robustflow.models.registry import MODELS
 
-from ...refusals import refused
+from ...refusals import refusal
 from ..textures import textured_pair
 
 PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
@@ -78,8 +79,7 @@ def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
     model = adapter(name)
     assert np.isfinite(model.predict(*textured_pair(smallest, 160))).all()
     for size in ((smallest - 1, 160), (160, smallest - 1)):
-        with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, but below {smallest} pixels per side"):
-            model.predict(*textured_pair(*size))
+        refusal(lambda size=size: model.predict(*textured_pair(*size)), ModelError, f"{size[0]}x{size[1]}")
     if smallest == 121:
         assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160))).any()
 
@@ -118,8 +118,7 @@ def test_models_of_the_library_load_by_name(library):
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=1, device="cpu")
     assert model.predict(*frames).shape == (128, 160, 2)
     assert load_model("ptlflow:raft", checkpoint="random").identity()["iterations"] == 32
-    with pytest.raises(UsageError, match="does not have exactly one number of iterations"):
-        load_model("pwcnet", checkpoint="random", iterations=3)
+    refusal(lambda: load_model("pwcnet", checkpoint="random", iterations=3), UsageError, "iterations")
     spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
     assert "source" not in spec.identity(model), "the library must be identified by its version instead of a file hash"
 
@@ -138,8 +137,7 @@ def test_confidence_of_a_network_equals_that_of_the_library(library):
     assert np.array_equal(confidence, outputs["confs"][0, 0, 0].numpy())
     assert np.ptp(confidence) > 0
     assert not isinstance(adapter("raft"), ConfidentModel)
-    with pytest.raises(UsageError, match="differ in size"):
-        model.predict_with_confidence(frames[0], frames[1][1:])
+    refusal(lambda: model.predict_with_confidence(frames[0], frames[1][1:]), UsageError, "(63, 96)")
 
 
 LAYOUTS = {
@@ -191,8 +189,8 @@ def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
         assert torch.equal(loaded.net.model.state_dict()[key], value)
     del content["state_dict"]["fnet.conv1.weight"]
     torch.save(content, tmp_path / "less.ckpt")
-    with pytest.raises(ModelError, match=r"not a checkpoint of raft.*fnet\.conv1\.weight"):
-        load_model("raft", checkpoint=tmp_path / "less.ckpt")
+    error = refusal(lambda: load_model("raft", checkpoint=tmp_path / "less.ckpt"), ModelError, tmp_path / "less.ckpt")
+    assert "fnet.conv1.weight" in str(error)
 
 
 @pytest.mark.torch
@@ -205,8 +203,7 @@ def test_state_of_a_memory_network_outside_its_weights_is_set(library, tmp_path)
     model = load_model("memflow", checkpoint=path)
     assert model.net.model.train_avg_length == model.identity()["train_avg_length"] == 4000
     torch.save(content | {"hyper_parameters": {"train_avg_length": "4000"}}, path)
-    with pytest.raises(ModelError, match="its train_avg_length is '4000'"):
-        load_model("memflow", checkpoint=path)
+    refusal(lambda: load_model("memflow", checkpoint=path), ModelError, path)
 
 
 @pytest.mark.torch
@@ -225,13 +222,11 @@ def test_checkpoint_is_chosen_by_name(library, tmp_path, monkeypatch):
 
     monkeypatch.setattr(torch.hub, "download_url_to_file", no_network)
     place = tmp_path / "checkpoints" / "raft-things-802bbcfd.ckpt"
-    with pytest.raises(
-        ModelError, match=rf"cannot download https://\S+ \(Network is unreachable\).*save that file as {place}"
-    ):
+    with pytest.raises(ModelError, match=str(place)) as caught:
         load_model("raft", checkpoint="things")
+    assert caught.value.culprit.endswith(f"/{place.name}")
     torch.save(adapter("raft").net.model.state_dict(), place)
-    with pytest.raises(ModelError, match="instead of 802bbcfd"):
-        load_model("raft", checkpoint="things")
+    refusal(lambda: load_model("raft", checkpoint="things"), ModelError, place)
     digits = hashlib.sha256(place.read_bytes()).hexdigest()[:8]
     place.rename(place.with_name(f"mine-{digits}.ckpt"))
     reference = library.get_model_reference("raft")
@@ -252,33 +247,25 @@ def test_the_first_import_is_silent(library):
 def test_missing_optional_library_is_named_before_the_checkpoint(library, monkeypatch, checkpoint):
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
     monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets if cupy is missing
-    with refused(ModelError, r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md"):
-        load_model("splatflow", checkpoint=checkpoint)
+    assert "cupy" in str(refusal(lambda: load_model("splatflow", checkpoint=checkpoint), ModelError, "splatflow"))
 
 
 @pytest.mark.torch
 def test_missing_constructor_argument_is_reported_in_one_line(library, monkeypatch):
     reference = library.get_model_reference("raft")
-    for raised, says in (
-        (ImportError("no kernel"), "needs something, which.*no kernel"),
-        (ValueError("b"), "ValueError"),
-    ):
+    for raised in (ImportError("no\nkernel"), ValueError("b")):
 
         def fails(self, iters=32, error=raised):
             raise error
 
         monkeypatch.setattr(reference, "__init__", fails)
-        with pytest.raises(ModelError, match=says):
-            load_model("raft", checkpoint="random")
+        refusal(lambda: load_model("raft", checkpoint="random"), ModelError, "raft")
 
 
 @pytest.mark.torch
 def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
-    for name in ("dpflow", "memflow"):
-        with pytest.raises(UsageError, match=f"unknown model 'ptlflow:{name}': use {name}"):
-            load_model(f"ptlflow:{name}")
-    with pytest.raises(UsageError, match="unknown model 'splatflov': did you mean"):
-        load_model("splatflov")
+    for name in ("ptlflow:dpflow", "ptlflow:memflow", "splatflov"):
+        refusal(lambda name=name: load_model(name), UsageError, name)
 
 
 @pytest.mark.slow
@@ -291,8 +278,7 @@ def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
         needs = BESIDES.get(name)
         known = f"{PTLFLOW}{name}" if name == "raft_small" else name
         if needs is not None:
-            with pytest.raises(ModelError, match=f"needs {needs}, which"):
-                load_model(known, checkpoint="random", device="cpu")
+            refusal(lambda known=known: load_model(known, checkpoint="random", device="cpu"), ModelError, known)
             continue
         model = load_model(known, checkpoint="random", device="cpu")
         assert model.identity()["name"] == known
@@ -306,3 +292,36 @@ def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
             flow = model.predict_clip([frames[offset % 2] for offset in offsets], offsets.index(0))
         assert flow.shape == (256, 384, 2)
         assert np.isfinite(flow).all(), name
+
+
+WIDTHS = (64, 96)
+
+
+class Net:
+    def __init__(self, widths=WIDTHS, strides=WIDTHS, iters=32, backbone_weights="fetched", levels=3): ...
+
+    __init__.__annotations__ = {"widths": Sequence[int], "strides": tuple[int, int]}
+
+
+class Smaller(Net):
+    def __init__(self, levels=2, **kwargs):
+        super().__init__(levels=levels, **kwargs)
+
+
+class Pyramid(Net):
+    def __init__(self, iters=(4, 6)): ...
+
+
+@pytest.mark.parametrize("net", [Net, Smaller])
+def test_sequence_options_of_all_base_classes_become_lists(net):
+    options, rounds = constructor_options("net", net, None)
+    assert options == {"widths": [64, 96], "backbone_weights": None, "iters": 32}
+    assert rounds == 32
+    options["widths"][0] = 1
+    assert constructor_options("net", net, 5) == ({"widths": [64, 96], "backbone_weights": None, "iters": 5}, 5)
+    assert WIDTHS == (64, 96)
+
+
+def test_arguments_of_a_base_class_are_hidden_by_a_closed_constructor():
+    assert constructor_options("pyramid", Pyramid, None) == ({}, None)
+    refusal(lambda: constructor_options("pyramid", Pyramid, 3), UsageError, "iterations")
