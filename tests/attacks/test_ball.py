@@ -89,21 +89,9 @@ def test_a_step_follows_the_gradient_or_its_sign(norm, per_frame, moved):
     else:
         direction = pull / rms(pull, moved, False)
     images = ball.step(start, gradient, 3)
+    assert np.array_equal(ball.step(ball.clean, np.zeros_like(ball.clean), 3), ball.clean)
     change = start - levels(ball) / 255 + 3 / 255 * direction
     assert np.abs((images - levels(ball) / 255) - projected(ball, change)).max() < 1e-6
-
-
-def test_frames_that_change_alike_share_the_sum_of_their_gradients():
-    ball = Ball(*np.full((2, *SHAPE), 100, np.uint8), 10, "linf", "joint")
-    gradient = np.ones_like(ball.clean)
-    gradient[1] = -2
-    assert ball.step(ball.clean, gradient, 3) * 255 == pytest.approx(97)
-
-
-def test_step_with_a_zero_gradient_changes_nothing():
-    for norm in ("linf", "rms"):
-        ball = ball_of(norm=norm)
-        assert np.array_equal(ball.step(ball.clean, np.zeros_like(ball.clean), 3), ball.clean)
 
 
 @pytest.mark.parametrize("moved", MOVED)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from robustflow.attacks.loss import LOSSES, Loss
-from robustflow.core.errors import UsageError
 
 HEIGHT, WIDTH = 3, 4
 
@@ -84,13 +83,6 @@ def test_a_loss_and_its_slope_equal_the_formula_of_each_pixel(kind, agreeing, to
         assert slope[at] == pytest.approx(rise / 2e-5, rel=1e-4, abs=1e-7)
 
 
-def test_a_loss_without_a_mask_includes_every_pixel():
-    flow, reference, valid = flows()
-    assert Loss(reference).of(flow) == pytest.approx(
-        expected("epe", flow, reference, np.ones_like(valid), np.ones(valid.shape)), rel=1e-6
-    )
-
-
 def test_weights_of_long_vectors_do_not_overflow():
     reference = np.full((HEIGHT, WIDTH, 2), (500, -500), np.float32)
     flow = np.full((HEIGHT, WIDTH, 2), (900, -900), np.float32)
@@ -115,20 +107,8 @@ def test_a_capped_pixel_counts_the_diagonal_and_has_no_slope():
     assert not slope.any()
 
 
-def test_attacks_maximise_the_loss_or_approach_their_target():
-    reference = flows()[1]
-    assert Loss(reference).score(2.5) == 2.5
-    assert Loss(reference, towards=True).score(2.5) == -2.5
-
-
 def test_an_infinite_flow_has_an_infinite_error_and_no_warning(recwarn):
     flow, reference, _ = flows()
     flow[0, 0] = np.inf
     assert Loss(reference).of(flow) == np.inf
     assert not recwarn.list
-
-
-@pytest.mark.parametrize("changes", [{"kind": "l1"}, {"valid": np.zeros((HEIGHT, WIDTH), bool)}])
-def test_an_unknown_loss_or_a_mask_without_pixels_is_refused(changes):
-    with pytest.raises(UsageError):
-        Loss(flows()[1], **changes)

@@ -161,7 +161,7 @@ def test_attack_without_gain_warns_and_a_control_does_not():
     frames = TexturePairs(1).load("0").frames
     truth = np.ones((*frames[0].shape[:2], 2), np.float32)
     square, noise = (
-        rf.attack(*frames, ZeroFlow(), name, 3, flow=truth) for name in ("square:queries=3", "random_sign")
+        rf.attack(*frames, ZeroFlow(), each, 3, flow=truth) for each in ("square:queries=3", "random_sign")
     )
     assert (square.warnings, noise.warnings) == (("nothing_gained",), ())
 

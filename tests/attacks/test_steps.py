@@ -206,15 +206,7 @@ def test_a_start_below_the_clean_score_gains_from_the_clean_score():
     _, problem = numpy_problem("pgd")
     clean = problem.loss.of(problem.clean_flow)
     for value in (-5, -4, -4, -4, -4, -4, 1, 2):
+        assert problem.late_gain is None, "for fewer than eight evaluations"
         problem.note(problem.ball.clean, clean + value)
     assert problem.late_gain == pytest.approx(2)
     assert problem.start_spread is None
-
-
-def test_few_evaluations_have_no_last_quarter():
-    _, problem = numpy_problem("pgd")
-    for value in range(7):
-        problem.note(problem.ball.clean, 100.0 + value)
-    assert problem.late_gain is None
-    problem.note(problem.ball.clean, np.inf)
-    assert problem.late_gain is None
