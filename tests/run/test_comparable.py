@@ -169,7 +169,7 @@ def test_seeds_are_split_only_where_nothing_else_differs(base):
     assert "4 pairs" in fewer.remark
 
 
-def test_means_without_intervals_say_why(base):
+def test_means_have_intervals_from_four_images(base):
     def remark_of(*pairs):
         runs = [made_run(base, rows(pairs=count), str(count)) for count in pairs]
         (table,) = tables_of(runs, published=False, wanted=["means"])
