@@ -56,7 +56,6 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
-    """Split raw components (H, W, 2) into float32 flow and bool valid."""
     with np.errstate(over="ignore"):
         flow = np.array(values, np.float32, order="C")
     valid = np.asarray((np.abs(flow) <= UNKNOWN_THRESHOLD).all(axis=2))
@@ -83,7 +82,6 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
-    """Reject implausible dimensions before memory is allocated."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise DataError(path, f"the header claims {height}x{width} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
@@ -91,7 +89,6 @@ def claimed_size(path: Path, width: int, height: int) -> None:
 
 
 def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
-    """Reject a file whose length does not match its header."""
     if size != expected:
         state = "truncated" if size < expected else "too long"
         raise DataError(path, f"{state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")
@@ -126,9 +123,6 @@ def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
 
 
 def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
-    """Return the flow as the bytes of a little-endian .pfm file; unknown pixels are stored as NaN, and the third
-    channel is 0.
-    """
     height, width = valid.shape
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)

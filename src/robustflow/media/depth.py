@@ -24,13 +24,11 @@ _SINTEL = np.float32(202021.25)
 
 
 def read_depth_png(path: Path) -> Values:
-    """Read a 16-bit greyscale PNG, with values from 0 to 65535."""
     with readable(path):
         return read_png16(path, 1, "a depth or disparity map, which is a 16-bit greyscale PNG").astype(np.float32)
 
 
 def read_depth_npy(path: Path) -> Values:
-    """Read an .npy file with an array of real numbers, (H, W)."""
     return _as_float(read_npy(path, "a depth map"))
 
 
@@ -53,7 +51,6 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
 
 
 def read_depth_pfm(path: Path) -> Values:
-    """Read a one-channel portable float map, whose rows are stored from bottom to top."""
     with readable(path):
         return read_float_map(path, 1)[..., 0].astype(np.float32)
 

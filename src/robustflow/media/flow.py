@@ -51,7 +51,6 @@ def read_flo(path: Path) -> tuple[Flow, Mask]:
 
 
 def flo_bytes(flow: Flow, valid: Mask) -> bytes:
-    """Return the flow as the bytes of a .flo file; unknown pixels are stored as 1.6666667e9."""
     height, width = valid.shape
     values = np.where(valid[..., None], flow, UNKNOWN_FLOW).astype("<f4")
     return MAGIC + struct.pack("<ii", width, height) + values.tobytes()
@@ -85,7 +84,6 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
 
 
 def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
-    """Return the flow as the bytes of a compressed .flo5 file; unknown pixels are stored as NaN."""
     buffer = io.BytesIO()
     with _h5py().File(buffer, "w") as file:
         values = np.where(valid[..., None], flow, np.float32(np.nan))
@@ -164,7 +162,6 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
-    """Return the flow as the bytes of a KITTI PNG, rounded to 1/64 pixel; unknown pixels are stored as (0, 0, 0)."""
     scaled = np.rint(flow.astype(np.float64) * 64) + 32768
     outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)
     if outside.any():

@@ -120,7 +120,6 @@ def png_address(image: Frame) -> str:
 
 
 def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple[tuple[int, int], bool]:
-    """Return the stored size (H, W), and whether the image is turned by 90 degrees according to `is_turned`."""
     path = Path(path)
     _check_file(path)
     try:

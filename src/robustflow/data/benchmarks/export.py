@@ -45,7 +45,6 @@ def export(
     severity_scale: str = "paper",
     common_draws: bool = False,
 ) -> Iterator[Written]:
-    """Write the benchmark into `output`, sample by sample; existing files are kept unchanged."""
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
     draws: dict[str, object] = {"common_draws": True} if common_draws else {}
@@ -107,8 +106,6 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 
 
 def _claim(output: Path, settings: dict[str, object]) -> None:
-    """Record the settings of the export in its folder; raise if the folder contains a different export, or frames of
-    unknown origin."""
     on_disk = export_settings(output)
     if on_disk is None and (output / "clean").exists():
         raise RunError(output, "contains frames that were not exported from here; choose another --output")

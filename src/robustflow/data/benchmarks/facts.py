@@ -89,7 +89,6 @@ NEUTRAL = BenchmarkFacts(title="own benchmark")
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
-    """Return the facts of a dataset used as a benchmark."""
     return BenchmarkFacts(
         title=dataset.title,
         description=dataset.description,
@@ -107,7 +106,6 @@ _STILL = "-still"
 
 
 def still_name(name: str) -> str:
-    """Return the name of a benchmark's still-scene version: "sintel-still"."""
     return f"{name}{_STILL}"
 
 
@@ -117,17 +115,14 @@ def is_still(benchmark: str) -> bool:
 
 
 def sample_noun(benchmark: str) -> str:
-    """Return the noun used when a benchmark's samples are counted."""
     return "still frame" if is_still(benchmark) else "pair"
 
 
 def moving_name(benchmark: str) -> str:
-    """Return the name of the benchmark from which a still-scene benchmark was made; return other names unchanged."""
     return benchmark.removesuffix(_STILL)
 
 
 def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
-    """Return the facts about a still-scene benchmark: every pixel has a known flow of zero."""
     title, description = f"{facts.title[:70]}, still", "Every frame paired with itself: any flow is phantom motion."
     changes = {"title": title, "description": description, "has_flow": True, "published": False, "paper_pairs": None}
     return facts.model_copy(update=changes)

@@ -26,7 +26,6 @@ from .facts import NON_OCCLUDED, BenchmarkFacts, facts_of_dataset, facts_of_stil
 
 
 def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
-    """Open the benchmark that a user specifies as `module.path:Attribute`."""
     made = import_target(target, "benchmark")
     if not isinstance(made, Benchmark):
         opener = made if inspect.isroutine(made) else getattr(made, "open", None)
@@ -46,7 +45,6 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 
 
 def check_keys(benchmark: Benchmark, what: str) -> None:
-    """Check that a user's benchmark lists samples, and only samples of its dataset."""
     if not benchmark.keys:
         raise UsageError(what, "lists no samples; keys must contain at least one key of its dataset")
     known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
@@ -56,7 +54,6 @@ def check_keys(benchmark: Benchmark, what: str) -> None:
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
-    """Return a benchmark with every sample of a user's dataset under every image-pair corruption."""
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved:
         raise UsageError(target, f"has the name of the dataset '{dataset.name}'; give it a different name")

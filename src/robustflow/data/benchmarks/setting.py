@@ -45,7 +45,6 @@ def setting_of(
 def judge(
     training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
 ) -> tuple[Setting, list[str]]:
-    """Return the setting, and notes about the backbone and the evaluated pairs; for arguments see `setting_of`."""
     setting, notes = _of_flow_training(training, benchmark, keys, protocol)
     if training.backbone.endswith("?") and setting in ("OOD", "ID"):
         of_backbone = f"{BACKBONE_NOTE}the pre-training data of {training.backbone[:-1]} were not checked"

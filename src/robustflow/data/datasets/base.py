@@ -143,7 +143,6 @@ class Depths(Protocol):
 
 
 def no_depth(corruption: str, dataset: str) -> UsageError:
-    """Return the error for a corruption that needs depth on a dataset without depth."""
     return UsageError(corruption, f"needs scene depth, which '{dataset}' lacks; give your own maps with --depth DIR")
 
 
@@ -170,7 +169,6 @@ class CorruptedClips(Clips, PreCorrupted, Protocol):
 
 
 def has_clips(dataset: Dataset) -> bool:
-    """Return whether at least one pair of a dataset has a frame before or after it."""
     if not isinstance(dataset, Clips):
         return False
     return any(len(range_around(dataset, key, 1)) > 2 for key in dataset.keys())  # noqa: SIM118

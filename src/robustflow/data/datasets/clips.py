@@ -65,7 +65,6 @@ class ContextFrames:
         return called(where, lambda: list(self._dataset.frame_files(key, numbers)))
 
     def add(self, sample: Sample) -> Sample:
-        """Return the sample with the frames around its pair appended."""
         around = [self._frame(sample, number) for number in self._numbers(sample.key)[2:]]
         return replace(sample, frames=(*sample.frames[:2], *around))
 
@@ -79,7 +78,6 @@ class ContextFrames:
     def corrupt(
         self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
     ) -> tuple[Frame, ...]:
-        """Return the frames of a sample returned by `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         frames = (clean[first + place] for place in range(len(clean)))

@@ -76,7 +76,6 @@ def existing(files: list[Path], title: str, parts: str) -> list[Path]:
 
 
 def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
-    """Read a camera file with `columns` finite numbers per line, float64 (N, columns)."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
         table = np.array([[float(word) for word in line.split()] for line in lines if line.strip()], np.float64)
@@ -103,7 +102,6 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
 
 
 def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
-    """Return the depth map of frame 2, computed from values at the pixels of frame 1."""
     out = np.zeros(known.shape, np.float32)
     _carry(np.ascontiguousarray(depth, np.float32), flow, known, out)
     return out

@@ -123,6 +123,5 @@ def different_benchmark(root: Path, name: str) -> str | None:
 
 
 def benchmark_of_folder(root: Path) -> str | None:
-    """Return the benchmark whose layout matches a folder, or None."""
     fitting = (name for name, marks in _MARKS.items() if any((root / mark).exists() for mark in marks))
     return next(fitting, None)

@@ -154,7 +154,6 @@ class GoProFCPrepared(Samples):
         return [clip.key_frame_path(index) for clip, index in key_frames]
 
     def has_corrupted(self, corruption: str) -> bool:
-        """Return True for the five corruptions that need the clip."""
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
@@ -170,15 +169,12 @@ class GoProFCPrepared(Samples):
         return self._open.corrupted(index, corruption, parameter)
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
-        """Return the clip's master file, from which all frames are generated."""
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:
-        """Return the inputs that determine the frames (masters, key frames and their preparation), for a run's manifest
-        and identity."""
         return {
             clip.name: clip.manifest.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
             for clip in self.clips

@@ -88,9 +88,6 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 
 
 def related(first: Iterable[str], second: Iterable[str]) -> list[str]:
-    """Return the pairs of KITTI 2015 in `first` that come from the same known drive as a pair in `second`, in the order
-    of `first`.
-    """
     known = drives("kitti2015")
     others = {known[pair] for pair in second if pair in known}
     return [pair for pair in first if known.get(pair) in others]
@@ -159,7 +156,6 @@ class KittiPairs(LayoutDataset):
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
-        """Return which of the two maps the flow comes from."""
         return {"ground_truth": "noc" if self.non_occluded else "occ"}
 
 
@@ -226,8 +222,6 @@ class Kitti2012(KittiPairs):
 
 
 def _calibration(path: Path) -> tuple[Camera, float]:
-    """Return the left colour camera, and the focal length times the baseline to the right camera, in pixels times
-    metres."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
         entries = {name: values for name, _, values in (line.partition(":") for line in lines)}

@@ -162,7 +162,6 @@ def following(frames: Mapping[int | None, Path]) -> list[tuple[int, int]]:
 
 
 def _deeper(places: Iterator[tuple[dict[str, str], Path]], segment: str) -> Iterator[tuple[dict[str, str], Path]]:
-    """Yield what matches one segment of a pattern inside each of the places."""
     if not _FIELD.search(segment):
         yield from ((parts, path / segment) for parts, path in places if (path / segment).exists())
         return

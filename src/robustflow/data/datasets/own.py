@@ -56,7 +56,6 @@ class OwnDepth:
 
     @cached_property
     def digest(self) -> str:
-        """Return a hash (16 hexadecimal digits) of the maps of all samples and of the focal length."""
         whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
@@ -80,7 +79,6 @@ class OwnDepth:
 
     @cached_property
     def _owners(self) -> dict[Path, Path]:
-        """Return, for each map, the first frame that uses it."""
         owners: dict[Path, Path] = {}
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
@@ -113,7 +111,6 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
 def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
-    """Open the dataset that a user names as `module.path:Attribute`, and check its first sample."""
     dataset = import_target(target, "dataset")
     if inspect.isclass(dataset) or inspect.isroutine(dataset):
         check_options(dataset, target, options, "-D")
@@ -126,7 +123,6 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
 
 
 def check_members(dataset: Any, what: str) -> None:
-    """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample."""
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):
             raise UsageError(what, f"not a dataset: it has no '{member}'; {_GUIDE}")
@@ -141,7 +137,6 @@ def check_members(dataset: Any, what: str) -> None:
 
 
 def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
-    """Load one sample and check it against the dataset's declarations."""
     what = what or f"the dataset '{dataset.name}'"
     sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
@@ -155,7 +150,6 @@ def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
 
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    """Load one sample, see `load_checked`, and check its files."""
     sample = load_checked(dataset, key, what)
     files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):

@@ -134,7 +134,6 @@ class PairDataset(Samples):
 
     @cached_property
     def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
-        """Return two mappings: from each frame to the next one, and from each frame to the previous one."""
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
 
@@ -188,7 +187,6 @@ Position = int | str | None
 
 
 def position(option: str, value: Position | float) -> int | float | None:
-    """Parse a position into a frame number (int) or a time in seconds (float)."""
     if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
         return value
     text = str(value).strip()

@@ -92,5 +92,4 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
 
 
 def dataset_facts(name: str) -> DatasetFacts:
-    """Return the facts of a dataset by its name: title, licence, citation, counts, layout."""
     return facts_of(DATASETS.get(name) if name in DATASETS else None, name)

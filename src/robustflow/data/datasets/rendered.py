@@ -92,7 +92,6 @@ class Sintel(LayoutDataset):
         return Truth(flow, valid, None if pair.occlusion is None else _fitting(pair.occlusion, valid.shape))
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """Return the exact depth, with the camera of each frame."""
         *maps, first, second = self.depth_files(sample.key)
         lenses, poses = zip(*(read_camera(path) for path in (first, second)), strict=True)
         (fx, fy, cx, cy), moved = ((float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])) for k in lenses)

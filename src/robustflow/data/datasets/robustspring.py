@@ -77,7 +77,6 @@ class Condition(LayoutDataset):
 
 
 def submitted() -> Iterator[str]:
-    """Return the paths of all flows of a complete submission, relative to its folder."""
     for condition in (CLEAN, *CORRUPTIONS):
         for sequence, frames in SEQUENCES.items():
             for side in _SIDES:
@@ -89,7 +88,6 @@ def submitted() -> Iterator[str]:
 
 
 def condition_folder(root: str | Path, condition: str, spring: str | Path | None = None) -> Path:
-    """Return the path of CONDITION/test; for arguments and errors see `Condition`."""
     if condition != CLEAN:
         return _folder(root, [condition])
     if spring is not None:

@@ -75,7 +75,6 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """Return the keys that a named split or a file given with `--split` selects, in the order of the dataset."""
     if str(split) != DRIVE_DISJOINT:
         return read_split(split, keys)
     if dataset != "kitti2015":

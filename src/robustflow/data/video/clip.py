@@ -36,7 +36,6 @@ class ClipFile:
 def write_clip(
     path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, encoding: Encoding
 ) -> ClipFile:
-    """Encode I420 frames as an MP4 file, using constant memory."""
     temporary = path.with_name(f".{path.name}.part")
     height, width = even_size(*size)
     count = 0
@@ -55,7 +54,6 @@ def write_clip(
 
 
 def read_header(clip: ClipFile) -> bytes:
-    """Return the H.264 parameter sets of a clip's stream."""
     with _open(clip) as container:
         return bytes(container.streams.video[0].codec_context.extradata or b"")
 
@@ -75,7 +73,6 @@ def read_packets(clip: ClipFile, start: int = 0) -> Iterator[Packet]:
 
 
 def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
-    """Yield every frame in order, starting at index `start`."""
     decoder = Decoder(read_header(clip), *clip.stored_size)
     expected = start
     for index, picture in decoder.decode(read_packets(clip, start)):

@@ -33,7 +33,6 @@ I420 = npt.NDArray[np.uint8]
 
 
 def even_size(height: int, width: int) -> tuple[int, int]:
-    """Round both sides up to even numbers, as required by 4:2:0."""
     return height + height % 2, width + width % 2
 
 
@@ -141,16 +140,12 @@ encoding does not use the tree, so it may use all instruction sets of the proces
 
 
 def crf(value: int) -> Encoding:
-    """Encode with a constant rate factor from 0 (lossless) to 51 and preset medium, the default in the reference
-    code.
-    """
     if not 0 <= value <= 51:
         raise UsageError("crf", f"{value} is not from 0 (lossless) to 51")
     return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
 
 
 def abr(rate: int) -> Encoding:
-    """Encode with an average bit rate in bit/s and with maxrate = bufsize = rate, as in the reference code."""
     if rate <= 0:
         raise UsageError("rate", f"{rate} is invalid; give bits per second")
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
@@ -188,7 +183,6 @@ class Encoder:
         self.header = bytes(self._context.extradata or b"")
 
     def encode(self, pictures: Iterable[tuple[int, I420]]) -> Iterator[Packet]:
-        """Encode (index, frame) pairs, which must be in display order, and yield their packets."""
         for index, picture in pictures:
             for packet in self._context.encode(video_frame(picture, index, self._fps)):
                 yield self._packet(packet)
@@ -219,7 +213,6 @@ class Decoder:
         self.log = DecodeLog()
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[tuple[int, I420]]:
-        """Yield frames as I420 uint8 (H * 3 / 2, W) with their display indices."""
         for packet in packets:
             if not packet.data:
                 continue  # an empty packet would end the stream

@@ -117,6 +117,5 @@ def frame_times(container: Any, path: Path) -> tuple[list[int | None], list[int 
 
 
 def reason(error: BaseException) -> str:
-    """Return the reason for an error from FFmpeg or the operating system, as a single line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0]

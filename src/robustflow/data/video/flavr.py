@@ -111,7 +111,6 @@ class FLAVR(nn.Module):
         self.outconv = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(64, 3 * n_outputs, 7))
 
     def forward(self, frames: Sequence[Tensor]) -> list[Tensor]:
-        """Predict the frames between the middle two of four frames."""
         clip = torch.stack(tuple(frames), dim=2)
         mean = clip.mean(dim=(2, 3, 4), keepdim=True)
         *skips, x = self.encoder(clip - mean)
@@ -124,7 +123,6 @@ class FLAVR(nn.Module):
 
 
 def load_flavr(checkpoint: str | Path, device: str = "cpu") -> FLAVR:
-    """Load the 4x network with the authors' weights, in evaluation mode."""
     net = FLAVR()
     load_weights(net, read_checkpoint(checkpoint), "flavr (4x)")
     return net.to(find_device(device)).eval().requires_grad_(False)
@@ -147,7 +145,6 @@ class FlavrInterpolator:
         self._sha256 = sha256_of_file(checkpoint)
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """Return the three frames between the middle two frames of the window."""
         if factor != 4:
             raise UsageError("--factor", f"FLAVR's weights do not support {factor}; use 4, or --interpolator flow")
         height, width = window[0].shape[:2]

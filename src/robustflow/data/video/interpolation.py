@@ -41,7 +41,6 @@ class Interpolator(Protocol):
 def load_interpolator(
     name: str | None, factor: int, checkpoint: Path | None, device: str = "cpu"
 ) -> Interpolator | None:
-    """Return the requested interpolator, or None if the factor is 1."""
     if factor == 1:
         return None
     if name == "flow":
@@ -57,7 +56,6 @@ def load_interpolator(
 
 
 def interpolated_count(count: int, factor: int) -> int:
-    """Return the number of frames that `interpolate` produces from `count` frames."""
     return count if factor == 1 else max(0, (count - WINDOW + 1) * factor + 1)
 
 
@@ -102,7 +100,6 @@ class FlowInterpolator:
     name = "flow"
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """Return `factor - 1` frames between the middle two frames of the window; `factor` is at least 2."""
         if factor < 2:
             raise UsageError("factor", f"nothing to interpolate with {factor}; give at least 2")
         first, second = (np.ascontiguousarray(frame) for frame in window[1:3])

@@ -38,7 +38,6 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
 
 
 def prepared_clip(folder: Path) -> PreparedClip:
-    """Encode a clip as a video in an empty folder, and prepare it, interpolated by flow, as for GoPro-FC."""
     pictures = [rgb_to_i420(frame) for frame in moving_frames(_FRAMES)]
     height, width = pictures[0].shape[0] * 2 // 3, pictures[0].shape[1]
     source = write_clip(folder / "source.mp4", pictures, (height, width), _FPS, crf(23))
@@ -46,7 +45,6 @@ def prepared_clip(folder: Path) -> PreparedClip:
 
 
 def digests_of(name: str, clip: PreparedClip) -> dict[str, str]:
-    """Return the hash of the clip's corrupted key frames for each severity, as computed on this machine."""
     values = tuple(value // _DIVISORS.get(name, 1) for value in load_corruption(name).severities)
     opened = OpenClip(clip, FolderCache(clip.folder / "variants", CACHE_LIMIT), dict.fromkeys(CLIP, values))
     digests = {}

@@ -40,7 +40,6 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
 
 
 def row_offsets(height: int, readout: int) -> np.ndarray:
-    """Return the master frame for each row relative to the key frame, int (height,)."""
     return (readout * (2 * np.arange(height) + 1 - height) + height) // (2 * height)
 
 
@@ -152,10 +151,8 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, parameter: int) -> Path:
-    """Return the path of a variant's record, which remains after its frames are evicted."""
     return cache.root / RECORDS_FOLDER / f"{_variant_name(clip, corruption, parameter)}.json"
 
 
 def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:
-    """Return the cache key of a transcoded clip, which depends on the master."""
     return f"{clip.name}-{clip.manifest.master_sha256[:12]}-{corruption}-{parameter}"

@@ -159,7 +159,6 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
 def _segments(
     source: Source, work: Path, wanted: ClipManifest, interpolator: Interpolator, progress: Progress
 ) -> Iterator[I420]:
-    """Yield the interpolated clip from segments on disk, creating missing segments first."""
     make_folder(work)
     gaps = source.count - WINDOW + 1
     size, factor, fps = (wanted.height, wanted.width), wanted.factor, Fraction(wanted.fps)
@@ -191,9 +190,6 @@ def _is_intact(segment: Path) -> bool:
 def _with_key_frames(
     pictures: Iterable[I420], folder: Path, wanted: ClipManifest, progress: Progress
 ) -> Iterator[I420]:
-    """Yield the frames unchanged and write the key frames, as decoded from the lossless yuv420p master, as PNG
-    files.
-    """
     keys = set(wanted.key_frames)
     for index, picture in enumerate(pictures):
         if index in keys:

@@ -38,7 +38,6 @@ class FolderCache:
         self.limit = limit
 
     def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
-        """Read the entry `name`; create it first if it does not exist."""
         make_folder(self.root)
         entry = self.root / name
         while True:
@@ -180,7 +179,6 @@ class PreparedClip:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Return pairs of adjacent key frames, as indices of master frames."""
         return list(zip(self.manifest.key_frames, self.manifest.key_frames[1:], strict=False))
 
 
@@ -191,7 +189,6 @@ def choose_key_frames(count: int, step: int) -> list[int]:
 
 
 def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
-    """Read the clips of a prepared folder."""
     manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
     clips = []
     for name in manifest.clips:

@@ -50,7 +50,6 @@ class VideoReader:
         return self._count
 
     def frame(self, index: int) -> Frame:
-        """Return frame `index`, RGB uint8 (H, W, 3)."""
         if not 0 <= index < self._count:
             raise IndexError(f"{self._path} has frames 0 to {self._count - 1}, but no frame {index}")
         if self._pid != os.getpid():

@@ -50,7 +50,6 @@ class PictureFolder:
         self.size = image_size(self.paths[0])
 
     def frames(self) -> Iterator[Frame]:
-        """Yield RGB uint8 (H, W, 3) frames; raise a DataError if an image differs in size from the first one."""
         for path in self.paths:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
@@ -90,7 +89,6 @@ class VideoFile:
         self.size = (first.shape[0], first.shape[1])
 
     def frames(self) -> Iterator[Frame]:
-        """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata."""
         size: tuple[int, ...] | None = None
         read = 0
         with open_video(self.path) as container:

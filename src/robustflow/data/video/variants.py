@@ -61,7 +61,6 @@ class NoiseFilter:
 
 
 def damage_packets(packets: Iterable[Packet], damage: Damage) -> Iterator[Packet]:
-    """Apply the filter with `damage.amount` to packets and update the counts in `damage`."""
     noise = NoiseFilter(damage.amount)
     for packet in packets:
         data, changed = noise(packet.data)
@@ -180,7 +179,6 @@ def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Strea
 
 
 def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Path) -> dict[str, Any]:
-    """Write the variant's key frames to `folder` and return the record of how they were corrupted."""
     make_folder(folder)
     master, keys = clip.master, clip.manifest.key_frames
     stream = corrupted_stream(master, corruption, parameter)
@@ -200,7 +198,6 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
 
 
 def warnings_of(record: dict[str, Any]) -> list[str]:
-    """Return warnings about a variant, to be shown to users of its results."""
     where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
     if record["corruption"] == "bit_error" and not record["bytes_changed"]:
         return [f"{where}: none of {record['bytes_coded']} bytes was changed; the clip is too small for this severity"]
@@ -267,7 +264,6 @@ class ShortClip:
         self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))
 
     def corrupted(self, corruption: str, parameter: int, wanted: range) -> tuple[list[Frame], bool]:
-        """Corrupt the entire part and return some of its frames."""
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)
         frames = []

@@ -66,7 +66,6 @@ class FlyingShapes(Samples):
         return [f"{index:06d}" for index in range(self._pairs)]
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`: the images used as textures; empty for procedural textures."""
         self._checked(key)
         return [] if self._textures is None else texture_files(self._textures)
 

@@ -20,7 +20,6 @@ _NEAREST, _FARTHEST = 5.0, 100.0
 
 
 def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Return both frames, the flow of the uppermost layer at each pixel of the first frame, and the occlusion map."""
     height, width = scene.shape
     grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
     points = grid.reshape(-1, 2)
@@ -52,8 +51,6 @@ def flow_at(
 
 
 def depths_of(scene: Scene, readout: float = 0.0) -> tuple[DepthMap, DepthMap]:
-    """Return the depth of the uppermost layer at each pixel of both frames, float32 (H, W), in metres (see
-    `layer_depths`)."""
     of_layers = layer_depths(len(scene.motions))
     first, second = (np.empty(scene.shape, np.float32) for _ in range(2))
     for which, out in enumerate((first, second)):

@@ -42,7 +42,6 @@ def procedural_textures(seed: int, split: str) -> TextureArray:
 
 @lru_cache(maxsize=2)
 def picture_textures(folder: str) -> TextureArray:
-    """Read the images in a folder as textures, each scaled to cover the square and cropped to its centre."""
     files = texture_files(folder)
     return np.stack([_covering(read_image(path)) for path in files])
 
