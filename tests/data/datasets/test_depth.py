@@ -2,7 +2,6 @@
 
 import io
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -20,7 +19,6 @@ from robustflow.data.datasets.depth import carried, completed, scene_depth
 from robustflow.data.datasets.own import OwnDepth
 from robustflow.data.datasets.shapes.render import layer_depths
 from robustflow.data.datasets.still import Still
-from robustflow.media.depth import read_depth_pfm
 from robustflow.media.images import write_image
 from tests.corruptions.pictures import picture
 from tests.refusals import refusal
@@ -131,17 +129,6 @@ def test_motorcycle_moves_by_its_baseline_as_its_disparity_says(motorcycle):
     assert 2 < metres.min() < metres.max() < 6  # a room
 
 
-def test_motorcycles_second_frame_has_the_depth_of_what_it_shows(motorcycle):
-    _, sample, depth = motorcycle
-    rows, columns = np.nonzero(sample.valid)
-    there = np.rint(columns + sample.flow[sample.valid, 0]).astype(int)
-    inside = (there >= 0) & (there < 741)
-    second, first = depth.maps[1][rows[inside], there[inside]], depth.maps[0][sample.valid][inside]
-    assert (second <= first).all()  # the surface at the target is never farther away
-    assert (second == first).mean() > 0.9
-    assert depth.measured[1].mean() > 0.8
-
-
 def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest(motorcycle):
     data, _, pair = motorcycle
     still = Still(data, ["motorcycle"])
@@ -190,13 +177,6 @@ def write_both(folder, shape=(40, 56)):
     for name in "ab":
         write_map(folder / f"{name}.npy", metres(shape))
     return folder
-
-
-@pytest.mark.parametrize(("order", "scale"), [("<f4", b"-1.0"), (">f4", b"1.0"), (">f4", b"1"), ("<f4", b"-1")])
-def test_a_pfm_file_may_have_either_byte_order(tmp_path, order, scale):
-    path = tmp_path / "map.pfm"
-    path.write_bytes(b"Pf\n56 40\n" + scale + b"\n" + metres()[::-1].astype(order).tobytes())
-    np.testing.assert_array_equal(read_depth_pfm(path), metres())
 
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".pfm"])
@@ -280,17 +260,6 @@ def test_a_missing_map_is_named_before_anything_is_read(clip, tmp_path):
     write_map(tmp_path / "maps" / "a.npy", metres())
     refused = refusal(lambda: OwnDepth(tmp_path / "maps", clip).depth_files("a"), DataError, tmp_path / "maps")
     assert "b.png" in str(refused)
-
-
-def test_files_beside_frames_close_to_the_root_are_not_read_as_maps(tmp_path):
-    """The folders of such a frame include the root, to which no path below the folder of maps may be reset."""
-    with TemporaryDirectory(dir="/tmp") as close:
-        frames = pictures_of(Path(close), "a.png", "b.png")
-        write_both(frames)
-        maps = write_both(tmp_path / "maps")
-        assert OwnDepth(maps, load_dataset("folder", frames)).depth_files("a") == [
-            maps / f"{name}.npy" for name in "ab"
-        ]
 
 
 def test_frame_is_never_read_as_its_depth_map(tmp_path, monkeypatch):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 import shutil
 from fractions import Fraction
 from pathlib import Path
@@ -158,18 +157,6 @@ def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path):
     v = sum((place - 2) * change[..., 1] for place, change in enumerate(changes))
     row = one.rows.filter(sample=key, corruption="object_motion_blur").row(0, named=True)
     assert row["rcre_all_sum"] == pytest.approx(np.hypot(u, v).sum() / 64, rel=1e-6)
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
-    first = GoProFCPrepared(prepared, cache=tmp_path / "a")
-    second = pickle.loads(pickle.dumps(GoProFCPrepared(prepared, cache=tmp_path / "b")))
-    keys = first.keys()
-    cells = [(key, name, severity) for key in keys for name in CLIP for severity in (1, 5)]
-    forwards = {cell: first.corrupted(*cell) for cell in cells}
-    backwards = {cell: second.corrupted(*cell) for cell in reversed(cells)}
-    for cell in cells:
-        assert all((a == b).all() for a, b in zip(forwards[cell], backwards[cell], strict=True))
 
 
 def test_bit_errors_that_change_no_byte_warn(prepared, tmp_path):

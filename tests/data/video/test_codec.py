@@ -90,18 +90,6 @@ print(hashlib.sha256(b"".join(p.data for p in encoder.encode(enumerate(pictures(
     assert len(results) == 1
 
 
-def test_higher_crf_and_lower_rate_are_worse(tmp_path):
-    pictures = clips.pictures(60, 96, 128)
-    for family in ([crf(v) for v in (23, 37, 51)], [abr(v) for v in (4_000_000, 1_000_000, 250_000)]):
-        errors, sizes = [], []
-        for encoding in family:
-            clip = write_clip(tmp_path / "a.mp4", pictures, (96, 128), Fraction(960), encoding)
-            errors.append(np.mean([np.abs(p.astype(int) - pictures[i]).mean() for i, p in read_pictures(clip)]))
-            sizes.append(clip.path.stat().st_size)
-        assert errors == sorted(errors)
-        assert sizes == sorted(sizes, reverse=True)
-
-
 def test_reader_gives_any_frame_in_any_order(tmp_path):
     clip = clips.clip(tmp_path / "a.mp4", 60)
     pictures = clips.pictures(60)
@@ -177,8 +165,3 @@ def test_conversion_is_within_rounding_of_ffmpeg():
     picture = av.VideoFrame.from_ndarray(mine, format="yuv420p")
     back = picture.to_ndarray(format="rgb24").astype(int)
     assert np.abs(i420_to_rgb(mine, 96, 128) - back).max() <= 3
-
-
-def test_wrong_shape_is_refused():
-    with pytest.raises(ValueError, match="I420"):
-        i420_to_rgb(np.zeros((9, 8), np.uint8), 8, 8)

@@ -124,12 +124,6 @@ def test_variable_frame_rate_needs_a_decision(tmp_path):
     assert source.describe()["variable_rate"] is True
 
 
-def test_rounded_times_are_a_constant_rate(tmp_path):
-    """Matroska rounds times to milliseconds: 33, 34 and 33 ms correspond to 30 frames per second."""
-    source = VideoFile(video(tmp_path / "a.mkv", clips.frames(10)))
-    assert not source.variable
-
-
 def test_phone_video_of_uneven_frame_rate_is_read(shared):
     path = shared("data", "video", "handheld_video-10.m4v")
     refusal(lambda: VideoFile(path), DataError, path)

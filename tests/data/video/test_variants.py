@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from fractions import Fraction
 from functools import cache
-from itertools import chain, islice, repeat
-from pathlib import Path
 
 import av
 import numpy as np
@@ -16,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.core.errors import DataError, UsageError
-from robustflow.data.video.clip import ClipFile, read_header, read_packets, read_pictures, write_clip
+from robustflow.data.video.clip import ClipFile, read_header, read_packets
 from robustflow.data.video.codec import Decoder, Encoding, Packet, crf, lossless
 from robustflow.data.video.variants import (
     REORDER,
@@ -112,58 +108,6 @@ def test_lost_frames_show_the_nearest_decoded_frame(made, encoding, ruins, lost)
 def test_stream_without_a_decodable_frame_is_refused(made, ruins):
     clip = made(lossless("veryfast"), 30, 48, 64)
     refusal(lambda: decode(clip, without_packets(read_packets(clip), ruins)), DataError, "stream")
-
-
-def test_damage_is_the_same_in_two_calls(made):
-    clip = made(lossless("veryfast"))
-    for corruption, parameter in (("bit_error", 3_000), ("h264_crf", 37), ("h264_abr", 500_000)):
-        first, second = (
-            [picture.tobytes() for _, picture in corrupted_stream(clip, corruption, parameter).pictures]
-            for _ in range(2)
-        )
-        assert first == second
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("megabytes", [1, 100])
-def test_damaged_real_clip_keeps_every_frame_in_its_place(tmp_path, shared, megabytes):
-    """Test clips of about 1 MB and 100 MB with N from 50 M to 2 000; their intra-coded frames can be distinguished."""
-    clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
-    assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes
-    for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):
-        stream = corrupted_stream(clip, "bit_error", amount)
-        around = deque(maxlen=17)  # clean frames index - 8 to index + 8
-        clean = chain((p for _, p in read_pictures(clip)), repeat(None, 8))
-        around.extend([None] * 8)
-        around.extend(islice(clean, 8))
-        count = 0
-        for (index, picture), newest in zip(stream.pictures, clean, strict=True):
-            around.append(newest)
-            count += 1
-            recent = set(stream.damage.frames_hit[-64:])
-            if index in recent or clips.shown_as(stream.fill, index) != index:
-                continue
-            same = (picture == around[8]).all()
-            assert same or index - 1 in recent
-            if not same:
-                distances = [np.inf if p is None else np.abs(p.astype(int) - picture).mean() for p in around]
-                assert int(np.argmin(distances)) == 8
-        assert count == clip.count
-        assert abs(stream.damage.bytes_changed - stream.damage.bytes_total / amount) < 0.5 * clip.count + 5
-
-
-def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
-    """Write the frames of a real clip, forwards and backwards in turn, to a file of about the target size."""
-    with av.open(str(source)) as container:
-        frames = [frame.to_ndarray() for frame in container.decode(video=0)]
-    height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
-    cycle = frames + frames[-2:0:-1]
-    count = 20
-    for _ in range(3):  # the sizes of frames differ, so approach the target in steps
-        shown = (cycle[index % len(cycle)] for index in range(count))
-        clip = write_clip(path, shown, (height, width), Fraction(960), INTRA)
-        count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))
-    return clip
 
 
 def by_ffmpeg(path, amount: int) -> list[bytes]:

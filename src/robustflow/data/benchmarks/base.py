@@ -106,8 +106,7 @@ class Benchmark:
         named = self.severities if severities is None else _as_iterable(severities)
         levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
-            levels = ", ".join(map(str, self.severities))
-            known = f"{', '.join(self.corruptions)} at severities {levels}"
+            known = f"{', '.join(self.corruptions)} at severities {', '.join(map(str, self.severities))}"
             raise UsageError(self.name, f"these frames were corrupted beforehand, with {known}; choose from these")
         if not (chosen or against) or not levels:
             raise UsageError("--corruptions", "nothing to run; give a corruption or attack, and a severity")

@@ -58,7 +58,7 @@ def export(
     _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
-        fresh = _write_frames(output / "clean" / "val", key, lambda sample=sample: sample.frames)
+        fresh = _write_frames(output / "clean" / "val", key, partial(tuple, sample.frames))
         scene = depths.depth(sample) if depths is not None else None
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)

@@ -93,11 +93,10 @@ class KittiFC:
 
         if data is None:
             raise UsageError("--data", f"kitti-fc needs {KittiFC.facts.data}")
-        is_released = (data / "clean").is_dir()
-        dataset = KittiFCReleased(data) if is_released else Kitti2015(data)
+        dataset = KittiFCReleased(data) if (data / "clean").is_dir() else Kitti2015(data)
         _check_truth(dataset)
         keys = selected(split, dataset.keys(), dataset.name) if split else dataset.keys()
-        if is_released:
+        if isinstance(dataset, KittiFCReleased):
             if split is None and len(keys) < _PAIRS:
                 _warn("KITTI-FC", f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {dataset.folder}")
             return released("kitti-fc", dataset, keys, KittiFC.facts)

@@ -26,6 +26,8 @@ _FIELD = re.compile(r"\{(\w+)(?::0(\d+))?\}")
 Parts = tuple[tuple[str, str], ...]
 """The values of a pattern's fields, sorted by name."""
 
+_UNNUMBERED = -1
+
 BACKWARDS = ("BW", "past")
 """Values of the option `direction` for flow from a frame to the one before."""
 
@@ -69,11 +71,11 @@ class Layout:
         for parts in sorted({*sequences, *truths}):
             frames, flows = sequences.get(parts, {}), truths.get(parts, {})
             if self.first is not None:
-                only = flows.get(None) or flows.get(self.first)
+                only = flows.get(_UNNUMBERED) or flows.get(self.first)
                 flows = {self.first: only} if only else {}
             at: dict[str, Any] = {**words, **dict(parts)}
             for n, path in flows.items():
-                for number in (n + ahead * offset for offset in self.flow_needs if n is not None):
+                for number in (n + ahead * offset for offset in self.flow_needs):
                     if number not in frames:
                         partner(base / _put(frame, at | {"n": number}), path)
             for n, m in self._numbers(frames, flows, ahead):
@@ -86,11 +88,9 @@ class Layout:
                 pairs[_put(self.key, at)] = PairFiles((one, other), truth, **more, group=_put(self.group, at))
         return pairs
 
-    def _numbers(
-        self, frames: Mapping[int | None, Path], flows: Mapping[int | None, Path], ahead: int
-    ) -> Iterable[tuple[int, int]]:
+    def _numbers(self, frames: Mapping[int, Path], flows: Mapping[int, Path], ahead: int) -> Iterable[tuple[int, int]]:
         if self.by_flow:
-            return [(n, n + ahead) for n in flows if n is not None]
+            return [(n, n + ahead) for n in flows]
         if self.first is not None:
             known = {*frames, *flows} & {self.first, self.first + ahead}
             return [(self.first, self.first + ahead)] if known else []
@@ -140,25 +140,24 @@ class LayoutDataset(PairDataset):
         return [(frames[n], frames[m]) for frames in every for n, m in following(frames)]
 
 
-def matching(base: Path, pattern: str) -> dict[Parts, dict[int | None, Path]]:
-    """Return the files below a folder that match a pattern, by its fields other than {n} and {m}, then by number (None
+def matching(base: Path, pattern: str) -> dict[Parts, dict[int, Path]]:
+    """Return the files below a folder that match a pattern, by its fields other than {n} and {m}, then by number (-1
     in a pattern without {n})."""
     places: Iterator[tuple[dict[str, str], Path]] = iter([({}, base)])
     for segment in pattern.split("/"):
         places = _deeper(places, segment)
-    files: dict[Parts, dict[int | None, Path]] = {}
+    files: dict[Parts, dict[int, Path]] = {}
     for found, path in places:
         parts = tuple(sorted((name, value) for name, value in found.items() if name not in ("n", "m")))
-        numbers, number = files.setdefault(parts, {}), int(found["n"]) if "n" in found else None
+        numbers, number = files.setdefault(parts, {}), int(found.get("n", _UNNUMBERED))
         if number in numbers:
             raise DataError(path, f"has the same number as {numbers[number].name}; remove one of the two")
         numbers[number] = path
     return {parts: dict(sorted(files[parts].items())) for parts in sorted(files)}
 
 
-def following(frames: Mapping[int | None, Path]) -> list[tuple[int, int]]:
-    numbers = sorted(number for number in frames if number is not None)
-    return [(n, m) for n, m in pairwise(numbers) if m == n + 1]
+def following(frames: Mapping[int, Path]) -> list[tuple[int, int]]:
+    return [(n, m) for n, m in pairwise(sorted(frames)) if m == n + 1]
 
 
 def _deeper(places: Iterator[tuple[dict[str, str], Path]], segment: str) -> Iterator[tuple[dict[str, str], Path]]:
