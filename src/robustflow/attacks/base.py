@@ -35,15 +35,13 @@ Learned = Mapping[str, Mapping[int, Pattern]]
 """Trained arrays by label (see `Attack.training`) and severity."""
 
 VARIANTS = ("default", "flowbench", "original")
-"""`default`: as defined in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the code of the
-attack's authors."""
+"""`default`: as in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the authors' code."""
 
 TARGETS = ("none", "zero", "negative")
 """The target flow: none (any flow far from the reference), zero everywhere, or the negated clean flow."""
 
 REFERENCES = ("auto", "truth", "clean")
-"""The flow from which an untargeted attack moves away; `auto` is the ground truth if available, otherwise the clean
-flow."""
+"""What an untargeted attack moves away from; `auto` is the ground truth if there is any, else the clean flow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,16 +90,6 @@ class Attack(ABC):
             value = getattr(self, each.name)
             if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
                 raise UsageError(each.name, f"must be an integer of at least 1 for {self.name}, not {value!r}")
-
-    @property
-    def masked(self) -> bool:
-        """Whether the loss includes only pixels with ground truth; FlowBench's code includes all, with flow 0 there."""
-        return self.variant != "flowbench"
-
-    @property
-    def per_frame(self) -> bool:
-        """Whether an "rms" budget applies to each frame separately, as in FlowBench's code."""
-        return self.variant == "flowbench"
 
     def budget(self, severity: int) -> float:
         """Return the budget of a severity, in grey levels or in % of the pixels."""
@@ -175,7 +163,7 @@ class Attack(ABC):
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
         """Build the optimisation problem for a pair, given the model's flow on the clean frames (H, W, 2), pixels."""
-        ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, self.per_frame)
+        ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
         loss, from_clean = self._loss(clean_flow, pair)
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
@@ -195,7 +183,9 @@ class Attack(ABC):
             if self.reference == "truth":
                 raise UsageError("reference", "the pair has no ground truth; pass flow=, or omit reference=truth")
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
-        if self.masked:
+        if (
+            self.variant != "flowbench"
+        ):  # FlowBench's code includes all pixels, with flow 0 where there is no ground truth
             return Loss(pair.truth, pair.valid, self.loss, agreeing=self.agreeing), False
         filled = pair.truth if pair.valid is None else np.where(pair.valid[..., None], pair.truth, np.float32(0))
         return Loss(filled, None, self.loss, agreeing=self.agreeing), False

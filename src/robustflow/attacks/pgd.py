@@ -115,8 +115,7 @@ _MOMENTUM = 0.75
 _IMPROVED = 0.75
 """The step size is halved if fewer than this share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
-"""Interval before the first check, decrease of the interval after each check, and minimum interval, as fractions of the
-number of steps."""
+"""First interval between checks, its decrease after each, and its minimum, as shares of the number of steps."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -197,8 +197,7 @@ def _name_of(model: object) -> str:
 
 
 _APART, _ROUNDING = 0.05, 0.01
-"""Allowed mean distance between the flows of `predict` and `differentiable`: a share of the mean flow length, plus
-pixels."""
+"""Allowed mean distance of the flows of `predict` and `differentiable`: a share of their length, plus pixels."""
 _LENGTH = 0.25 / WHITE
 """Change of every value in the finite differences: a quarter of a grey level."""
 _DIRECTIONS, _LEAST = 3, 4.0

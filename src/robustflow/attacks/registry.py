@@ -10,8 +10,7 @@ from ..core.plugins import Registry
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
 ATTACK_VERSION = 6
-"""Part of every run's identity; incremented whenever the frames of an attack change, so that different results are
-never mixed."""
+"""Part of every run's identity; incremented whenever the frames of an attack change."""
 
 CONTROLS = ("random_sign", "random_gauss")
 """The random-noise controls, which an attack should outperform."""

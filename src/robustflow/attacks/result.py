@@ -22,8 +22,7 @@ WARNINGS = {
 """Warnings about the result of a single attack, by key."""
 
 LOWER_BOUND = ("nothing_gained", "rounding", "saturated")
-"""Warnings that only indicate that a stronger attack may exist; with any other warning, the result says little about
-the model's robustness."""
+"""Warnings that a stronger attack may exist; with any other, the result says little about the robustness."""
 
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the step size is unsuitable",

@@ -259,4 +259,4 @@ class Universal(Trained):
     def _around_grey(self, problem: Problem, shape: tuple[int, ...]) -> Ball:
         """Return the ball around grey frames, where no value of a perturbation is clipped."""
         grey = np.full((*shape, 3), 128, np.uint8)
-        return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, self.per_frame)
+        return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, problem.ball.per_frame)

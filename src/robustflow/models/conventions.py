@@ -40,9 +40,8 @@ def check_switch(name: str, value: bool) -> None:
 
 
 RAFT_SMALLEST = 121
-"""Minimum side length of a frame in pixels. RAFT halves its correlation volume three times and divides by the side
-length of the last level minus one, which is 0 for frames of up to 120 pixels and results in NaN. The authors do not
-evaluate frames this small and only pad to multiples of 8, so all implementations here reject them.
+"""Minimum side length in pixels of frames for RAFT's correlation: the last level of smaller frames has one pixel, and
+dividing by this width minus one results in NaN. The authors do not evaluate such frames.
 """
 
 ORDERS = ("rgb", "bgr")
@@ -57,13 +56,9 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
     "0-255": (_NONE, 1.0),
     "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
 }
-"""Input scalings, keyed by name: the mean subtracted from RGB values 0..255, and the factor applied to the
-difference.
-"""
+"""Input scalings: the mean subtracted from RGB values 0..255, and the factor applied to the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
-"""Valid range of the side lengths of a fixed-size input, in pixels. A smaller number is probably a channel count; a
-larger one would require too much memory.
-"""
+"""Valid side lengths of a fixed input, in pixels; a smaller one is a channel count, a larger one exhausts memory."""
 _LARGEST_MULTIPLE = 1024
 """Maximum multiple in pixels: frames are padded to it, and a larger one would require too much memory."""
 

@@ -39,14 +39,10 @@ shares neither frames nor scenes with a benchmark.
 """
 
 DECLARED = "trained_on"
-"""Name of the option (available for every model) and of the attribute (of user-defined models) that declares the
-training sets.
-"""
+"""Name of the option of every model, and of the attribute of a user's model, that declares the training sets."""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
-"""Parts that a declaration `SET:PART` may name, for training sets with more parts than "train": the training part of
-the project's split, of its drive-disjoint split, or of the released KITTI-FC.
-"""
+"""Parts that a declaration `SET:PART` may name: of the project's split, the drive-disjoint one, released KITTI-FC."""
 
 KNOWLEDGE = "method"
 """Value of `basis` for a method without learning."""

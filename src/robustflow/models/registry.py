@@ -29,6 +29,4 @@ EXPORTED = {".onnx": "onnx"}
 """File extensions of exported networks, with the model that reads each of them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")
-"""File extensions of TorchScript, which is not supported: PyTorch's reader runs `__setstate__` methods from the file
-before anything can be checked, and TorchScript operators can write files.
-"""
+"""Extensions of TorchScript, which is not supported: PyTorch's reader runs code from the file before any check."""

@@ -21,9 +21,7 @@ from .pairs import check_pair
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""
 LARGEST = 8192
-"""Maximum side length of a tile in pixels. Frames are padded to at least one tile, so a larger tile would exhaust
-memory.
-"""
+"""Maximum side length of a tile in pixels: frames are padded to a tile, and a larger one would exhaust memory."""
 SIGMA = 0.05
 """Standard deviation of the blending weight, as a fraction of the tile's side length."""
 

@@ -17,9 +17,7 @@ from pydantic import Field
 from ...core.types import Frozen
 
 PTLFLOW = "ptlflow:"
-"""Prefix for ptlflow models whose plain names refer to a different model here: `raft` runs 12 iterations as in the
-paper, `ptlflow:raft` runs the library's 32; `raft_small` is torchvision's model.
-"""
+"""Prefix for ptlflow's models whose plain names mean others here: `raft` runs 12 iterations, `ptlflow:raft` 32."""
 
 _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",

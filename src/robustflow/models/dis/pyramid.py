@@ -1,9 +1,7 @@
-"""Image pyramid for the search: downsampling, derivatives, and upsampling of the flow to full resolution.
-Interpolate frames with cubic splines, which are smooth and pass through every pixel.
+"""The image pyramid of the search, derivatives, upsampling of the flow, and interpolation with cubic splines.
 
-Other interpolation methods blur by an amount that depends on the subpixel position, which biases matches towards
-integer displacements. For a search at 1/8 resolution, this bias is up to 0.4 px at full resolution with Catmull-Rom
-weights, and 0.1 px with splines.
+Other interpolations blur by an amount that depends on the subpixel position, which biases matches towards integer
+displacements: at 1/8 resolution by up to 0.4 px with Catmull-Rom weights, and 0.1 px with splines.
 """
 
 from __future__ import annotations
@@ -21,9 +19,7 @@ Image = npt.NDArray[np.float32]
 """An image with rows of interleaved RGB, values 0 to 255, float32 (H, 3 W)."""
 
 _HALF = tuple(np.float32(weight / 320) for weight in (1, 13, 51, 95))
-"""Filter weights of the four pixels on one side, outermost first; the filter is slightly wider than 1 5 10 10 5 1, to
-reduce aliasing.
-"""
+"""Filter weights of one side, outermost first; slightly wider than 1 5 10 10 5 1, to reduce aliasing."""
 
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:

@@ -1,5 +1,4 @@
-"""Quadratic forms of the data terms around the current flow (Kroeger et al. 2016, section 2.4). Refine dense flow
-variationally (Kroeger et al. 2016, section 2.4).
+"""Refine dense flow variationally (Kroeger et al. 2016, section 2.4).
 
 Around the current flow, the constancy of an image quantity q means q_x du + q_y dv + q_t = 0. The square of the left
 side, divided by |grad q|^2 + 0.01 to obtain a squared distance in pixels, and summed over channels, is a quadratic form

@@ -1,5 +1,4 @@
-"""Positions of the patches at a scale, their initial displacements, and their search area. Inverse search: find the
-displacement of every patch by gradient descent (Kroeger et al. 2016, section 2.1).
+"""Inverse search: find the displacement of every patch by gradient descent (Kroeger et al. 2016, section 2.1).
 
 A patch T of frame 1 is matched to frame 2, I, by minimising the sum over pixels x and channels of (I(x + u) - T(x))^2,
 with the mean of each channel subtracted from both. Each step is u -= H^-1 sum S (I(x + u) - T(x)), where S is the

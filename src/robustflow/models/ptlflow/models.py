@@ -116,9 +116,7 @@ not treated as a confidence, and SEA-RAFT and related networks only return an er
 
 _SOURCE = SOURCES["ptlflow"]
 BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
-"""Networks that process the pairs in a batch independently, as checked by `tests/models/test_batches.py`. FlowFormer
-does not: its cost tokens attend to the contexts of other pairs.
-"""
+"""Networks that process the pairs of a batch independently; FlowFormer's cost tokens attend to other pairs."""
 
 
 @with_execution
@@ -253,9 +251,7 @@ class _ClipConvention:
 
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
-"""Number of frames before the pair. On KITTI, the authors start ten frames before the pair; on other datasets, they
-start at the beginning of the sequence.
-"""
+"""Ten frames before the pair, as the authors on KITTI; elsewhere they start at the beginning of the sequence."""
 
 CLIPS = {
     "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),

@@ -56,8 +56,7 @@ class PtlflowNet(nn.Module):
 
 
 _STRIDE = 8
-"""Number of image pixels per pixel of the cost volume along each axis; the side lengths of a crop are multiples of
-this number."""
+"""Number of image pixels per pixel of the cost volume; the sides of a crop are multiples of it."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):
@@ -100,9 +99,7 @@ def _in_dtype_of_biases(module: nn.Module, inputs: tuple[Any, ...]) -> tuple[Any
 
 
 Reading = Literal["middle", "each", "memory"]
-"""Pairs that a network predicts. "middle": the pair whose first frame is the middle one. "each": all pairs in one call.
-"memory": all pairs one after another, starting with the first.
-"""
+"""Pairs that a network predicts: the one in the middle, each in one call, or all one after another from the first."""
 
 _Named = tuple[str, Tensor]
 """An image and its name; copies of a repeated frame share the name."""

@@ -1,6 +1,4 @@
-"""The layers of the small network in NumPy and compiled loops. Maps are float32 (H, W, C). Hyperparameters of the
-small network, shared by its two implementations.
-"""
+"""The layers of the small network in NumPy and compiled loops, and its sizes. Maps are float32 (H, W, C)."""
 
 from __future__ import annotations
 

@@ -45,8 +45,7 @@ from .layers import (
 )
 
 SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
-"""Models trained without corruptions, with all families of corruptions except weather, and with all corruptions.
-"""
+"""Models trained without corruptions, with all families of corruptions except weather, and with all."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,9 +124,7 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
 
 
 PREFIXES = ("module.", "_model.", "model.", "_orig_mod.")
-"""Prefixes that wrappers such as data-parallel training, ptlflow, Lightning and `torch.compile` add to a network's
-parameter names.
-"""
+"""Prefixes that data-parallel training, ptlflow, Lightning and `torch.compile` add to parameter names."""
 
 
 def bare_name(key: str) -> str:

@@ -1,7 +1,5 @@
-"""Split a map into square windows of tokens and merge them again, for attention within windows (Swin, Twins, SAM).
-Multi-head attention on token lists, excluding the projections, whose names differ between networks. Global
-motion aggregation: gather motion from pixels with similar context (GMA, Jiang et al. 2021).
-"""
+"""Attention on windows and on lists of tokens, without the projections, and global motion aggregation (GMA, Jiang et
+al. 2021)."""
 
 from __future__ import annotations
 

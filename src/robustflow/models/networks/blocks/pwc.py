@@ -1,6 +1,4 @@
-"""Backward warping: sample a map along a flow, as in coarse-to-fine networks between levels. Convolutional blocks
-of the PWC family (Sun et al. 2018) for ARFlow and UPFlow.
-"""
+"""Backward warping, and the convolutional blocks of the PWC family (Sun et al. 2018) for ARFlow and UPFlow."""
 
 from __future__ import annotations
 

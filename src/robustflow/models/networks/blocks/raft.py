@@ -1,7 +1,4 @@
-"""Convex upsampling: each fine pixel is a weighted mean of 3 x 3 coarse pixels (RAFT, Teed and Deng 2020, section
-3.3). A separable convolutional GRU with 1 x 5 and 5 x 1 kernels (RAFT, Teed and Deng 2020, section 3.3). The
-parts of RAFT's update block that later networks share (Teed and Deng 2020, section 3.3).
-"""
+"""Parts of RAFT that later networks share (Teed and Deng 2020, section 3.3): convex upsampling, GRU, motion encoder."""
 
 from __future__ import annotations
 
