@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -91,42 +91,39 @@ class Plan:
 
     def units(self) -> list[Unit]:
         """Return all units of a complete run, with each sample's clean unit first."""
-        return list(self._all_units())
+        return self.missing(set())
 
     def count(self) -> int:
         """Return the number of units in a complete run."""
         cells = self.cells()
         return len(cells.samples) * (1 + len(cells.corruptions) + len(cells.attacks))
 
-    def _all_units(self) -> Iterator[Unit]:
-        cells = self.cells()
-        conditions = {CLEAN: (0,), **cells.corruptions, **cells.attacks}
-        return (Unit(key, name, levels) for key in cells.samples for name, levels in conditions.items())
-
     def cells(self) -> Cells:
         """Return the cells of a complete run."""
         chosen, scale = self.benchmark, self.options.frames.severity_scale
         levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
-        corruptions = {name: of_name for name, of_name in levels.items() if of_name}
-        attacks = dict.fromkeys(chosen.attacks, chosen.severities)
-        return Cells(samples=tuple(chosen.keys), corruptions=corruptions, attacks=attacks)
+        return Cells(
+            samples=tuple(chosen.keys),
+            corruptions={name: of_name for name, of_name in levels.items() if of_name},
+            attacks=dict.fromkeys(chosen.attacks, chosen.severities),
+        )
 
     def left_out(self) -> dict[str, tuple[int, ...]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
-        levels = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
-        lacking = {
-            name: lacking_levels(name, of_name, self.options.frames.severity_scale) for name, of_name in levels.items()
-        }
-        return {name: of_name for name, of_name in lacking.items() if of_name}
+        asked, scale = self.benchmark.severities, self.options.frames.severity_scale
+        lacking = {name: lacking_levels(name, levels_of(name, asked), scale) for name in self.benchmark.corruptions}
+        return {name: levels for name, levels in lacking.items() if levels}
 
     def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
         """Return the planned units that are not done yet."""
-        left = []
-        for unit in self._all_units():
-            severities = tuple(cell[2] for cell in unit.cells if cell not in existing)
-            if severities:
-                left.append(replace(unit, severities=severities))
-        return left
+        cells = self.cells()
+        conditions = {CLEAN: (0,), **cells.corruptions, **cells.attacks}
+        left = (
+            Unit(key, name, tuple(level for level in levels if (key, name, level) not in existing))
+            for key in cells.samples
+            for name, levels in conditions.items()
+        )
+        return [unit for unit in left if unit.severities]
 
     def identity(self) -> Identity:
         """Return the identity of the run's rows."""

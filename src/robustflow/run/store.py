@@ -60,20 +60,11 @@ class RunFolder:
 
     def __init__(self, path: str | Path) -> None:
         self.path = user_path(path)
+        self.rows_folder = self.path / "rows"
+        self.manifest_path = self.path / "manifest.json"
+        self.lock_path = self.path / ".lock"
         self._lock: FileLock | None = None
         self._lock_inode: tuple[int, int] | None = None
-
-    @property
-    def rows_folder(self) -> Path:
-        return self.path / "rows"
-
-    @property
-    def manifest_path(self) -> Path:
-        return self.path / "manifest.json"
-
-    @property
-    def lock_path(self) -> Path:
-        return self.path / ".lock"
 
     def lock(self) -> None:
         """Create the folder and lock it until this process ends, even if it is killed; remove half-written files of a
@@ -93,12 +84,11 @@ class RunFolder:
             why = f"cannot be written ({error.strerror or error}); choose another folder with --output"
             raise RunError(self.path, why) from error
         self._lock, self._lock_inode = lock, _inode(self.lock_path)
-        for folder in (self.path, *(self.path / name for name in _INSIDE)):
-            for path in folder.glob(f"{TEMPORARY}*"):
-                if path.is_dir():
-                    shutil.rmtree(path, ignore_errors=True)
-                else:
-                    path.unlink(missing_ok=True)
+        for path in (*self.path.glob(f"{TEMPORARY}*"), *self.path.glob(f"*/{TEMPORARY}*")):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
 
     def unlock(self) -> None:
         """Release the folder."""
@@ -129,7 +119,8 @@ class RunFolder:
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard; raise a RunError if the folder is no longer locked."""
         self._check_lock()
-        write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
+        severities = "".join(map(str, unit.severities))
+        write_shard(self.rows_folder, f"{_slug(unit.key)}.{_slug(unit.corruption)}.{severities}", rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
         """Delete the clean flow of a finished sample, and merge the small shards if there are many."""
@@ -207,11 +198,6 @@ def _inode(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_dev, found.st_ino
-
-
-def _unit_name(unit: Unit) -> str:
-    severities = "".join(str(severity) for severity in unit.severities)
-    return f"{_slug(unit.key)}.{_slug(unit.corruption)}.{severities}"
 
 
 def _slug(text: str) -> str:

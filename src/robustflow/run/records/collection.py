@@ -12,9 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...core.errors import DataError
 from ...core.files import make_folder, write_bytes, write_json
@@ -28,10 +27,10 @@ LIST = "records.json"
 RECORDS = "records"
 VERSION = 3
 """Version of `records.json`."""
+_ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
 
 
-@dataclass(frozen=True)
-class Added:
+class Added(NamedTuple):
     """The result of `add_records`."""
 
     copies: Sequence[Path]
@@ -40,38 +39,32 @@ class Added:
 
 def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
     """Verify records and copy either all or none of them into a collection. A missing collection is created."""
-    before = _entries(folder)
+    before = {entry["file"]: entry for entry in _entries(folder)}
     contents: dict[Path, bytes] = {}
-    entries = {}
+    added = {}
     for file in sources:
         data = record_bytes(Run(file)) if file.is_dir() else read_file(file)
         reader = Reader(data, str(file))
         subject = verified(reader)
         name = f"{RECORDS}/{reader.sha256[:16]}{SUFFIX}"
-        entries[name] = {
-            "file": name,
-            "sha256": reader.sha256,
-            "model": subject.model,
-            "benchmark": subject.benchmark,
-            "sentence": subject.sentence(),
-        }
+        values = (name, reader.sha256, subject.model, subject.benchmark, subject.sentence())
+        added[name] = dict(zip(_ENTRY, values, strict=True))
         contents[folder / name] = data
-    about = {(entry["model"], entry["benchmark"]) for entry in entries.values()}
-    earlier = [
-        entry for entry in before if entry["file"] not in entries and (entry["model"], entry["benchmark"]) in about
-    ]
-    entries |= {entry["file"]: entry for entry in before if not (supersede and entry in earlier)}
+    about = {(entry["model"], entry["benchmark"]) for entry in added.values()}
+    earlier = {
+        name: entry
+        for name, entry in before.items()
+        if name not in added and (entry["model"], entry["benchmark"]) in about
+    }
+    entries = before | added
     make_folder(folder / RECORDS)
     for path, data in contents.items():
         write_bytes(path, data)
-    ordered = [entries[name] for name in sorted(entries)]
-    write_json(folder / LIST, {"version": VERSION, "records": ordered})
-    for entry in earlier if supersede else ():
-        (folder / entry["file"]).unlink()
-    return Added(list(contents), [f"{entry['file']} ({entry['sentence']})" for entry in earlier])
-
-
-_ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
+    listed = [entries[name] for name in sorted(entries) if not (supersede and name in earlier)]
+    write_json(folder / LIST, {"version": VERSION, "records": listed})
+    for name in earlier if supersede else ():
+        (folder / name).unlink()
+    return Added(list(contents), [f"{name} ({entry['sentence']})" for name, entry in earlier.items()])
 
 
 def is_collection(folder: Path) -> bool:
