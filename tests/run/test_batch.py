@@ -51,7 +51,7 @@ def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
 
 
 def test_model_without_batches_predicts_pairs_one_by_one(tmp_path):
-    with pytest.raises(UsageError, match="predicts one pair at a time"):
+    with pytest.raises(UsageError, match="--batch-size"):
         run("dis", tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="--batch-size"):
         run(Batched(), tmp_path / "run", batch_size=0)

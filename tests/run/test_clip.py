@@ -173,7 +173,7 @@ def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_fo
 
 
 def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):
-    with pytest.raises(UsageError, match="one clip at a time; omit --batch-size"):
+    with pytest.raises(UsageError, match="--batch-size"):
         run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="cannot predict in tiles"):
         load_model(MODEL, tile="64x64")

@@ -134,7 +134,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
     flows = tmp_path / "flows" / "clean"
     flows.mkdir(parents=True)
     write_flow(flows / "0.flo", np.zeros((48, 64, 2), np.float32))
-    with pytest.raises(UsageError, match="flow files cannot be used with --still"):
+    with pytest.raises(UsageError, match="--still"):
         still_run(tmp_path / "flows", clip_folder, tmp_path / "run")
 
 
@@ -205,7 +205,7 @@ def test_equal_draws_are_predicted_once_and_have_no_spread(clip_folder, tmp_path
     run = still_run(Counting(), clip_folder, tmp_path / "run", draws=4, corruptions=["contrast"], limit=1)
     assert Counting.asked == 2, "clean and contrast, which is not random"
     assert run.rows["spread_sum"].to_list() == [0.0, 0.0]
-    with pytest.raises(RunError, match=r"differs in: draws\)"):
+    with pytest.raises(RunError, match=r"differs in: draws"):
         still_run(Counting(), clip_folder, tmp_path / "run", draws=1, corruptions=["contrast"], limit=1)
 
 

@@ -1,8 +1,10 @@
 """`robustflow list`: list available models, corruptions, attacks, benchmarks, datasets and recipes."""
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Annotated
 
+import typer
 from typer import Argument
 
 from ..core.arguments import SEVERITIES
@@ -10,12 +12,8 @@ from ..core.errors import UsageError, unknown_name
 from . import complete
 from .complete import KINDS
 
-_OF_FILES = {
-    "precomputed": ("a folder of flow files", ""),
-    "onnx": ("an .onnx file", "onnx"),
-}
-"""For each generic model, what it loads a method from and the extra it needs. Each extra is named after the module
-that it installs."""
+_OF_FILES = {"precomputed": ("a folder of flow files", ""), "onnx": ("an .onnx file", "onnx")}
+"""For each generic model, what it loads a method from and the extra it needs, named after the module it installs."""
 
 
 def listing(
@@ -28,10 +26,7 @@ def listing(
         ),
     ] = "all",
     search: Annotated[
-        str,
-        Argument(
-            metavar="SEARCH", help="With models: part of a name; lists every published checkpoint of matching models."
-        ),
+        str, Argument(metavar="SEARCH", help="With models: part of a name; lists every checkpoint of matching models.")
     ] = "",
 ) -> None:
     """List models, corruptions, attacks, benchmarks, datasets or training recipes.
@@ -41,81 +36,78 @@ def listing(
       robustflow list corruptions
       robustflow list models sea_raft
     """
-    from rich.console import Console
-
     if search and kind != "models":
         raise UsageError(search, "only models can be searched")
-
     if kind != "all" and kind not in KINDS:
         raise unknown_name("kind", kind, (*KINDS, "all"))
-    console = Console(soft_wrap=True)
-    if search:
-        for line in _published(search):
-            console.print(line, highlight=False, markup=False)
-        return
     for name in KINDS if kind == "all" else (kind,):
         if kind == "all":
-            console.print(f"\n[bold]{name}[/bold]")
-        for line in _LISTERS[name]():
-            console.print(line, highlight=False, markup=False)
+            typer.secho(f"\n{name}", bold=True)
+        typer.echo("\n".join(_published(search) if search else _LISTERS[name]()))
 
 
 def _models() -> list[str]:
-    from ..data.benchmarks.setting import setting_of
     from ..models import MODELS
-    from ..models.catalog import checkpoints, is_in_ptlflow, is_installed, methods
-    from ..models.provenance import DECLARED, Training, parse_training_sets, training_of_entry
+    from ..models.catalog import is_in_ptlflow, methods
     from ..models.ptlflow.models import BESIDES
-    from ..models.tiny.model import SHIPPED, shipped_weights
 
-    seen: dict[str, list[str]] = {}
-    for entry in checkpoints():
-        setting = setting_of(training_of_entry(entry), "kitti-fc")
-        seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
-    lines: list[tuple[str, ...]] = [
-        ("model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc")
-    ]
-    known = methods()
-    for name in MODELS.names():
-        if name in _OF_FILES:
-            what, extra = _OF_FILES[name]
-            here = "yes" if not extra or find_spec(extra) else f"needs [{extra}]"
-            lines.append((name, "any", "", "", "your files", "", here, f"{what}, UNKNOWN"))
-            continue
-        if name not in known:
-            lines.append((name, *[""] * 7))
-            continue
-        method = known[name]
-        here = "yes" if is_installed(method) else f"needs [{method.extra}]"
-        if name in SHIPPED:
-            sets = parse_training_sets(shipped_weights(name).trained_on)
-            public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
-        elif method.type == "knowledge":
-            public = "not trained"
-        else:
-            public = ", ".join(seen.get(name, [])) or "the authors' file, UNKNOWN"
-        kind = method.type if method.frames == 2 else "multi-frame"
-        year = str(method.year)
-        lines.append((name, method.method, year, kind, method.source, method.code_licence, here, public))
+    seen = _checkpoints()
+    head = ("model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc")
+    lines = [head, *(_model_line(name, seen) for name in MODELS.names())]
     others = [name for name in seen if is_in_ptlflow(name)]
     return [
         *_aligned(lines),
         f"{len(others)} more from ptlflow: {', '.join(others)}.",
         "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence for it.",
-        "Some of them need packages that ptlflow does not install: "
-        + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
-        + ".",
+        f"Needed besides ptlflow: {'; '.join(f'{name} ({needs})' for name, needs in BESIDES.items())}.",
         "OOD: not trained on KITTI; ID: trained on KITTI, but not on evaluated pairs; LEAKED: trained on evaluated "
         "pairs; UNKNOWN: not documented (declare with --trained-on C+T), or a backbone with unchecked pre-training.",
-        "multi-frame: supervised, with up to "
-        f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
+        f"multi-frame: up to {max(method.frames for method in methods().values())} frames; needs data with clips.",
         "Few of the published weights come with a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
     ]
 
 
+def _checkpoints() -> dict[str, list[str]]:
+    """Return the published checkpoints of each model, with their setting on kitti-fc."""
+    from ..data.benchmarks.setting import setting_of
+    from ..models.catalog import checkpoints
+    from ..models.provenance import training_of_entry
+
+    seen: dict[str, list[str]] = {}
+    for entry in checkpoints():
+        setting = setting_of(training_of_entry(entry), "kitti-fc")
+        seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
+    return seen
+
+
+def _model_line(name: str, seen: dict[str, list[str]]) -> tuple[str, ...]:
+    from ..data.benchmarks.setting import setting_of
+    from ..models.catalog import is_installed, methods
+    from ..models.provenance import DECLARED, Training, parse_training_sets
+    from ..models.tiny.model import SHIPPED, shipped_weights
+
+    if name in _OF_FILES:
+        what, extra = _OF_FILES[name]
+        here = "yes" if not extra or find_spec(extra) else f"needs [{extra}]"
+        return name, "any", "", "", "your files", "", here, f"{what}, UNKNOWN"
+    if name not in methods():
+        return name, *[""] * 7
+    method = methods()[name]
+    here = "yes" if is_installed(method) else f"needs [{method.extra}]"
+    if name in SHIPPED:
+        sets = parse_training_sets(shipped_weights(name).trained_on)
+        public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
+    elif method.type == "knowledge":
+        public = "not trained"
+    else:
+        public = ", ".join(seen.get(name, [])) or "the authors' file, UNKNOWN"
+    kind = method.type if method.frames == 2 else "multi-frame"
+    return name, method.method, str(method.year), kind, method.source, method.code_licence, here, public
+
+
 def _published(search: str) -> list[str]:
-    """Print the published checkpoints of models with `search` in their name, with their training data."""
+    """Return the published checkpoints of models with `search` in their name, with their training data."""
     from ..data.benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, entries_of, methods
@@ -140,7 +132,7 @@ def _published(search: str) -> list[str]:
     return lines
 
 
-def _aligned(lines: list[tuple[str, ...]]) -> list[str]:
+def _aligned(lines: Sequence[tuple[str, ...]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
@@ -149,30 +141,27 @@ def _corruptions() -> list[str]:
     from ..corruptions import CORRUPTIONS, load_corruption
     from ..corruptions.optics.psf_field import RMS_RADII
 
-    lines = []
+    lines: list[tuple[str, ...]] = []
     for name in CORRUPTIONS.names():
         one = load_corruption(name)
         parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
-        lines.append(f"{name:20s} {one.family:13s} {'temporal' if one.temporal else '':9s} {parameters}")
+        lines.append((name, one.family, "temporal" if one.temporal else "", parameters))
     radii = ", ".join(map(str, RMS_RADII))
-    return [
-        *lines,
-        f"psf_blur: RMS radii in mm of the paper's lenses; those of the lenses in this package are {radii}.",
-    ]
+    return [*_aligned(lines), f"psf_blur: RMS radii in mm of the paper's lenses; ours have {radii}."]
 
 
 def _attacks() -> list[str]:
     from ..attacks import load_attack
     from ..attacks.registry import ATTACKS
 
-    lines = []
-    for name in ATTACKS.names():
-        one = load_attack(name)
-        budgets = ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES)
-        lines.append(f"{name:14s} {one.norm:5s} {one.needs:10s} {budgets}")
+    attacks = {name: load_attack(name) for name in ATTACKS.names()}
+    lines: list[tuple[str, ...]] = [
+        (name, one.norm, one.needs, ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES))
+        for name, one in attacks.items()
+    ]
     return [
-        *lines,
-        "Budgets of severities 1 to 5 in grey levels (0 to 255), or in % of the pixels for areas; see docs/attacks.md.",
+        *_aligned(lines),
+        "Budgets of severities 1 to 5 in grey levels (0 to 255), or in % of the pixels for areas.",
     ]
 
 
