@@ -222,8 +222,8 @@ def means(
         for (corruption, severity), value in cells.items():
             by_level[severity][corruption] = value
         out |= {(name, corruption, None): value for corruption, value in of_corruption.items()}
-        for severity, values in by_level.items():
-            out |= {(name, whole, severity): value for whole, value in group_means(values, wholes).items()}
+        for level, values in by_level.items():
+            out |= {(name, whole, level): value for whole, value in group_means(values, wholes).items()}
     return out | _ratios(out)
 
 

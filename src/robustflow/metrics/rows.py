@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +43,8 @@ pixels.
 """
 
 
-class Column(NamedTuple):
+@dataclass(frozen=True)
+class Column:
     """A column of the rows: its type, for a sum the count of its pixels, and its meaning."""
 
     kind: type[pl.DataType]
