@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from robustflow.core.errors import DataError
 from robustflow.metrics.regions import edge_distance, motion_edges
 
 from . import naive
@@ -65,11 +64,6 @@ def test_a_slanted_plane_has_no_edge():
     sparse = np.random.default_rng(3).random((80, 80)) < 0.3
     assert not motion_edges(flow, np.ones((80, 80), np.bool_)).any()
     assert not motion_edges(flow, sparse).any()
-
-
-def test_a_mask_of_a_different_size_is_refused():
-    with pytest.raises(DataError, match="differ in size"):
-        motion_edges(np.zeros((4, 4, 2), np.float32), np.ones((9, 9), np.bool_))
 
 
 @pytest.mark.parametrize("shape", [(375, 1242), (900, 800), (1, 700)])

@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.core.errors import DataError
 from robustflow.metrics.error_maps import epe_map, error_sum, magnitude_map
 
 from . import naive
@@ -66,25 +65,3 @@ def test_memory_layout_changes_no_bit(name):
     errors = epe_map(changed, b)
     assert errors.tobytes() == epe_map(a, b).tobytes()
     assert error_sum(np.asfortranarray(errors), np.asfortranarray(mask)) == error_sum(errors, mask)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        np.zeros((3, 4, 2)),
-        np.zeros((3, 4, 3), np.float32),
-        np.zeros((3, 4, 1), np.float32),
-        np.zeros((3, 4), np.float32),
-        [[[0.0, 0.0]]],
-    ],
-    ids=["float64", "three channels", "one channel", "no channels", "a list"],
-)
-def test_error_map_of_an_invalid_flow_is_refused(wrong):
-    with pytest.raises(DataError, match="float32 array of shape"):
-        epe_map(wrong, np.zeros((3, 4, 2), np.float32))
-
-
-def test_error_map_of_flows_of_different_sizes_is_refused():
-    flow = np.zeros((3, 4, 2), np.float32)
-    with pytest.raises(DataError, match="3x4, but its reference is 4x3"):
-        epe_map(flow, np.zeros((4, 3, 2), np.float32))

@@ -2,7 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.core.errors import DataError
 from robustflow.metrics.photometric import UNIT, photometric
 
 from ..shared_data import shared_folder
@@ -60,9 +59,3 @@ def test_values_equal_opencv_remap_on_a_real_pair():
     n, total, _, _ = photometric(*frames, flow)
     assert n == inside.sum()
     assert total / n == pytest.approx(expected.mean(), rel=2e-3)  # remap rounds targets to 1/32 px
-
-
-@pytest.mark.parametrize("shape", [(40, 59, 2), (40, 60, 3)])
-def test_flow_of_a_wrong_shape_is_refused(shape):
-    with pytest.raises(DataError):
-        photometric(*pair(), np.zeros(shape, np.float32))

@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 from hypothesis import given
 
-from robustflow.core.errors import DataError, UsageError
 from robustflow.core.types import Sample
 from robustflow.metrics.regions import REGIONS, Regions
 
@@ -53,19 +51,3 @@ def test_magnitude_bins_start_at_ten_and_forty_pixels():
 
 def test_without_ground_truth_there_are_no_regions():
     assert Regions.of(_sample(flow=None, valid=None)) is None
-
-
-def test_ground_truth_that_is_valid_but_not_finite_is_refused():
-    sample = _sample()
-    sample.flow[2, 3] = np.inf
-    with pytest.raises(DataError, match=r"sample 'a'.*non-finite"):
-        Regions.of(sample)
-    sample.valid[2, 3] = False
-    assert not Regions.of(sample).mask("s0_10")[2, 3]
-
-
-def test_unknown_or_absent_regions_are_refused_by_name():
-    with pytest.raises(UsageError, match="did you mean 's10_40'"):
-        Regions.of(_sample()).mask("s10_4")
-    with pytest.raises(UsageError, match="unknown region of this sample 'occ'"):
-        Regions.of(_sample()).mask("occ")

@@ -1,4 +1,3 @@
-import dataclasses
 import json
 
 import numpy as np
@@ -6,7 +5,6 @@ import polars as pl
 import pytest
 from hypothesis import given
 
-from robustflow.core.errors import DataError
 from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import ROW_SCHEMA, measure, rows_frame
@@ -98,24 +96,6 @@ def test_memory_layout_changes_no_bit():
         sample = Sample("a", (frame, frame), order(truth), order(valid), order(occluded))
         rows.append(json.dumps(measure(order(pred), order(clean), sample, Regions.of(sample))))
     assert rows[0] == rows[1]
-
-
-def test_flow_that_does_not_fit_the_sample_is_refused():
-    frame = np.zeros((4, 5, 3), np.uint8)
-    flow = np.zeros((4, 5, 2), np.float32)
-    sample = Sample("a", (frame, frame), flow, np.ones((4, 5), np.bool_))
-    regions = Regions.of(sample)
-    small = np.zeros((2, 2, 2), np.float32)
-    with pytest.raises(DataError, match="sample 'a' is 4x5"):
-        measure(small, small, sample, regions)
-    with pytest.raises(DataError, match="4x5, but its reference is 2x2"):
-        measure(flow, small, sample, regions)
-    with pytest.raises(DataError, match=r"pass Regions\.of"):
-        measure(flow, flow, sample, None)
-    with pytest.raises(DataError, match=r"pass Regions\.of"):
-        measure(flow, flow, dataclasses.replace(sample, flow=None, valid=None), regions)
-    with pytest.raises(DataError, match="float32"):
-        measure(flow.astype(np.float64), flow, sample, regions)
 
 
 def test_frame_has_the_schema_and_survives_parquet(tmp_path):

@@ -23,6 +23,7 @@ from robustflow.run.shards import list_shards, read_shards, write_shard
 from robustflow.run.summary import summarize
 from robustflow.testing import ZeroFlow
 from tests.made_rows import rows_frame
+from tests.refusals import refusal
 
 from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
 
@@ -94,21 +95,19 @@ def test_row_that_counts_pixels_and_lacks_their_measure_is_refused(column):
     for region in REGIONS:
         whole |= _inside(region, 5, 2.0)
     rows = rows_frame([whole]).with_columns(pl.lit(None, ROW_SCHEMA[column]).alias(column))
-    with pytest.raises(RunError, match="'a'"):
-        summarize(rows)
+    refusal(lambda: summarize(rows), RunError, "a")
 
 
 REFUSED = [
-    (rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]), "image", RunError, "'b', fog severity 2"),
-    (rows_frame(THREE_IMAGES).drop("n_all"), "image", RunError, "'n_all'"),
-    (rows_frame(THREE_IMAGES), "pixels", UsageError, "image, pixel"),
+    (rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]), "image", RunError, "b"),
+    (rows_frame(THREE_IMAGES).drop("n_all"), "image", RunError, "n_all"),
+    (rows_frame(THREE_IMAGES), "pixels", UsageError, "averaging"),
 ]
 
 
 @pytest.mark.parametrize(("rows", "averaging", "error", "culprit"), REFUSED)
 def test_duplicate_rows_and_unknown_averaging_are_refused(rows, averaging, error, culprit):
-    with pytest.raises(error, match=culprit):
-        summarize(rows, averaging)
+    refusal(lambda: summarize(rows, averaging), error, culprit)
 
 
 OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
@@ -346,5 +345,4 @@ def test_table_has_a_line_for_each_corruption_and_a_column_for_each_severity(tmp
         assert table.select("corruption", "family").rows() == [("contrast", "digital"), ("fog", "weather")]
         for name, values in zip(("contrast", "fog"), table.select("1", "2", "mean").rows(), strict=True):
             assert list(values) == [run.mean(metric, name, level) for level in (1, 2, None)]
-    with pytest.raises(UsageError, match="'rcre'"):
-        run.table("rcree")
+    refusal(lambda: run.table("rcree"), UsageError, "rcree")

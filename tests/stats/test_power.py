@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,6 +18,7 @@ from robustflow.report.render import render
 from robustflow.stats.uncertainty import compare_rows
 from robustflow.stats.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
 
+from ..refusals import refusal
 from .simulated import rows_of
 
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
@@ -84,8 +87,7 @@ def test_plan_needs_as_many_groups_as_a_comparison_tests(level, fewest):
         assert (tested["p"][0] is None) == (count < fewest)
         noisy = {**runs, "b": rows_of(clean, corrupted + rng.normal(size=(count, 3)), corrupted)}
         if count < fewest:
-            with pytest.raises(RunError, match=f"at least {fewest} groups"):
-                plan_pairs(noisy, 50, level=level)
+            assert str(fewest) in str(refusal(partial(plan_pairs, noisy, 50, level=level), RunError, "a and b"))
         else:
             epe = plan_pairs(noisy, 50, level=level).filter(metric="epe").row(0, named=True)
             assert epe["clusters_needed"] == fewest
@@ -106,19 +108,17 @@ def test_interval_of_the_number_of_groups_covers_the_number_for_the_true_deviati
     assert 0.9 <= np.mean(hits) <= 0.99
 
 
-def test_plan_without_a_variance_says_so():
-    one = rows_of(np.ones(1), np.ones((1, 3)), np.ones((1, 3)))
-    with pytest.raises(RunError, match="share 1 pair in 1 group"):
-        plan_pairs({"a": one, "b": one}, 0.1)
-    for wrong in (
-        {"effect": 0.0},
-        {"effect": float("nan")},
-        {"effect": 0.1, "power": 1.0},
-        {"effect": 0.1, "level": 0},
-        {"effect": 0.1, "power": 0.05},
-        {"effect": 0.1, "level": 0.1},
-    ):
-        with pytest.raises(UsageError, match="give a"):
-            plan_pairs({"a": one, "b": one}, **wrong)
-    with pytest.raises(UsageError, match="two models"):
-        plan_pairs({"a": one}, 0.1)
+ONE = {name: rows_of(np.ones(1), np.ones((1, 3)), np.ones((1, 3))) for name in "ab"}
+REFUSED = [
+    ((ONE, 0.1), {}, RunError, "a and b"),
+    (({"a": ONE["a"]}, 0.1), {}, UsageError, ""),
+    *(((ONE, effect), {}, UsageError, "effect") for effect in (0.0, float("nan"))),
+    *(((ONE, 0.1), {"power": power}, UsageError, "power") for power in (1.0, 0.05)),
+    ((ONE, 0.1), {"level": 0}, UsageError, "level"),
+    ((ONE, 0.1), {"level": 0.1}, UsageError, "power"),
+]
+
+
+@pytest.mark.parametrize(("given", "options", "error", "culprit"), REFUSED)
+def test_plan_without_a_variance_or_with_wrong_options_is_refused(given, options, error, culprit):
+    refusal(lambda: plan_pairs(*given, **options), error, culprit)

@@ -21,7 +21,7 @@ def test_ranks_are_those_of_scipy_bit_for_bit(values):
 
 
 def test_ranks_of_nan_are_nan():
-    with pytest.raises(ValueError, match="cannot be ranked"):
+    with pytest.raises(ValueError):
         competition_ranks({"a": 1.0, "b": float("nan")})
     assert all(rank != rank for rank in middle_ranks([1.0, float("nan")]))
 

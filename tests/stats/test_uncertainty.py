@@ -19,6 +19,7 @@ from robustflow.stats.uncertainty.log_scale import FEW, ErrorMean, error_interva
 from robustflow.stats.uncertainty.paired import difference_sentence, holm
 from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term, weighted_means
 
+from ..refusals import refusal
 from .simulated import Truth, rows_of
 
 
@@ -347,12 +348,6 @@ def test_rows_without_ground_truth_have_intervals_of_rcre_only():
     assert intervals(rows.clear()).is_empty()
 
 
-def test_impossible_level_or_number_of_resamples_is_refused():
-    for options in ({"level": 95}, {"level": 0.2}, {"level": 1.0}, {"resamples": 10}):
-        with pytest.raises(UsageError):
-            intervals(_rows(5), **options)
-
-
 def test_interval_at_a_higher_level_is_wider():
     rows = _rows(40)
     wide, narrow = intervals(rows, level=0.99), intervals(rows, level=0.8)
@@ -454,25 +449,6 @@ def test_differences_that_cancel_have_a_p_value_of_1():
     assert bootstrap({0: Statistic([Term(mean)])}, 10)[0].p == 1
 
 
-def test_runs_on_different_frames_are_not_compared():
-    with pytest.raises(RunError, match=r"different frames in the same cell \(sample '00000', clean; 20 of 20"):
-        compare_rows(_rows(5), _rows(5, digest="e"))
-    with pytest.raises(RunError, match="no sample, corruption and severity in common"):
-        compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
-
-
-def test_a_run_without_a_finite_flow_is_not_compared():
-    rows = _rows(6)
-    zero = {name: pl.lit(0, dtype) for name, dtype in rows.schema.items() if name in ("n_valid", "n_all")}
-    with pytest.raises(RunError, match="A and B have no measured mean in common"):
-        compare_rows(rows, rows.with_columns(**zero), ("A", "B"))
-
-
-def test_samples_in_other_groups_are_not_compared():
-    with pytest.raises(RunError, match="group their samples differently"):
-        compare_rows(_rows(20, groups=5), _rows(20, groups=4))
-
-
 def test_p_of_two_models_is_corrected_over_the_lines_of_its_metric():
     found = compare_rows(_rows(20), _rows(20, seed=1))
     for _, lines in found.group_by("metric"):
@@ -520,6 +496,24 @@ def test_holm_correction_equals_its_definition(p_values):
         # never less strict than control of the false discovery rate, never stricter than Bonferroni
         assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
     assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()
+
+
+ROWS = _rows(6)
+UNMEASURED = ROWS.with_columns(pl.lit(0, pl.Int64).alias(name) for name in ("n_valid", "n_all"))
+ELSEWHERE = _rows(6).with_columns(sample=pl.lit("x") + pl.col("sample"))
+REFUSED = [
+    *((lambda level=level: intervals(ROWS, level=level), UsageError, "level") for level in (95, 0.2, 1.0)),
+    (lambda: intervals(ROWS, resamples=10), UsageError, "resamples"),
+    (lambda: compare_rows(ROWS, UNMEASURED, ("A", "B")), RunError, "A and B"),
+    (lambda: compare_rows(_rows(20, groups=5), _rows(20, groups=4)), RunError, "group"),
+    (lambda: compare_rows(ROWS, _rows(6, digest="e")), RunError, "first and second"),
+    (lambda: compare_rows(ROWS, ELSEWHERE), RunError, "first and second"),
+]
+
+
+@pytest.mark.parametrize(("call", "error", "culprit"), REFUSED)
+def test_wrong_options_and_runs_that_cannot_be_compared_are_refused(call, error, culprit):
+    refusal(call, error, culprit)
 
 
 VERDICTS = [

@@ -69,7 +69,7 @@ def ause(error: Any, confidence: Any) -> float | None:
 def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
     """Return the mean error of the most confident fraction of the pixels, or None if every error is NaN."""
     if not 0.5 / STEPS < coverage <= 1:  # also NaN
-        raise DataError(f"coverage {coverage:g} is out of range: choose a value from 0.01 to 1")
+        raise DataError("coverage", f"{coverage:g} is out of range: choose a value from 0.01 to 1")
     removed = round(STEPS * (1 - coverage))
     curves = sparsification(error, confidence)
     return None if curves is None else float(curves.by_confidence[removed])
@@ -90,7 +90,9 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
 def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
     """Measure how well the backward flow inverts the forward flow."""
     if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
-        raise DataError(f"the forward flow {flow.shape} and the backward flow {back.shape} must both be (H, W, 2)")
+        raise DataError(
+            "back", f"the forward flow {flow.shape} and the backward flow {back.shape} must both be (H, W, 2)"
+        )
     there = flow.astype(np.float64)
     height, width = flow.shape[:2]
     y, x = np.mgrid[:height, :width]
@@ -124,11 +126,11 @@ def _bilinear(field: Values, x: Values, y: Values) -> Values:
 def _finite_values(error: Any, confidence: Any) -> tuple[Values, Values]:
     errors, sure = np.asarray(error, np.float64), np.asarray(confidence, np.float64)
     if errors.shape != sure.shape:
-        raise DataError(f"the confidence has shape {sure.shape}, but the errors have shape {errors.shape}")
+        raise DataError("confidence", f"its shape is {sure.shape}, but the errors have shape {errors.shape}")
     keep = ~np.isnan(errors)
     errors, sure = errors[keep], sure[keep]
     if np.isnan(sure).any():
-        raise DataError(f"the confidence is NaN at {int(np.isnan(sure).sum())} pixels; it must be a number or -inf")
+        raise DataError("confidence", f"NaN at {int(np.isnan(sure).sum())} pixels; it must be a number or -inf")
     return errors, sure
 
 

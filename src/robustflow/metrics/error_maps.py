@@ -123,7 +123,7 @@ def flow_array(flow: Flow) -> Flow:
     """Return `flow` as a C-contiguous array; raise a DataError if it is not a float32 array (H, W, 2)."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         raise DataError(
-            f"a flow must be a float32 array of shape (H, W, 2), not {described_array(flow)}; convert it first"
+            "flow", f"it must be a float32 array of shape (H, W, 2), not {described_array(flow)}; convert it first"
         )
     return np.require(flow, requirements=["C", "A"])
 
@@ -135,8 +135,9 @@ def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(
-            f"the flow is {a.shape[0]}x{a.shape[1]}, but its reference is {b.shape[0]}x{b.shape[1]}; "
-            "both must have the size of the frames"
+            "flow",
+            f"it is {a.shape[0]}x{a.shape[1]}, but its reference is {b.shape[0]}x{b.shape[1]}; both must have the size "
+            "of the frames",
         )
     return a, b
 
@@ -146,7 +147,7 @@ def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     bounds.
     """
     if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
-        raise DataError(f"the maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
+        raise DataError("maps", f"they differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
 
 

@@ -102,8 +102,9 @@ class RunRows:
                 (self.samples[one], conditions[other]) for one, other in np.argwhere(self.counts > 1).tolist()
             )
             raise RunError(
-                f"rows of sample '{sample}', {corruption} severity {severity} occur twice: "
-                "the rows of two runs were mixed; summarise one run at a time"
+                sample,
+                f"its rows of {corruption} severity {severity} occur twice: the rows of two runs were mixed; summarise "
+                "one run at a time",
             )
         lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _needed()]
         few = (lacking[start : start + 8] for start in range(0, len(lacking), 8))  # limits the columns in memory
@@ -111,8 +112,9 @@ class RunRows:
             damaged = self.rows.filter(pl.any_horizontal(lacking)).select(ROW_KEY).sort(ROW_KEY).head(1).collect()
             sample, corruption, severity = damaged.row(0)
             raise RunError(
-                f"the row of sample '{sample}', {corruption} severity {severity} counts pixels, but lacks their "
-                "measurements: the rows were damaged or changed; run the benchmark again"
+                sample,
+                f"its row of {corruption} severity {severity} counts pixels, but lacks their measurements: the rows "
+                "were damaged or changed; run the benchmark again",
             )
 
     def missing(self, planned: Iterable[tuple[str, str, int]] | None) -> list[tuple[str, str, int]]:
@@ -207,7 +209,7 @@ def means(
     """Average measures over images, severities, corruptions, and groups of corruptions such as families. With the EPE
     and the CRE, the CREr is added: the ratio of the mean CRE to the mean clean EPE."""
     if averaging not in get_args(Averaging):
-        raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
+        raise UsageError("averaging", f"unknown '{averaging}': choose from {', '.join(get_args(Averaging))}")
     of_run = rows if isinstance(rows, RunRows) else RunRows.of(rows)
     wholes = {AVERAGE: of_run.averaged(), **groups}
     out: Means = {}
@@ -273,7 +275,7 @@ def checked_rows(rows: pl.DataFrame | pl.LazyFrame) -> RunRows:
     """Return the rows of a run; raise a RunError if they are not the rows of one run."""
     known = rows.lazy().collect_schema().names()
     if absent := [name for name in ROW_SCHEMA if name not in known]:
-        raise RunError(f"rows lack the column '{absent[0]}': they have a different schema; run the benchmark again")
+        raise RunError(absent[0], "the rows lack this column: they have a different schema; run the benchmark again")
     of_run = RunRows.of(rows)
     of_run.check()
     return of_run

@@ -75,8 +75,9 @@ def _flow(array: Any) -> Flow:
     values = _numpy(array)
     if not np.issubdtype(values.dtype, np.floating) or values.ndim != 3 or values.shape[2] != 2:
         raise DataError(
-            f"a flow must be a floating-point array of shape (H, W, 2), not {values.dtype} {values.shape}; "
-            "convert a tensor (2, H, W) with permute(1, 2, 0)"
+            "flow",
+            f"it must be a floating-point array of shape (H, W, 2), not {values.dtype} {values.shape}; "
+            "convert a tensor (2, H, W) with permute(1, 2, 0)",
         )
     return values.astype(np.float32)
 
@@ -86,5 +87,7 @@ def _mask(valid: Any, errors: npt.NDArray[np.float64]) -> Mask | None:
         return None
     mask = _numpy(valid) != 0
     if mask.shape != errors.shape:
-        raise DataError(f"the mask has shape {mask.shape}, but the flow is {errors.shape}; both must be (H, W)")
+        raise DataError(
+            "valid", f"the mask has shape {mask.shape}, but the flow is {errors.shape}; both must be (H, W)"
+        )
     return mask

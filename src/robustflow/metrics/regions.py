@@ -116,9 +116,7 @@ class Regions:
         valid = np.ascontiguousarray(sample.valid)
         magnitude = magnitude_map(sample.flow)
         if np.isnan(magnitude[valid]).any():
-            raise DataError(
-                f"sample '{sample.key}': non-finite ground truth at valid pixels; mark these pixels invalid"
-            )
+            raise DataError(sample.key, "the ground truth is not finite at valid pixels; mark these pixels invalid")
         distance = edge_distance(motion_edges(sample.flow, valid))
         label = 3 * _bin(magnitude, MAGNITUDE_BOUNDS) + _bin(distance, DISTANCE_BOUNDS)
         if sample.occluded is not None:

@@ -212,11 +212,12 @@ def measure(
     pred = flow_array(pred)
     if pred.shape[:2] != sample.shape or (regions is not None and regions.valid.shape != sample.shape):
         raise DataError(
-            f"sample '{sample.key}' is {sample.shape[0]}x{sample.shape[1]}: the prediction "
-            f"(shape {pred.shape}) and the regions must have that size"
+            sample.key,
+            f"the frames are {sample.shape[0]}x{sample.shape[1]}: the prediction (shape {pred.shape}) and the regions "
+            "must have that size",
         )
     if (regions is None) != (sample.flow is None):
-        raise DataError(f"sample '{sample.key}': the regions belong to a different sample; pass Regions.of(sample)")
+        raise DataError(sample.key, "the regions belong to a different sample; pass Regions.of(sample)")
     sums = row_sums(pred, clean_pred, sample.flow, regions)
     n_photometric, photometric_sum, still_sum, _ = photometric(sample.frames[0], sample.frames[1], pred)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)

@@ -181,8 +181,9 @@ def _joined_lines(lines: Sequence[ModelResult], where: str) -> ModelResult:
         for metric, condition in values.keys() & line.values.keys():
             whose = f"'{plain(line.name)}' ({plain(line.setting)})"
             raise DataError(
-                f"{where}{': ' if where else ''}{metric} of {whose} on {condition} appears twice for the sample set "
-                f"'{plain(line.frames)}'; give each value only once"
+                where,
+                f"{metric} of {whose} on {condition} appears twice for the sample set "
+                f"'{plain(line.frames)}'; give each value only once",
             )
         values |= line.values
     coverage = min((line.stated_coverage for line in lines if line.stated_coverage is not None), default=None)

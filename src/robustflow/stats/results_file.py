@@ -45,7 +45,7 @@ def read_results(path: str | Path) -> list[ModelResult]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"{path} cannot be read (not UTF-8 text); give a CSV file of results") from error
+        raise DataError(path, "not UTF-8 text; give a CSV file of results") from error
     return parse_results(text, str(path), FILE)
 
 
@@ -60,12 +60,12 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
     try:
         names = reader.fieldnames or ()
         if absent := [column for column in _REQUIRED if column not in names]:
-            raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
+            raise DataError(name, f"no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
         if duplicates := [column for column in _WRITTEN if names.count(column) > 1]:
             raise DataError(name, f"the column '{duplicates[0]}' appears twice; remove one of the two")
         return merged((_result_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
-        raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
+        raise DataError(f"{name}, line {reader.line_num}", f"{error}; this is not a CSV file of results") from error
 
 
 def _result_of_line(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:

@@ -90,9 +90,9 @@ def resampled_pivots(
 def check_options(level: float, resamples: int) -> None:
     """Raise `UsageError` if the level or the number of resamples is out of range."""
     if not 0.5 <= level < 1:
-        raise UsageError(f"a level of {level:g} is not a confidence level: it must be at least 0.5 and below 1")
+        raise UsageError("level", f"{level:g} is not a confidence level: it must be at least 0.5 and below 1")
     if not 99 <= resamples <= 1_000_000:
-        raise UsageError(f"{resamples} resamples is out of range: give a number from 99 to 1000000")
+        raise UsageError("resamples", f"{resamples} is out of range: give a number from 99 to 1000000")
 
 
 def values_of(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:

@@ -119,9 +119,7 @@ def compare_rows(
     one, other = (_Sums.of(rows) for rows in common_rows((first, second), names)[0])
     differences = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
     if not differences:
-        raise RunError(
-            f"{names[0]} and {names[1]} have no measured mean in common; robustflow report lists those of each"
-        )
+        raise RunError(" and ".join(names), "no measured mean in common; robustflow report lists those of each")
     return _table((list(of_metric) for _, of_metric in groupby(differences, lambda each: each.key[0])), level)
 
 
@@ -184,7 +182,7 @@ def _differences(
 ) -> list[_Difference]:
     first, second = (one.clusters for one in sums)
     if first.clusters != second.clusters:
-        raise RunError("the two runs group their samples differently; compare runs on the same data")
+        raise RunError("group", "the two runs group their samples differently; compare runs on the same data")
     clusters = len(first.clusters)
     keys = [key for key in keys if first.measured(*key) and second.measured(*key)]
     if not keys:

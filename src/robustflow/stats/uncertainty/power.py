@@ -106,14 +106,15 @@ def plan_pairs(
     and RCRE.
     """
     if not (math.isfinite(effect) and effect > 0):
-        raise UsageError(f"an effect of {effect:g} px cannot be detected: give a positive difference in pixels")
+        raise UsageError("effect", f"{effect:g} px cannot be detected: give a positive difference in pixels")
     for name, value in (("power", power), ("level", level)):
         if not 0 < value < 1:
-            raise UsageError(f"{name} {value:g} is out of range: give a probability between 0 and 1")
+            raise UsageError(name, f"{value:g} is out of range: give a probability between 0 and 1")
     if power <= 1 - level:
         raise UsageError(
-            f"power {power:g} is out of range: a test at level {level:g} rejects equal models with probability "
-            f"{1 - level:g}, so give a power above that"
+            "power",
+            f"{power:g} is out of range: a test at level {level:g} rejects equal models with probability "
+            f"{1 - level:g}, so give a power above that",
         )
     if len(runs) < 2:
         raise UsageError("power analysis needs at least two models: give one run of each")
@@ -125,9 +126,10 @@ def plan_pairs(
         count = len(first.clusters)
         if not enough_clusters(count, level):
             raise RunError(
-                f"{names[0]} and {names[1]} share {counted(first.images, 'pair')} in {counted(count, 'group')} (drive, "
-                "sequence or single pair), too few to estimate how much groups differ: run both on at least "
-                f"{fewest_clusters(level)} groups"
+                " and ".join(names),
+                f"they share {counted(first.images, 'pair')} in {counted(count, 'group')} (drive, sequence or single "
+                "pair), too few to estimate how much groups differ: run both on at least "
+                f"{fewest_clusters(level)} groups",
             )
         for metric in PLANNED_METRICS:
             if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):

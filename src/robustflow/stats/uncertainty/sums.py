@@ -66,7 +66,7 @@ class ClusterSums:
         clean = Mean(self.clean_sum, self.clean_count, np.ones(1))
         if corruption == CLEAN:
             if metric != "epe":
-                raise UsageError(f"{metric} of the clean frames is not defined: choose epe")
+                raise UsageError(metric, "not defined on the clean frames: choose epe")
             return ErrorMean(clean)
         stored = "cre" if metric == "crer" else metric
         share = self._share(stored, corruption, severity)

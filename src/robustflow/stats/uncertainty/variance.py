@@ -43,7 +43,9 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     if metric not in VARIANCE_METRICS:
         raise unknown_name("metric", metric, VARIANCE_METRICS)
     if len(runs) < 2:
-        raise RunError("the variance between seeds needs at least two seeds; run the same model with --seeds 2 or more")
+        raise RunError(
+            "--seeds", "the variance between seeds needs at least two; run the same model with --seeds 2 or more"
+        )
     y = _cells(runs, metric)
     images, seeds, levels = y.shape
     if images < 2:
