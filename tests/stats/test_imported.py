@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import threading
 from contextlib import suppress
 from statistics import fmean
@@ -14,7 +15,7 @@ from robustflow.corruptions import IMAGE_PAIR
 from robustflow.stats.imported import NOTE, read_imported
 from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.made_rows import values_frame
-from tests.refusals import refused
+from tests.refusals import refusal
 
 _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
 
@@ -117,56 +118,63 @@ def test_imported_results_survive_a_round_trip_through_csv(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "where"),
     [
-        ("", "not valid JSON"),
-        ("[" * 100_000, "not valid JSON"),
-        ('{"fog": {}, "fog": {}}', "'fog' appears twice"),
-        ("9" * 10_000, "not valid JSON"),
-        ([1], "neither a results.json of the reference code nor"),
-        ({"version": 1, "runs": []}, "neither"),
-        (_reference(["foog"]), "unknown corruption 'foog': did you mean 'fog'"),
-        (_reference(["os:system"]), "unknown corruption"),
-        (_reference(["fog\x1b[31m"]), "unknown corruption 'fog�"),
-        (_reference(fog={"rCRE": [1, 2, 3]}), "'fog', rCRE: expected 5 values"),
-        (_reference(fog={"rCRE": 3}), "'fog', rCRE: expected 5 values"),
-        (_reference(fog={"rCRE": [1, 2, 3, 4, math.nan]}), "nan is not a finite number"),
-        (_reference(fog={"rCRE": [1, 2, 3, 4, 10**400]}), "not a finite number"),
-        (_reference(fog={"rCRE": [1, 2, 3, 4, -1]}), "-1: a length in pixels"),
-        (_reference(fog={"rCRE": [1, 2, 3, 4, "5"]}), "'5' is not a number"),
-        (_reference(fog={"rCRE": [1, 2, 3, 4, True]}), "True is not a number"),
-        (_reference(clean={"clean_EPE": [math.nan]}), "'clean', clean_EPE: nan"),
-        ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, "contains no corruptions"),
-        ({"experiments": ["x"]}, "experiment 1: not an object"),
-        ({"experiments": [_experiment("rain", 3, 1.0)]}, "unknown corruption 'rain'"),
-        ({"experiments": [_experiment(["fog"], 3, 1.0)]}, "unknown corruption"),
-        ({"experiments": [_experiment("fog", 6, 1.0)]}, "severity 6; expected 1 to 5"),
-        ({"experiments": [_experiment("fog", True, 1.0)]}, "severity True"),
-        ({"experiments": [_experiment("fog", [3], 1.0)]}, "severity"),
-        ({"experiments": [_experiment("fog", 3, math.nan)]}, "experiment 1, epe: nan"),
-        ({"experiments": [_experiment("fog", 3, 1.0, metrics=None)]}, "'epe' is missing"),
-        ({"experiments": [_experiment("fog", 3, 1.0, model=None)]}, "the model or the checkpoint is missing"),
-        ({"experiments": [_experiment("fog", 3, 1.0, dataset="kitti-2012")]}, "unknown dataset 'kitti-2012'"),
-        ({"experiments": [_experiment("fog", 3, 1.0, dataset={})]}, "unknown dataset"),
-        ({"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]}, "no severity in common"),
+        ("", ""),
+        ("[" * 100_000, ""),
+        ('{"fog": {}, "fog": {}}', ""),
+        ("9" * 10_000, ""),
+        ([1], ""),
+        ({"version": 1, "runs": []}, ""),
+        (_reference(["foog"]), ""),
+        (_reference(["fog\x1b[31m"]), ""),
+        (_reference(fog={"rCRE": [1, 2, 3]}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": 3}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, math.nan]}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, 10**400]}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, -1]}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, "5"]}), ", 'fog', rCRE"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, True]}), ", 'fog', rCRE"),
+        (_reference(clean={"clean_EPE": [math.nan]}), ", 'clean', clean_EPE"),
+        ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, ""),
+        ({"experiments": ["x"]}, ", experiment 1"),
+        *(
+            ({"experiments": [_experiment(*given, **changed)]}, ", experiment 1")
+            for given, changed in (
+                (("rain", 3, 1.0), {}),
+                ((["fog"], 3, 1.0), {}),
+                ((None, 3, 1.0), {}),
+                (("fog", 6, 1.0), {}),
+                (("fog", True, 1.0), {}),
+                (("fog", [3], 1.0), {}),
+                (("fog", 3, math.nan), {}),
+                (("fog", 3, 1.0), {"metrics": None}),
+                (("fog", 3, 1.0), {"model": None}),
+                (("fog", 3, 1.0), {"dataset": "kitti-2012"}),
+                (("fog", 3, 1.0), {"dataset": {}}),
+            )
+        ),
     ],
 )
-def test_wrong_results_file_is_refused_in_one_sentence(tmp_path, content, says):
-    with refused(DataError, says) as error:
-        read_imported([_write(tmp_path, content)])
-    assert "\x1b" not in str(error.value)
+def test_wrong_results_file_is_refused_with_the_place(tmp_path, content, where):
+    path = _write(tmp_path, content)
+    error = refusal(lambda: read_imported([path]), DataError, f"{path}{where}")
+    assert "\x1b" not in str(error)
+
+
+def test_corruptions_of_different_severities_have_no_mean(tmp_path):
+    path = _write(tmp_path, {"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]})
+    refusal(lambda: read_imported([path]), DataError, "FlowBench, raft kitti on kitti-2015")
 
 
 def test_missing_or_too_large_file_is_refused(tmp_path):
-    with pytest.raises(DataError, match="No such file"):
-        read_imported([tmp_path / "results.json"])
-    path = tmp_path / "large.json"
-    with path.open("wb") as file:
+    large = tmp_path / "large.json"
+    with large.open("wb") as file:
         file.truncate(17 * 2**20)
-    with pytest.raises(DataError, match="larger than 16 MiB"):
-        read_imported([path])
-    with pytest.raises(DataError, match="cannot be read"):
-        read_imported([tmp_path])
+    for path in (tmp_path / "results.json", large, tmp_path):
+        with pytest.raises(DataError) as caught:
+            read_imported([path])
+        assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("read", [lambda path: read_imported([path]), read_results])
@@ -180,5 +188,5 @@ def test_results_from_an_endless_pipe_are_refused_at_their_maximum_size(tmp_path
                 file.write(bytes(2**20))
 
     threading.Thread(target=write_until_closed, daemon=True).start()
-    with pytest.raises(DataError, match="pipe: larger than"):
+    with pytest.raises(DataError, match=re.escape(str(path))):
         read(path)
