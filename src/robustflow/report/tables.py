@@ -51,7 +51,7 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Draw every figure that the runs and, if requested, the published results allow. Runs on the same
     frames share a figure; runs that are not ranked appear only in figures with one curve per run."""
     from .figures import all_figures, displacement_figure
-    from .figures.displacement_histogram import MOST_LINES
+    from .figures.curves import MOST_LINES
 
     figures = all_figures(results_of(runs, published))
     moved = displacements_of(runs)

@@ -13,10 +13,8 @@ from ...stats.model_result import ModelResult, by_frames, ranked
 from ...stats.published.tables import PAPER, of_paper
 from .canvas import FILE_FORMATS, MarkedFigure, figure_bytes, write_figures
 from .crer_by_family import crer_by_family
-from .curves import severity_curves
-from .displacement_histogram import displacement_figure
-from .relations import relations
-from .scatter import clean_against_cre, effective_trend
+from .curves import displacement_figure, severity_curves
+from .scatter import clean_against_cre, effective_trend, relations
 from .styles import FigureStyles
 
 __all__ = [

@@ -1,16 +1,17 @@
-"""Curves of a metric by severity, with one panel per corruption, one line per run, and confidence bands. Security
-curves: error by attack budget, with one panel per norm. Sparsification curves: the error after removing the
-least confident pixels, with one panel per family and one line per severity.
-"""
+"""Curves, each with a panel per group: a metric by severity (one per corruption), security curves (error by attack
+budget, one per norm), sparsification curves (one per family), and histograms of flow magnitudes."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import polars as pl
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 
 from ...core.arguments import SEVERITIES
 from ...core.display import default_style
@@ -23,10 +24,46 @@ from ...stats.results import FAMILY_LABELS, METRIC_LABELS, UNITS, long_label, me
 from ...stats.uncertainty import intervals
 from .canvas import LEAST_PX, Mark, MarkedFigure, ends_text, fair_limits, new_figure
 from .crer_by_family import LEAST_CRER
-from .styles import MODEL_STYLES, Style, distinct_styles, model_styles
+from .styles import BLACK, MODEL_STYLES, Style, distinct_styles, model_styles
 
 _COLUMNS = 5
 _LEGEND_PT = 8
+_BANDS = " Bands are 95 % confidence intervals."
+MOST_LINES = 8
+"""Maximum number of histograms in one figure."""
+_DASHES = tuple((colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-."))
+"""Dash patterns of histograms. Colours are reserved for models in the other figures, but these lines are benchmarks."""
+NORMS = {"linf": "largest change", "rms": "root mean square of the change", "area": "share of the pixels"}
+_REMOVED = tuple(range(0, 100, 10))
+
+Ends = tuple[float | None, float | None]
+
+
+def _curve(
+    figure: MarkedFigure,
+    panel: Axes,
+    places: Sequence[float],
+    values: Sequence[float],
+    style: Style,
+    marks: Sequence[Mark],
+    ends: Sequence[Ends] = (),
+    hollow: Sequence[bool] = (),
+) -> bool:
+    """Draw a line with a labelled marker at each place, and a band between the ends that are known; return whether
+    there is a band. Hollow markers are drawn one by one."""
+    look: dict[str, Any] = {"color": style.colour, "marker": style.marker, "markersize": 3.5}
+    if hollow:
+        panel.plot(places, values, color=style.colour, linewidth=1.2)
+        for place, value, mark, empty in zip(places, values, marks, hollow, strict=True):
+            (dot,) = panel.plot(place, value, **look, markerfacecolor="white" if empty else style.colour)
+            figure.mark(dot, [mark])
+    else:
+        (line,) = panel.plot(places, values, **look, markeredgewidth=0, linewidth=1.2)
+        figure.mark(line, marks)
+    known = [(place, *pair) for place, pair in zip(places, ends, strict=bool(ends)) if None not in pair]
+    if known:
+        panel.fill_between(*zip(*known, strict=True), color=style.colour, alpha=0.15, linewidth=0)
+    return bool(known)
 
 
 @default_style()
@@ -56,26 +93,13 @@ def severity_curves(
     banded = False
     for panel, corruption in zip(axes, shown, strict=True):
         for name, curve in curves.items():
-            style, line = styles[name], curve.filter(corruption=corruption).sort("severity")
-            drawn = panel.plot(
-                line["severity"],
-                line["estimate"],
-                color=style.colour,
-                marker=style.marker,
-                markersize=3.5,
-                markeredgewidth=0,
-                linewidth=1.2,
-            )
-            figure.mark(drawn[0], [_mark(name, metric, row) for row in line.iter_rows(named=True)])
-            known = line.drop_nulls(["low", "high"])
-            if known.height:
-                banded = True
-                panel.fill_between(
-                    known["severity"], known["low"], known["high"], color=style.colour, alpha=0.15, linewidth=0
-                )
-        panel.set_title(
-            name_text(long_label(corruption)), fontsize=8.5, y=1
-        )  # fixed positions keep the title out of the layout; the coordinates below do the same for the labels
+            rows = curve.filter(corruption=corruption).sort("severity").to_dicts()
+            places, values = ([row[key] for row in rows] for key in ("severity", "estimate"))
+            ends = [(row["low"], row["high"]) for row in rows]
+            marks = [_severity_mark(name, metric, row) for row in rows]
+            banded |= _curve(figure, panel, places, values, styles[name], marks, ends)
+        # fixed positions keep the title and the labels out of the layout
+        panel.set_title(name_text(long_label(corruption)), fontsize=8.5, y=1)
         panel.xaxis.set_label_coords(0.5, 0)
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
@@ -85,14 +109,10 @@ def severity_curves(
     width, height = figure.get_size_inches()
     figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
     figure.supxlabel("severity", fontsize=9, y=0.06 / height, va="bottom")
-    key = [(name, styles[name], True) for name in curves]
-    figure.explain(key, legend=False)
-    above = 0.3
-    if legend:
-        above += 0.17 * _legend(figure)
-    figure.caption = f"{metric_label(metric)} by severity, with a panel per corruption and shared axes." + (
-        " Bands are 95 % confidence intervals." if banded else ""
-    )
+    figure.explain([(name, styles[name], True) for name in curves], legend=False)
+    above = 0.3 + (0.17 * _legend(figure) if legend else 0.0)
+    figure.caption = f"{metric_label(metric)} by severity, with a panel per corruption and shared axes."
+    figure.caption += _BANDS * banded
     figure.subplots_adjust(0.62 / width, 0.45 / height, 1 - 0.12 / width, 1 - above / height, 0.24, 0.34)
     return figure
 
@@ -103,9 +123,8 @@ def _legend(figure: MarkedFigure) -> int:
         Line2D([], [], color=style.colour, marker=style.marker, markersize=3.5, label=name_text(name))
         for name, style, _ in figure.key
     ]
-    widest = (
-        max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40
-    )  # in points, including the line sample
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    widest = longest * 0.6 * _LEGEND_PT + 40  # in points, including the line sample
     columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
     figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
     return -(-len(handles) // columns)
@@ -120,14 +139,11 @@ def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool =
         axes.set_ylim(fair_limits(axes.dataLim.intervaly if apart else together, least, zero=True))
 
 
-def _mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
+def _severity_mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
     interval = ends_text(None if row["low"] is None else (row["low"], row["high"]))
     where = (("corruption", long_label(row["corruption"])), ("severity", str(row["severity"])))
     value = f"{row['estimate']:.2f} {UNITS[metric]}".strip() + interval
     return Mark(name, "", (*where, (METRIC_LABELS[metric], value)))
-
-
-NORMS = {"linf": "largest change", "rms": "root mean square of the change", "area": "share of the pixels"}
 
 
 @default_style()
@@ -138,42 +154,30 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
     styles = model_styles(point.attack for point in points)
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
     figure, axes = new_figure(4.4, 3.4, len(norms))
-    metric = points[0].metric
+    label = metric_label(points[0].metric)
     reached = [end for point in points for end in (point.error, point.high) if end is not None]
+    banded = False
     for panel, norm in zip(axes, norms, strict=True):
         budgets = sorted({point.budget for point in points if point.norm == norm})
-        places = {budget: place for place, budget in enumerate(budgets)}
         for name in dict.fromkeys(point.attack for point in points if point.norm == norm):
-            curve, style = [point for point in points if point.attack == name], styles[name]
-            at = [places[point.budget] for point in curve]
-            errors = [point.error for point in curve]
-            panel.plot(at, errors, color=style.colour, linewidth=1.2)
-            for place, point in zip(at, curve, strict=True):
-                fill = "white" if point.warned else style.colour
-                drawn = panel.plot(
-                    place, point.error, color=style.colour, marker=style.marker, markersize=4.5, markerfacecolor=fill
-                )
-                figure.mark(drawn[0], [_mark_of_security_curves(point)])
-            known = [(place, p.low, p.high) for place, p in zip(at, curve, strict=True) if p.low is not None]
-            if known:
-                where, low, high = zip(*known, strict=True)
-                panel.fill_between(where, low, high, color=style.colour, alpha=0.12, linewidth=0)
-        panel.set_xticks(list(places.values()), [f"{budget:g}" for budget in budgets])
+            curve = [point for point in points if point.attack == name]
+            places, errors = [budgets.index(point.budget) for point in curve], [point.error for point in curve]
+            ends, hollow = [(point.low, point.high) for point in curve], [point.warned for point in curve]
+            banded |= _curve(figure, panel, places, errors, styles[name], list(map(_budget_mark, curve)), ends, hollow)
+        panel.set_xticks(range(len(budgets)), [f"{budget:g}" for budget in budgets])
         panel.set_ylim(fair_limits([0.0, *reached], zero=True))
         panel.set_title(NORMS[norm], fontsize=9)
         panel.set_xlabel("budget (%)" if norm == "area" else "budget (grey levels)", fontsize=8.5)
-        panel.set_ylabel(metric_label(metric), fontsize=8.5)
-    key = [(name_text(name), style, True) for name, style in styles.items()]
-    figure.explain(key, legend=False)
-    banded = any(point.low is not None for point in points)
+        panel.set_ylabel(label, fontsize=8.5)
+    figure.explain([(name_text(name), style, True) for name, style in styles.items()], legend=False)
     figure.caption = (
-        f"{metric_label(metric)} by budget of each attack; budget 0 refers to the clean frames, and budgets are not "
-        "to scale. A steeper curve means a less robust model. Hollow markers indicate a warning."
-    ) + (" Bands are 95 % confidence intervals." if banded else "")
+        f"{label} by budget of each attack; budget 0: the clean frames; budgets are not to scale. Hollow markers "
+        "indicate a warning."
+    ) + _BANDS * banded
     return figure
 
 
-def _mark_of_security_curves(point: CurvePoint) -> Mark:
+def _budget_mark(point: CurvePoint) -> Mark:
     ends = None if point.low is None or point.high is None else (point.low, point.high)
     value = f"{point.error:.2f} px{ends_text(ends)}"
     where = (("norm", point.norm), ("budget", f"{point.budget:g}"))
@@ -181,42 +185,37 @@ def _mark_of_security_curves(point: CurvePoint) -> Mark:
     return Mark(point.attack, "", (*where, (METRIC_LABELS[point.metric], value), ("warning", warning)))
 
 
-_REMOVED = tuple(range(0, 100, 10))
-_COLUMNS_SPARSIFICATION_CURVES = 4
-
-
 @default_style()
 def sparsification_curves(model: str, known: Means) -> MarkedFigure:
     """Plot the mean error of the remaining pixels when 0, 10, ... 90 % are removed: least confident first (solid), and
     largest errors first (dashed). All panels have the same axes.
     """
-    drawn = {
-        (family, level): _curves(known, family, level)
-        for family in FAMILY_LABELS
-        for level in SEVERITIES
-        if ("ause", family, level) in known
-    }
+    left = [100 - removed for removed in _REMOVED]
+    drawn: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
+    for family in FAMILY_LABELS:
+        for level in (level for level in SEVERITIES if ("ause", family, level) in known):
+            errors = [known[f"error_at_{share}", family, level] for share in left]
+            oracle = [errors[0], *(known[f"oracle_at_{share}", family, level] for share in left[1:])]
+            drawn[family, level] = errors, oracle
     families = list(dict.fromkeys(family for family, _ in drawn))
     if not families:
         raise UsageError("there is no sparsification curve: the run has no confidence or no ground truth")
-    figure, axes = new_figure(2.6, 2.3, len(families), _COLUMNS_SPARSIFICATION_CURVES, above=0.3)
-    levels = sorted({level for _, level in drawn})
-    styles = dict(zip(levels, MODEL_STYLES, strict=False))
+    figure, axes = new_figure(2.6, 2.3, len(families), 4, above=0.3)
+    styles = dict(zip(sorted({level for _, level in drawn}), MODEL_STYLES, strict=False))
+    for (family, level), (errors, oracle) in drawn.items():
+        panel, style = axes[families.index(family)], styles[level]
+        panel.plot(_REMOVED, oracle, color=style.colour, linewidth=1.0, linestyle=(0, (3, 2)))
+        where = (("class", FAMILY_LABELS[family]), ("severity", str(level)))
+        marks = [
+            Mark(model, "", (*where, ("removed", f"{r} %"), ("EPE", f"{e:.2f} px"), ("oracle", f"{o:.2f} px")))
+            for r, e, o in zip(_REMOVED, errors, oracle, strict=True)
+        ]
+        _curve(figure, panel, _REMOVED, errors, style, marks)
+    highest = [value for curves in drawn.values() for curve in curves for value in curve]
     for panel, family in zip(axes, families, strict=True):
-        for level in (level for name, level in drawn if name == family):
-            (errors, oracle), style = drawn[family, level], styles[level]
-            panel.plot(_REMOVED, oracle, color=style.colour, linewidth=1.0, linestyle=(0, (3, 2)))
-            (line,) = panel.plot(
-                _REMOVED, errors, color=style.colour, marker=style.marker, markersize=3.5, linewidth=1.2
-            )
-            where = (("class", FAMILY_LABELS[family]), ("severity", str(level)))
-            shown = zip(_REMOVED, errors, oracle, strict=True)
-            figure.mark(line, [Mark(model, "", (*where, *_sparsification_texts(*numbers))) for numbers in shown])
         panel.set_title(FAMILY_LABELS[family], fontsize=9)
         panel.set_xlabel("removed (%)", fontsize=8)
         panel.tick_params(labelsize=7.5)
-    highest = [value for curves in drawn.values() for curve in curves for value in curve]
-    for panel in axes:
         panel.set_ylim(fair_limits(highest, LEAST_PX, zero=True))
     axes[0].set_ylabel("EPE of remaining pixels (px)", fontsize=8)
     figure.explain([(f"severity {level}", style, True) for level, style in styles.items()], legend=False)
@@ -227,12 +226,39 @@ def sparsification_curves(model: str, known: Means) -> MarkedFigure:
     return figure
 
 
-def _curves(known: Means, family: str, level: int) -> tuple[list[float], list[float]]:
-    """Return the errors of the remaining pixels, least confident and largest errors removed first."""
-    left = [100 - removed for removed in _REMOVED]
-    errors = [known[f"error_at_{share}", family, level] for share in left]
-    return errors, [errors[0], *(known[f"oracle_at_{share}", family, level] for share in left[1:])]
+@default_style()
+def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
+    """Plot the share of pixels against their flow magnitude on a logarithmic axis, with a dashed line per table."""
+    if len(tables) > MOST_LINES:
+        raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
+    tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
+    if not tables:
+        raise UsageError("there are no displacements to draw: no pixel in these tables has a flow")
+    figure, (axes,) = new_figure(6.4, 3.6)
+    right = 0.0
+    for drawn, (label, table) in enumerate(tables.items()):
+        colour, dash = _DASHES[drawn]
+        # wide lines first, so that a hidden line remains visible on both sides of the line above it
+        width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
+        lows, highs, shares = table["low"].to_list(), table["high"].to_list(), [100 * s for s in table["share"]]
+        step = lows[-1] - lows[-2] if len(lows) > 1 else 1.0
+        edges = [*lows, highs[-1] if math.isfinite(highs[-1]) else lows[-1] + step]
+        axes.stairs(shares, edges, color=colour, linestyle=dash, linewidth=width, baseline=None, label=name_text(label))
+        filled = [index for index, share in enumerate(shares) if share > 0]
+        centres = [(edges[index] + edges[index + 1]) / 2 for index in filled]
+        dots = axes.plot(centres, [shares[index] for index in filled], "o", color=colour, markersize=2.5)
+        figure.mark(dots[0], [_length_mark(label, lows[index], highs[index], shares[index]) for index in filled])
+        right = max(right, edges[filled[-1] + 1])
+    axes.set_yscale("log")
+    axes.set_ylim(top=min(axes.get_ylim()[1], 130.0))
+    axes.set_xlim(0, right)
+    axes.set(xlabel="flow magnitude (px)", ylabel="pixels (%)")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    figure.caption = "Share of the pixels by flow magnitude on the clean frames, on a logarithmic axis."
+    figure.legend(loc="outside upper center", ncols=1 if len(tables) > 2 else 2, frameon=False, fontsize=8)
+    return figure
 
 
-def _sparsification_texts(removed: int, error: float, oracle: float) -> tuple[tuple[str, str], ...]:
-    return ("removed", f"{removed} %"), ("EPE", f"{error:.2f} px"), ("oracle", f"{oracle:.2f} px")
+def _length_mark(label: str, low: float, high: float, share: float) -> Mark:
+    where = f"{low:g} px and more" if math.isinf(high) else f"{low:g} to {high:g} px"
+    return Mark(label, "", (("length", where), ("pixels", f"{share:.3g} %")))

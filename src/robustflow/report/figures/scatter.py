@@ -1,13 +1,16 @@
-"""The paper's figure of clean EPE, CRE and CREr: one bubble per model, whose area is CREr. Figure of effective
-robustness: corrupted against clean EPE, with the trend over all models in a setting.
+"""Figures with one point per model: the paper's bubbles of clean EPE, CRE and CREr, its relations between the metrics,
+and effective robustness with the trend over all models in a setting.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...core.display import default_style
@@ -16,7 +19,9 @@ from ...core.text import name_text, plain
 from ...stats.effective import effective_robustness
 from ...stats.model_result import ModelResult
 from ...stats.published.tables import not_discussed, of_paper
+from ...stats.ranking import LEAST_MODELS, spearman
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
+from ...stats.uncertainty.intervals import IntervalEnds
 from ..paper_tables import settings_in_order
 from .canvas import (
     LONGEST_NAME,
@@ -31,12 +36,66 @@ from .canvas import (
     spread_labels,
     whiskers,
 )
-from .styles import FigureStyles, kind_key
+from .styles import OTHER, FigureStyles, kind_key, model_key
 
 _AREA = 260.0
 """Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
-
 _LARGEST = 1000.0
+_QUANTITIES = {
+    "clean EPE": ("epe", CLEAN),
+    "corrupted EPE": ("epe", AVERAGE),
+    "CRE": ("cre", AVERAGE),
+    "RCRE": ("rcre", AVERAGE),
+}
+_RELATIONS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
+
+
+@dataclass
+class _Point:
+    """A model in a panel: its place, the intervals of both coordinates, the printed values, and the name beside it."""
+
+    line: ModelResult
+    at: tuple[float, float]
+    ends: tuple[IntervalEnds | None, IntervalEnds | None]
+    values: tuple[tuple[str, str], ...]
+    name: str
+    area: float = 30.0
+
+    @property
+    def reached(self) -> list[list[float]]:
+        """All values along each axis."""
+        return [[value, *(end or ())] for value, end in zip(self.at, self.ends, strict=True)]
+
+
+def _draw(
+    figure: MarkedFigure, panel: Axes, points: Sequence[_Point], colours: Mapping[ModelResult, str], **look: Any
+) -> None:
+    for point in points:
+        whiskers(panel, *point.at, *point.ends, colours[point.line])
+        dot = panel.scatter(*point.at, s=point.area, color=colours[point.line], **look)
+        figure.mark(dot, [Mark(point.line.name, point.line.setting, point.values)])
+
+
+def _finish(
+    figure: MarkedFigure,
+    panels: Sequence[tuple[Axes, Sequence[_Point]]],
+    styling: FigureStyles,
+    caption: str,
+    heading: str,
+) -> MarkedFigure:
+    """Add the key, the caption and the heading, and place the names, which needs the final layout."""
+    every = [point for _, points in panels for point in points]
+    lines = [point.line for point in every]
+    figure.explain(kind_key(line.name for line in lines) if of_paper(lines) else [], styling.legend)
+    figure.caption = caption + (f" {WITH_INTERVALS}" if any(any(point.ends) for point in every) else "")
+    set_heading(figure, heading)
+    settle_layout(figure)
+    for panel, points in panels:
+        radii = [math.sqrt(point.area / math.pi) for point in points]
+        texts = spread_labels(panel, [(*point.at, point.name) for point in points], radii)
+        for point, text in zip(points, texts, strict=True):
+            figure.mark(text, [Mark(point.line.name, point.line.setting)])
+    return figure
 
 
 @default_style()
@@ -45,61 +104,39 @@ def clean_against_cre(
 ) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes."""
     styling = styling or FigureStyles()
-    without, styles = not_discussed(results), styling.of(results)
-    panels: dict[str, list[tuple[ModelResult, float, float]]] = {}
+    without = not_discussed(results)
+    groups: dict[str, list[_Point]] = {}
     for setting in settings_in_order(line.setting for line in results):
         for line in results:
             clean, cre = line.number("epe", CLEAN), line.cre.get(AVERAGE)
-            if line.setting == setting and clean and cre is not None and line.name not in without:
-                panels.setdefault("" if together else setting, []).append((line, clean, cre))
-    if len(panels) > 1:
-        panels.pop("knowledge", None)
-    if not panels:
-        raise UsageError("no model has both a clean and an average EPE: this figure needs runs with ground truth")
-    figure, axes = new_figure(4.6, 4.2, len(panels))
-    drawn = [one for models in panels.values() for one in models]
-    scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))
-    reached: tuple[list[float], list[float]] = ([], [])
-    any_interval = False
-    names: list[tuple[list[tuple[float, float, str]], list[float]]] = []
-    for panel, (title, models) in zip(axes, panels.items(), strict=True):
-        points, radii = [], []
-        for line, clean, cre in models:
-            colour = styles[line].colour
+            if line.setting != setting or not clean or cre is None or line.name in without:
+                continue
             ends = line.intervals.get(("epe", CLEAN)), line.intervals.get(("cre", AVERAGE))
-            any_interval |= whiskers(panel, clean, cre, *ends, colour)
-            for axis, value, interval in zip(reached, (clean, cre), ends, strict=True):
-                axis += (value, *(interval or ()))
-            area = scale * max(cre / clean, 0.02)
-            bubble = panel.scatter(clean, cre, s=area, color=colour, alpha=0.55, edgecolor="white", linewidth=0.8)
-            values = (
-                ("clean EPE", f"{clean:.2f} px{ends_text(ends[0])}"),
-                ("CRE", f"{cre:.2f} px{ends_text(ends[1])}"),
-                ("CREr", f"{cre / clean:.2f}"),
-            )
-            figure.mark(bubble, [Mark(line.name, line.setting, values)])
-            panel.scatter(clean, cre, s=6, color=colour)
-            radii.append(math.sqrt(area / math.pi))
-            points.append((clean, cre, f"{plain(line.name, LONGEST_NAME)} {cre / clean:.2f}"))
+            texts = (f"{clean:.2f} px{ends_text(ends[0])}", f"{cre:.2f} px{ends_text(ends[1])}", f"{cre / clean:.2f}")
+            values = tuple(zip(("clean EPE", "CRE", "CREr"), texts, strict=True))
+            name = f"{plain(line.name, LONGEST_NAME)} {cre / clean:.2f}"
+            groups.setdefault("" if together else setting, []).append(_Point(line, (clean, cre), ends, values, name))
+    if len(groups) > 1:
+        groups.pop("knowledge", None)
+    if not groups:
+        raise UsageError("no model has both a clean and an average EPE: this figure needs runs with ground truth")
+    points = [point for group in groups.values() for point in group]
+    scale = min(_AREA, _LARGEST / max(*(cre / clean for clean, cre in (point.at for point in points)), 1.0))
+    for point in points:
+        point.area = scale * max(point.at[1] / point.at[0], 0.02)
+    figure, axes = new_figure(4.6, 4.2, len(groups))
+    colours = {line: style.colour for line, style in styling.of(results).items()}
+    limits = [fair_limits([value for point in points for value in point.reached[axis]], room=0.15) for axis in (0, 1)]
+    for panel, (title, group) in zip(axes, groups.items(), strict=True):
+        _draw(figure, panel, group, colours, alpha=0.55, edgecolor="white", linewidth=0.8)
+        for point in group:
+            panel.scatter(*point.at, s=6, color=colours[point.line])
         panel.set_title(name_text(SETTING_LABELS.get(title, title)))
         panel.tick_params(labelsize=8)
-        panel.set_xlabel("clean EPE (px)")
-        panel.set_ylabel("CRE (px)")
-        names.append((points, radii))
-    for panel in axes:
-        panel.set_xlim(fair_limits(reached[0], room=0.15))
-        panel.set_ylim(fair_limits(reached[1], room=0.15))
-    figure.explain(kind_key(line.name for line, _, _ in drawn) if of_paper(results) else [], styling.legend)
-    figure.caption = (
-        "CRE against clean EPE; the area of a bubble is CREr, which is printed next to the name. A small bubble at "
-        "the lower left is best." + (f" {WITH_INTERVALS}" if any_interval else "")
-    )
-    set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed next to the name")
-    settle_layout(figure)
-    for panel, models, named in zip(axes, panels.values(), names, strict=True):
-        for (line, _, _), text in zip(models, spread_labels(panel, *named), strict=True):
-            figure.mark(text, [Mark(line.name, line.setting)])
-    return figure
+        panel.set(xlim=limits[0], ylim=limits[1], xlabel="clean EPE (px)", ylabel="CRE (px)")
+    caption = "CRE against clean EPE; the area of a bubble is CREr, printed beside the name. Lower left is best."
+    heading = "Accuracy and robustness: area of a bubble = CREr, printed next to the name"
+    return _finish(figure, list(zip(axes, groups.values(), strict=True)), styling, caption, heading)
 
 
 @default_style()
@@ -110,61 +147,48 @@ def effective_trend(
     predicted from the trend of the other models.
     """
     styling = styling or FigureStyles()
-    panels = effective_robustness(results, by_setting=not together)
+    settings = effective_robustness(results, by_setting=not together)
     styles = styling.of(results)
-    figure, axes = new_figure(4.6, 4.2, len(panels))
-    any_interval = False
-    reached: tuple[list[float], list[float]] = ([], [])
-    for panel, (title, models) in zip(axes, panels.items(), strict=True):
-        clean, corrupted = (np.array([getattr(one, what) for one in models]) for what in ("clean", "corrupted"))
-        panel.set_xscale("log")
-        panel.set_yscale("log")
+    figure, axes = new_figure(4.6, 4.2, len(settings))
+    panels = []
+    for panel, (title, models) in zip(axes, settings.items(), strict=True):
+        points = []
         for one in models:
-            style, at = styles[one.line], (one.clean, one.corrupted)
             ends = one.line.intervals.get(("epe", CLEAN)), one.line.intervals.get(("epe", AVERAGE))
-            any_interval |= whiskers(panel, *at, *ends, style.colour)
-            for along, value, interval in zip(reached, at, ends, strict=True):
-                along += (value, *(end for end in interval or () if end > 0))
-            point = panel.scatter(*at, s=30, color=style.colour, marker=style.marker)
             values = (
-                ("clean EPE", f"{at[0]:.2f} px{ends_text(ends[0])}"),
-                ("corrupted EPE", f"{at[1]:.2f} px{ends_text(ends[1])}"),
+                ("clean EPE", f"{one.clean:.2f} px{ends_text(ends[0])}"),
+                ("corrupted EPE", f"{one.corrupted:.2f} px{ends_text(ends[1])}"),
                 ("expected", f"{one.expected:.2f} px"),
                 ("factor", f"{one.factor:.2f}"),
             )
-            figure.mark(point, [Mark(one.line.name, one.line.setting, values)])
-        line = np.polyfit(np.log(clean), np.log(corrupted), 1)
+            name = f"{plain(one.line.name, LONGEST_NAME)} ×{one.factor:.2f}"
+            points.append(_Point(one.line, (one.clean, one.corrupted), ends, values, name))
+        panel.set(xscale="log", yscale="log", xlabel="clean EPE (px)", ylabel="corrupted EPE (px)")
+        for point in points:
+            style = styles[point.line]
+            _draw(figure, panel, [point], {point.line: style.colour}, marker=style.marker)
+        clean, corrupted = np.array([point.at for point in points]).T
+        trend = np.polyfit(np.log(clean), np.log(corrupted), 1)
         span = np.array([clean.min() * 0.9, clean.max() * 1.1])
-        panel.plot(span, np.exp(np.polyval(line, np.log(span))), color="black", linewidth=1)
+        panel.plot(span, np.exp(np.polyval(trend, np.log(span))), color="black", linewidth=1)
         for axis in (panel.xaxis, panel.yaxis):
             axis.set_major_formatter(ScalarFormatter())
             axis.set_minor_formatter(NullFormatter() if len(models) > 20 else ScalarFormatter())
             axis.set_tick_params(which="both", labelsize=7)
-        panel.set_xlabel("clean EPE (px)")
-        panel.set_ylabel("corrupted EPE (px)")
-        panel.set_title(
-            f"{name_text(SETTING_LABELS.get(title, title))}: R² = {models[0].r_squared:.2f}".removeprefix(": "),
-            fontsize=10,
-        )
+        setting = name_text(SETTING_LABELS.get(title, title))
+        panel.set_title(f"{setting}: R² = {models[0].r_squared:.2f}".removeprefix(": "), fontsize=10)
+        panels.append((panel, points))
+    every = [point for _, points in panels for point in points]
     for panel in axes:
-        panel.set_xlim(_log_limits(reached[0]))
-        panel.set_ylim(_log_limits(reached[1]))
-    names = [one.line.name for models in panels.values() for one in models]
-    figure.explain(kind_key(names) if of_paper(results) else [], styling.legend)
-    figure.caption = (
-        "Corrupted against clean EPE on logarithmic axes, with the trend through the models. Models below the line "
-        "are more robust than their clean error predicts. The printed factor is the EPE divided by the EPE predicted "
-        "from the trend of the other models."
-    ) + (f" {WITH_INTERVALS}" if any_interval else "")
-    set_heading(figure, "Effective robustness: models below the line are more robust than their clean error predicts")
-    settle_layout(figure)
-    for panel, models in zip(axes, panels.values(), strict=True):
-        labels = [
-            (one.clean, one.corrupted, f"{plain(one.line.name, LONGEST_NAME)} ×{one.factor:.2f}") for one in models
-        ]
-        for one, text in zip(models, spread_labels(panel, labels), strict=True):
-            figure.mark(text, [Mark(one.line.name, one.line.setting)])
-    return figure
+        panel.set_xlim(_log_limits([value for point in every for value in point.reached[0] if value > 0]))
+        panel.set_ylim(_log_limits([value for point in every for value in point.reached[1] if value > 0]))
+    caption = (
+        "Corrupted against clean EPE on logarithmic axes, with the trend through the models. The printed factor is the "
+        "EPE divided by the EPE expected from the trend of the other models; below 1, and below the line, a model is "
+        "more robust than its clean error predicts."
+    )
+    heading = "Effective robustness: models below the line are more robust than their clean error predicts"
+    return _finish(figure, panels, styling, caption, heading)
 
 
 def _log_limits(values: list[float]) -> tuple[float, float]:
@@ -172,3 +196,68 @@ def _log_limits(values: list[float]) -> tuple[float, float]:
     low, high = min(values), max(values)
     wider = max(1.12, (2 * low / high) ** 0.5)
     return low / wider, high * wider
+
+
+@default_style()
+def relations(
+    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
+) -> MarkedFigure:
+    """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE,
+    each with its correlations. A quantity has the same axis range in every panel.
+    """
+    styling = styling or FigureStyles()
+    without, styles = not_discussed(results), styling.of(results)
+    groups: dict[str, dict[ModelResult, dict[str, float]]] = {}
+    for line in results:
+        values = {
+            name: line.cre.get(AVERAGE) if name == "CRE" else line.number(*key) for name, key in _QUANTITIES.items()
+        }
+        known = {name: value for name, value in values.items() if value is not None}
+        if len(known) == len(_QUANTITIES) and line.name not in without:
+            groups.setdefault(line.setting, {})[line] = known
+    if len(groups) > 1 and not together:
+        groups.pop("knowledge", None)
+    drawn = {line: values for models in groups.values() for line, values in models.items()}
+    if len(drawn) < LEAST_MODELS:
+        raise UsageError(
+            f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, not {len(drawn)}"
+        )
+    figure, axes = new_figure(3.3, 3.2, 4, columns=2)
+    ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _QUANTITIES.items()}
+    limits = {
+        name: fair_limits([value for line in drawn for value in (drawn[line][name], *(ends[line, name] or ()))])
+        for name in _QUANTITIES
+    }
+    for letter, panel, (x, y) in zip("abcd", axes, _RELATIONS, strict=True):
+        for line, at in drawn.items():
+            style = styles[line]
+            printed = tuple((name, f"{value:.2f} px{ends_text(ends[line, name])}") for name, value in at.items())
+            point = _Point(line, (at[x], at[y]), (ends[line, x], ends[line, y]), printed, "", 26.0)
+            face = "white" if line.setting == "ID" and not together else style.colour
+            look = {"marker": style.marker, "facecolor": face, "edgecolor": style.colour, "linewidth": 1.1}
+            _draw(figure, panel, [point], {line: style.colour}, **look)
+        panel.set(xlim=limits[x], ylim=limits[y])
+        panel.set_xlabel(f"{x} (px)", fontsize=9)
+        panel.set_ylabel(f"{y} (px)", fontsize=9)
+        panel.tick_params(labelsize=8)
+        parts = {"": drawn} if together else {f"{name_text(setting)}: ": of for setting, of in groups.items()}
+        correlations = [
+            f"{head}{_correlation(list(of.values()), x, y)}" for head, of in parts.items() if len(of) >= LEAST_MODELS
+        ]
+        panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
+    if of_paper(results):
+        key = kind_key(line.name for line in drawn) + [(setting, OTHER, setting != "ID") for setting in groups]
+    else:
+        key = model_key({line.name: styles[line] for line in drawn})
+    figure.explain(key, styling.legend)
+    figure.caption = "One point per model, with Pearson's r and Spearman's rho." + (
+        f" {WITH_INTERVALS}" if any(ends.values()) else ""
+    )
+    return figure
+
+
+def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
+    xs, ys = (np.array([point[name] for point in points]) for name in (x, y))
+    if np.ptp(xs) == 0 or np.ptp(ys) == 0:
+        return "no correlation: one variable is constant"
+    return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"

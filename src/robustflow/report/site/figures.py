@@ -20,8 +20,7 @@ from ...stats.model_result import ModelResult, by_frames, ranked
 from ...stats.published.tables import PAPER
 from ..figures import FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import MarkedFigure
-from ..figures.curves import scale_panels, security_figure, sparsification_curves
-from ..figures.displacement_histogram import MOST_LINES
+from ..figures.curves import MOST_LINES, scale_panels, security_figure, sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from ..leaderboard import by_error
 from ..table import DASH, Column, Line, Section, Table
