@@ -12,7 +12,7 @@ from robustflow.core.errors import AssetError, DataError, RunError, UsageError
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.blur import psf_blur as reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
-from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
+from robustflow.corruptions.optics.psf_field import PsfField
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.stages import frames_digest
 
@@ -24,12 +24,6 @@ SEVERITIES = (1, 2, 3, 4, 5)
 
 def test_a_severity_without_a_lens_is_refused():
     refusal(lambda: PsfBlur(severities=(0.0296, 0.0832, 0.1102, 0.1588, 0.5)), UsageError, "psf_blur")
-
-
-@pytest.mark.parametrize("severity", SEVERITIES)
-def test_each_severity_takes_its_lens(severity):
-    blur = PsfBlur()
-    assert blur.field(blur.parameter(severity)).digest == shipped_field(severity).digest
 
 
 @pytest.mark.parametrize(("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((375, 1242), (254,))])
@@ -88,19 +82,6 @@ def test_a_stack_is_converted_once_unless_its_cache_entry_is_damaged(stacks, tmp
     (cached,) = (tmp_path / "cache" / "psf").iterdir()
     cached.write_bytes(b"not an array")
     assert reference_stack.reference_field(stacks, 0.0832).digest == first
-
-
-@pytest.mark.torch
-def test_every_flipped_bit_of_a_kept_stack_is_detected(stacks, tmp_path):
-    reference_stack.reference_field(stacks, 0.0832)
-    (cached,) = (tmp_path / "cache" / "psf").iterdir()
-    whole, rng = cached.read_bytes(), np.random.default_rng(1)
-    assert reference_stack._read_kept(cached, cached.stem) is not None
-    for place in (*rng.integers(0, len(whole), 24), *range(len(whole) - 16, len(whole))):
-        flipped = bytearray(whole)
-        flipped[place] ^= 1 << rng.integers(0, 8)
-        cached.write_bytes(flipped)
-        assert reference_stack._read_kept(cached, cached.stem) is None
 
 
 @pytest.mark.torch

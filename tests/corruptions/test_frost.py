@@ -180,14 +180,6 @@ def test_the_frame_is_mixed_with_a_cut_of_the_enlarged_texture(invented, monkeyp
         assert np.abs(frost.apply(frame, state, 0) - expected).max() < 0.501
 
 
-def test_all_five_textures_and_many_positions_are_drawn(invented, monkeypatch):
-    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
-    states = [Frost().draw(Rng.of("slots", seed), 3, (20, 20)) for seed in range(100)]
-    counts = np.bincount([state.slot for state in states], minlength=5)
-    assert counts.min() >= 8
-    assert len({(state.top, state.left) for state in states}) > 80
-
-
 def test_frost_with_the_real_textures_changes_the_frame():
     clear_caches()
     try:
@@ -280,12 +272,6 @@ def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(n
             rf.corrupt(grey, grey, load_corruption(name, variant, classes=DEMO_CLASSES), 2)
             with pytest.raises(AssetError):
                 rf.corrupt(grey, grey, load_corruption(name, variant), 2)
-
-
-def test_frost_outside_the_demo_needs_the_photographs(no_photographs, tmp_path):
-    motorcycle = load_benchmark("motorcycle").narrowed(["frost"], [1])
-    with pytest.raises(AssetError):
-        rf.evaluate(ZeroFlow(), motorcycle, output=tmp_path / "run")
 
 
 def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photographs, tmp_path):

@@ -88,16 +88,6 @@ def test_grey_images_get_full_noise_or_the_luma_of_colour_corruptions():
         np.testing.assert_array_equal(transform(grey, key=1)[..., 0], expected)
 
 
-@pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
-def test_grey_image_is_corrupted_to_the_luma_of_the_rgb_result(name):
-    """The grey result is the luma of the RGB result, whose channels may be equal."""
-    grey = picture(48, 48)[..., :1]
-    transform = CorruptionTransform([name], [3])
-    colour = transform(np.repeat(grey, 3, axis=2), key=0)
-    luma = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(int)
-    assert np.abs(transform(grey, key=0)[..., 0] - luma).max() <= 1
-
-
 def test_draws_depend_on_the_key_or_on_the_number_of_the_call():
     transform = CorruptionTransform(["impulse_noise"], [3], seed=1)
     image = picture(40, 56)

@@ -9,7 +9,7 @@ import pytest
 from robustflow.core.errors import AssetError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.registry import FURTHER, SHIPPED
+from robustflow.corruptions.registry import FURTHER
 from robustflow.corruptions.stack import truth_under
 from robustflow.data.datasets import load_dataset
 from robustflow.data.video.clip import write_clip
@@ -137,13 +137,6 @@ def test_a_strip_has_no_error_for_a_corruption_without_truth(demo_is_small):
     assert [column.has_truth for column in columns] == [True, True, False]
     with_truth = [*columns[:2], replace(columns[2], has_truth=True)]
     assert draw_strip(sample, columns, "zero") != draw_strip(sample, with_truth, "zero")
-
-
-def test_every_shipped_corruption_except_two_leaves_the_truth_unchanged():
-    assert {name for name in SHIPPED if load_corruption(name).truth != "unchanged"} == {
-        "elastic_transform",
-        "rolling_shutter",
-    }
 
 
 @pytest.mark.parametrize(("name", "most"), [("h264_abr", 0.02), ("h264_crf", 1.0)])

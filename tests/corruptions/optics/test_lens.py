@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions.optics.lens import (
-    SELLMEIER,
     abbe_number,
     first_order_of,
-    propagate,
     read_lens,
     refractive_index,
     trace,
@@ -45,13 +43,6 @@ def test_index_and_dispersion_are_those_of_the_data_sheet(name):
     n_d, v_d = CATALOGUE[name]
     assert refractive_index(name, 0.5875618) == pytest.approx(n_d, abs=6e-6)
     assert abbe_number(name) == pytest.approx(v_d, abs=6e-3)
-
-
-def test_every_glass_disperses_normally():
-    for name in SELLMEIER:
-        values = [refractive_index(name, w) for w in (0.41, 0.46, 0.54, 0.64, 0.69)]
-        assert values == sorted(values, reverse=True)
-        assert 1.4 < values[-1] < values[0] < 2.1
 
 
 def test_an_unknown_glass_is_refused_with_the_nearest_name():
@@ -127,39 +118,6 @@ def test_spherical_aberration_of_a_thin_lens_equals_third_order_theory(shape):
     assert path[0, 1, 0] == height
 
 
-def test_chromatic_shift_of_a_thin_lens_is_its_focal_length_over_v():
-    lens = thin_lens(0.0, 100.0, WAVELENGTH)
-    blue, red = (first_order_of(lens, w).focal_length for w in (0.4861327, 0.6562725))
-    n_f, n_c, n_d = (refractive_index("N-BK7", w) for w in (0.4861327, 0.6562725, WAVELENGTH))
-    v = (n_d - 1) / (n_f - n_c)
-    assert 1.0 / blue - 1.0 / red == pytest.approx(1.0 / (100.0 * v), rel=1e-9)
-
-
-@settings(max_examples=40)
-@given(
-    angle=st.floats(0.0, 2 * math.pi),
-    height=st.floats(-3.0, 3.0),
-    across=st.floats(-3.0, 3.0),
-    tangent=st.floats(-0.25, 0.25),
-)
-def test_turning_the_rays_turns_where_they_land(angle, height, across, tangent):
-    lens = cooke_triplet()
-    rays = bundle(height, tangent, across)
-    cosine, sine = math.cos(angle), math.sin(angle)
-
-    def rotated(u, v):
-        return cosine * u - sine * v, sine * u + cosine * v
-
-    x, y = rotated(rays.x, rays.y)
-    l, m = rotated(rays.l, rays.m)  # noqa: E741
-    (_, straight), (_, other) = trace(lens, rays, 0.55), trace(lens, rays._replace(x=x, y=y, l=l, m=m), 0.55)
-    assert other.alive[0] == straight.alive[0]
-    if straight.alive[0]:
-        x, y = rotated(straight.x, straight.y)
-        assert other.x == pytest.approx(x, abs=1e-11)
-        assert other.y == pytest.approx(y, abs=1e-11)
-
-
 @settings(max_examples=40)
 @given(height=st.floats(-4.0, 4.0), across=st.floats(-4.0, 4.0), tangent=st.floats(-0.2, 0.2))
 def test_directions_stay_unit_vectors_and_meet_the_surfaces(height, across, tangent):
@@ -181,15 +139,6 @@ def test_rays_that_miss_or_are_totally_reflected_are_dead_and_stay_finite():
     _, end = trace(plane, bundle([0.5, 5.5]), 0.55)
     assert end.alive.tolist() == [1.0, 0.0]
     assert all(np.isfinite(part).all() for part in end)
-
-
-def test_rims_block_rays_only_when_requested():
-    lens = cooke_triplet()
-    surfaces = [lens.column(name) for name in ("curvature", "conic", "thickness")]
-    for clear, expected in ((np.inf, [1.0, 1.0]), (3.0, [1.0, 0.0])):
-        rays = tuple(part.copy() for part in bundle([0.0, 4.5]))
-        propagate(*surfaces, lens.indices(0.55), np.full(len(lens.surfaces), clear), rays, np.empty((0, 3, 0)))
-        assert rays[-1].tolist() == expected
 
 
 def test_written_prescription_reads_back_equal(tmp_path):
