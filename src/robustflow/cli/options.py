@@ -2,7 +2,7 @@
 
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -50,27 +50,27 @@ def _with_help(parameter: inspect.Parameter, text: str) -> inspect.Parameter:
     return parameter.replace(annotation=Annotated[kind, changed])
 
 
-def _parameter(name: str, annotation: Any, default: Any = None) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+def _option(name: str, kind: Any, help: str, *flags: str, default: Any = None, **settings: Any) -> inspect.Parameter:
+    option = Option(*(flags or (f"--{name.replace('_', '-')}",)), help=help, **settings)
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option])
 
 
-def _of_run() -> dict[str, inspect.Parameter]:
-    """Return the options that are declared in `RunConfig`."""
-    parameters = {}
+def _of_run() -> Iterator[inspect.Parameter]:
+    """Yield the options that are declared in `RunConfig`."""
     for name, field in FIELDS.items():
         if (declared := option_of(field)) is None:
             continue
         kind = {"": field.annotation, "pairs": list[str] | None}.get(declared.parse, str | None)
-        option = Option(
-            *(declared.flags or (f"--{name.replace('_', '-')}",)),
-            help=declared.help,
+        yield _option(
+            name,
+            str if kind is Any else kind,
+            declared.help,
+            *declared.flags,
+            default=field.default if declared.cli_default is None else declared.cli_default,
             rich_help_panel=declared.heading,
             metavar="KEY=VALUE" if declared.parse == "pairs" else None,
             autocompletion=getattr(complete, declared.complete) if declared.complete else None,
         )
-        default = field.default if declared.cli_default is None else declared.cli_default
-        parameters[name] = _parameter(name, Annotated[str if kind is Any else kind, option], default)
-    return parameters
 
 
 def _use_psf_dir(context: typer.Context, folder: Path | None) -> Path | None:
@@ -95,96 +95,39 @@ def _import_corruptions(context: typer.Context, targets: list[str] | None) -> li
     return targets
 
 
-_MODEL = Option(
-    "--model",
-    "-m",
-    autocompletion=complete.models,
-    help="Name (robustflow list models), module.path:Attribute, exported network (.onnx), or folder of flow files.",
-)
-_SHARED = (
-    _of_run()
-    | {
-        name: _parameter(name, annotation)
-        for name, annotation in {
-            "model": Annotated[str | None, _MODEL],
-            "model_list": Annotated[list[str] | None, _MODEL],
-            "checkpoint": Annotated[
-                str | None,
-                Option(
-                    autocompletion=complete.checkpoints,
-                    help="The model's weights: a file, or a published name (robustflow list models).",
-                ),
-            ],
-            "device": Annotated[
-                str | None,
-                Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models with this option."),
-            ],
-            "precision": Annotated[
-                str | None, Option(help="fp32 or bf16, for models with this option.", rich_help_panel=HOW)
-            ],
-            "option": Annotated[
-                list[str] | None,
-                Option(
-                    "--option",
-                    "-O",
-                    metavar="KEY=VALUE",
-                    help="Model option, e.g. preset=fast. Repeatable.",
-                    rich_help_panel=WHAT,
-                ),
-            ],
-            "trained_on": Annotated[
-                str | None,
-                Option(help="Training sets of the model, e.g. C+T (see robustflow list models).", rich_help_panel=WHAT),
-            ],
-            "depth": Annotated[
-                Path | None,
-                Option(
-                    metavar="DIR",
-                    help="Folder of depth maps for 3D corruptions, named like the frames (.png, .npy or .pfm).",
-                    rich_help_panel=DATA,
-                ),
-            ],
-            "focal": Annotated[
-                float | None,
-                Option(
-                    metavar="PX",
-                    help="With --depth, the focal length in pixels; the longer side of the frames by default.",
-                    rich_help_panel=DATA,
-                ),
-            ],
-            "psf_dir": Annotated[
-                Path | None,
-                Option(
-                    callback=_use_psf_dir,
-                    help="Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of our lenses.",
-                    rich_help_panel=WHAT,
-                ),
-            ],
-            "own_corruption": Annotated[
-                list[str] | None,
-                Option(
-                    "--own-corruption",
-                    callback=_import_corruptions,
-                    metavar="MODULE:ATTRIBUTE",
-                    help="Your own corruption that the run used; names stored in a run are never imported.",
-                ),
-            ],
-        }.items()
-    }
-    | {
-        "severity": _parameter(
-            "severity", Annotated[int, Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")], 3
-        ),
-        "format": _parameter(
-            "format",
-            Annotated[str, Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")],
-            "terminal",
-        ),
-        "as_json": _parameter("as_json", Annotated[bool, Option("--json", help="Print JSON.")], False),
-    }
-)
+def _of_commands() -> Iterator[inspect.Parameter]:
+    """Yield the other shared options."""
+    text, texts, path = str | None, list[str] | None, Path | None
+    about = "Name (robustflow list models), module.path:Attribute, exported network (.onnx), or folder of flow files."
+    yield _option("model", text, about, "--model", "-m", autocompletion=complete.models)
+    yield _option("model_list", texts, about, "--model", "-m", autocompletion=complete.models)
+    about = "The model's weights: a file, or a published name (robustflow list models)."
+    yield _option("checkpoint", text, about, autocompletion=complete.checkpoints)
+    about = "auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models with this option."
+    yield _option("device", text, about)
+    yield _option("precision", text, "fp32 or bf16, for models with this option.", rich_help_panel=HOW)
+    model = {"metavar": "KEY=VALUE", "rich_help_panel": WHAT}
+    yield _option("option", texts, "Model option, e.g. preset=fast. Repeatable.", "--option", "-O", **model)
+    about = "Training sets of the model, e.g. C+T (see robustflow list models)."
+    yield _option("trained_on", text, about, rich_help_panel=WHAT)
+    about = "Folder of depth maps for 3D corruptions, named like the frames (.png, .npy or .pfm)."
+    yield _option("depth", path, about, metavar="DIR", rich_help_panel=DATA)
+    about = "With --depth, the focal length in pixels; the longer side of the frames by default."
+    yield _option("focal", float | None, about, metavar="PX", rich_help_panel=DATA)
+    about = "Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of our lenses."
+    yield _option("psf_dir", path, about, callback=_use_psf_dir, rich_help_panel=WHAT)
+    about = "Your own corruption that the run used; names stored in a run are never imported."
+    yield _option("own_corruption", texts, about, callback=_import_corruptions, metavar="MODULE:ATTRIBUTE")
+    yield _option("severity", int, "1 (mild) to 5 (severe).", "--severity", "--severities", "-s", default=3)
+    about = "terminal, markdown, latex, csv, html, or MODULE:FUNCTION."
+    yield _option("format", str, about, "--format", "-f", default="terminal")
+    yield _option("as_json", bool, "Print JSON.", "--json", default=False)
+
+
+_SHARED = {parameter.name: parameter for parameter in (*_of_run(), *_of_commands())}
 RUN: tuple[str, ...] = ("model_list", "benchmark", "data", "checkpoint", "device", "output", "option", "trained_on")
-RUN += (*(name for name in _of_run() if name not in RUN), "psf_dir", "depth", "focal", "precision")
+RUN += tuple(one.name for one in _of_run() if one.name not in RUN)
+RUN += ("psf_dir", "depth", "focal", "precision")
 """All options of a run, the common ones first."""
 FRAMES = ("seed", "variant", "severity_scale", "common_draws", "psf_dir")
 """Options that change corrupted frames."""

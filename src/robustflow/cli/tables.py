@@ -92,7 +92,7 @@ def _print_lines(lines: Sequence[str], facts: Sequence[str], rest: str) -> None:
     room = max(MOST_LINES // 2, MOST_LINES - len(facts))
     if len(lines) > room:
         lines = [*lines[: room - 1], f"... {len(lines) - room + 1} more lines: {rest}"]
-    typer.echo("\n".join([*lines, *facts]))
+    print("\n".join([*lines, *facts]))  # not by click, which writes UTF-8 to a terminal with a small character set
 
 
 def _facts(run: Run, report: bool) -> Iterator[str]:
