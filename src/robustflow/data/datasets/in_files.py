@@ -1,18 +1,8 @@
-"""Datasets that consist of frames and flow in files: FlyingChairs, FlyingThings3D, HD1K and Middlebury.
+"""Datasets of frames and flow in files, as their layouts declare them: FlyingChairs, FlyingThings3D, HD1K, Middlebury.
 
-data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo                              FlyingChairs
-FlyingChairs_train_val.txt (or chairs_split.txt), next to or in data/: line i is 1 (train) or 2 (val) for pair i
-
-frames_cleanpass/TRAIN/A/0000/left/0006.png ...     FlyingThings3D (frames_finalpass; .webp in the smaller download)
-optical_flow/TRAIN/A/0000/into_future/left/OpticalFlowIntoFuture_0006_L.pfm ...
-train/image_clean/left/0000000.png ...              its subset without the most extreme scenes (image_final, val)
-train/flow/left/into_future/0000000.flo ...         none for the last frame of a scene
-
-hd1k_input/image_2/000000_0000.png ...              HD1K: sequence_frame
-hd1k_flow_gt/flow_occ/000000_0000.png ...           one per frame; the last frame of a sequence has no second frame
-
-other-data/RubberWhale/frame10.png  frame11.png     Middlebury (frame07 to frame14 for scenes with eight frames)
-other-gt-flow/RubberWhale/flow10.flo                none for Beanbags, DogDance, MiniCooper and Walking
+FlyingChairs_train_val.txt (or chairs_split.txt), in data/ or beside it: line i is 1 (train) or 2 (val) for pair i.
+FlyingThings3D's subset without the most extreme scenes has no flow for the last frame of a scene; HD1K has flow for
+every frame. Middlebury's Beanbags, DogDance, MiniCooper and Walking have no flow.
 """
 
 from __future__ import annotations

@@ -1,31 +1,20 @@
 """KITTI flow 2015 and 2012: 200 and 194 training pairs of driving, sparse ground truth from a laser scanner.
 
-    training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
-    training/flow_occ/000010_10.png                   all pixels, including those that leave the view
-    training/flow_noc/000010_10.png                   non-occluded pixels only
-    training/disp_occ_0/000010_10.png  disp_occ_1     2015, for depth: disparity in both frames, in 1/256 pixel,
-    training/calib_cam_to_cam/000010.txt              at the pixels of frame 1; camera calibration
-    data/kitti2015_drives.csv                         in this package: pair, drive, frame of the raw data of 142 of the
-                                                      200 pairs, 29 drives; kitti2012: 89 of the 194 pairs, 16 drives
-
 `flow_occ` is the ground truth; a pixel that has flow in `flow_occ` but not in `flow_noc` is occluded. If a folder
 contains only `flow_noc`, these maps are the ground truth, there are no occlusion maps, and `non_occluded` is set,
 because errors on visible pixels are smaller. The two kinds of ground truth are never mixed within a run, and KITTI-FC
-requires `flow_occ`. If only the `flow_noc` map of a pair is missing, the pair has no occlusion map. (In 2015 both maps
-contain the same vectors. In 2012 they differ by up to a few pixels, as they were filled in separately.)
+requires `flow_occ`. (In 2015 both maps contain the same vectors. In 2012 they differ by up to a few pixels, as they
+were filled in separately.) For depth, 2015 has the disparity of both frames at the pixels of frame 1 (disp_occ_0 and 1,
+in 1/256 pixel) and calib_cam_to_cam. The multi-view extension adds 000010_00.png to 000010_20.png of each pair; if they
+are in the same folder, multi-frame models get the frames around each pair.
 
-The group of a pair is the drive in which it was recorded: pairs of the same drive are not independent. The numbers for
-2015 are from `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR 2015), whose lines
-are empty if the drive is not in the public raw data. For 2012 there is no official table; ours lists the pairs that
-Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from training. The pairs of
-2015 are numbered in the order of drives, and the raw data contain either all of a drive or none of it. Consecutive
-pairs without a drive therefore do not share a drive with the pairs before and after them, although the number of drives
-among them is unknown. Such a block of pairs forms one group, so too many pairs may be treated as related, but never too
-few. The pairs of 2012 are numbered at random, so all pairs without a drive form one group; confidence intervals on 2012
-are still too narrow (`docs/design/uncertainty.md`).
-
-The multi-view extension adds 000010_00.png to 000010_20.png of each pair; if they are in the same folder, multi-frame
-models get the frames around each pair.
+The group of a pair is the drive in which it was recorded, from data/*_drives.csv: 142 of the 200 pairs in 29 drives, 89
+of the 194 in 16. The numbers for 2015 are from `mapping/train_mapping.txt` in the development kit (Menze and Geiger,
+CVPR 2015), whose lines are empty if the drive is not in the public raw data; those for 2012 are the pairs that Meister,
+Hur and Roth (UnFlow, AAAI 2018) found in the raw data. The pairs of 2015 are numbered in the order of drives, and the
+raw data contain all of a drive or none of it, so a block of pairs without a drive shares none with its neighbours; it
+forms one group: too many pairs may be treated as related, but never too few. The pairs of 2012 are numbered at random,
+so all pairs without a drive form one group (`docs/design/uncertainty.md`).
 """
 
 from __future__ import annotations

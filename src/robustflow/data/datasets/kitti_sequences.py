@@ -1,17 +1,9 @@
 """KITTI without flow, for unsupervised training: the raw drives, and KITTI 2015's multi-view extension.
 
-    2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ...    raw: left colour camera; image_03 right
-
-Drives that are known to contain pairs of KITTI 2015 or 2012 are left out, unless all are requested. Source: Geiger,
-Lenz, Stiller and Urtasun, IJRR 2013.
-
-    training/image_2/000000_00.png ... 000000_20.png    multi-view: left camera; image_3 right; 200 scenes
-    testing/image_2/...                                 200 more
-
-Frames 10 and 11 are the evaluated pair. As in ARFlow and UPFlow, frames 09 to 12 are excluded, which leaves 15 pairs
-per scene and camera. This does not exclude all evaluated pairs of the training scenes: many scenes of a drive are ten
-frames apart, so frames 00 and 01 of a scene are frames 10 and 11 of the scene before it. The drives of the testing
-scenes are unknown. Source: Menze and Geiger, CVPR 2015.
+Raw drives that are known to contain pairs of KITTI 2015 or 2012 are left out, unless all are requested. Frames 10 and
+11 of a multi-view scene are the evaluated pair; as in ARFlow and UPFlow, frames 09 to 12 are excluded, which leaves 15
+pairs per scene and camera. This does not exclude all evaluated pairs of the training scenes: many scenes of a drive are
+ten frames apart, so frames 00 and 01 of a scene are frames 10 and 11 of the scene before it.
 """
 
 from __future__ import annotations

@@ -1,24 +1,13 @@
 """Rendered datasets with depth: MPI-Sintel, Spring (needs the extra `h5`) and TartanAir.
 
-    training/clean/alley_1/frame_0001.png ...       Sintel (and final, albedo)
-    training/flow/alley_1/frame_0001.flo            one fewer than frames
-    training/occlusions/alley_1/frame_0001.png      white: occluded
-    training/invalid/alley_1/frame_0001.png         white: no reliable flow
-    training/depth/alley_1/frame_0001.dpt           for depth: metres
-    training/camdata_left/alley_1/frame_0001.cam    for depth: the camera
-
-    train/0001/frame_left/frame_left_0001.png ...               Spring
-    train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...          from this frame to the next; BW to the previous one
-    train/0001/disp1_left/disp1_left_0001.dsp5 ...              for depth: disparity, in pixels of the frames; 0 in the
-                                                                sky, NaN where unknown
-    train/0001/cam_data/intrinsics.txt                          for depth: fx fy cx cy of each frame
-
-    abandonedfactory/Easy/P000/image_left/000000_left.png ...   TartanAir; or abandonedfactory/abandonedfactory/Easy
-    abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...  float32 (H, W, 2), pixels
-    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...  uint8 (H, W): 0 visible in the next frame, 1 or 10
-                                                                occluded, 100 out of view
-    abandonedfactory/Easy/P000/depth_left/000000_left_depth.npy for depth: float32 (H, W), metres
-    abandonedfactory/Easy/P000/pose_left.txt                    for depth: tx ty tz qx qy qz qw of each frame
+    training/depth/alley_1/frame_0001.dpt           Sintel: metres
+    training/camdata_left/alley_1/frame_0001.cam    the camera
+    train/0001/disp1_left/disp1_left_0001.dsp5      Spring: disparity, in pixels; 0 in the sky, NaN where unknown
+    train/0001/cam_data/intrinsics.txt              fx fy cx cy of each frame
+    office/Easy/P000/depth_left/000000_left_depth.npy   TartanAir: float32 (H, W), metres
+    office/Easy/P000/pose_left.txt                  tx ty tz qx qy qz qw of each frame
+    office/Easy/P000/flow/000000_000001_mask.npy    uint8 (H, W): 0 visible in the next frame, 1 or 10 occluded, 100 out
+                                                    of view
 
 Spring stores four vectors per pixel; like the benchmark's own reader, this one takes every second vector in both
 directions. TartanAir's pixels out of view are not evaluated, because they include points behind the camera, whose

@@ -18,7 +18,6 @@ tested on the released frames.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -29,7 +28,7 @@ from ...core.paths import folders, locate, user_path
 from ...core.types import Frame, Sample
 from ...corruptions.registry import ROBUSTSPRING
 from .base import DatasetFacts
-from .layout import Layout, LayoutDataset
+from .layout import Layout, LayoutDataset, matching
 from .pairs import PairFiles, Samples, read_frames
 
 CLEAN = "clean"
@@ -179,13 +178,10 @@ class RobustSpring(Samples):
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
 
     def _check_whole(self, folder: Path) -> None:
-        """Raise if a clean frame has no corrupted version. List each folder once instead of testing every file."""
+        """Raise if a clean frame has no corrupted version."""
         clean = self._clean["FW"]
-        wanted: dict[Path, set[str]] = {}
-        for key in clean.keys():  # noqa: SIM118
-            for path in clean.files(key):
-                wanted.setdefault(path.parent.relative_to(clean.folder), set()).add(path.name)
-        for place, names in wanted.items():
-            there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
-            if lacks := names - there:
-                raise DataError(folder / place / min(lacks), "missing; unpack the complete archive")
+        frames = matching(folder, clean.layout.frame).values()
+        there = {path for numbered in frames for path in numbered.values()}
+        wanted = {folder / path.relative_to(clean.folder) for key in clean.keys() for path in clean.files(key)}  # noqa: SIM118
+        if lacking := wanted - there:
+            raise DataError(min(lacking), "missing; unpack the complete archive")

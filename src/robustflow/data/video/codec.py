@@ -193,15 +193,6 @@ class Encoder:
         return Packet(bytes(packet), int(packet.pts * packet.time_base * self._fps))
 
 
-@dataclass
-class DecodeLog:
-    """Errors that a decoder encountered in a damaged stream."""
-
-    refused_packets: int = 0
-    strange_pictures: int = 0
-    """Number of frames that have no presentation time or differ from the clip in size or format; they count as lost."""
-
-
 class Decoder:
     """Decodes the packets of one clip to (display index, frame) pairs, in the output order of the decoder."""
 
@@ -210,7 +201,8 @@ class Decoder:
         self._context.extradata = header
         self._context.thread_count, self._context.thread_type = 1, "NONE"
         self._size = (height, width)
-        self.log = DecodeLog()
+        self.refused_packets = 0
+        self.strange_pictures = 0  # without presentation time, or not of the clip's size or format; they count as lost
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[tuple[int, I420]]:
         for packet in packets:
@@ -225,17 +217,14 @@ class Decoder:
         try:
             frames = self._context.decode(coded)
         except av.error.FFmpegError:
-            self.log.refused_packets += 1
+            self.refused_packets += 1
             return
         for frame in frames:
-            if (frame.height, frame.width) != self._size or frame.pts is None or not _is_420(frame):
-                self.log.strange_pictures += 1
+            is_420 = frame.format.name in ("yuv420p", "yuvj420p")
+            if (frame.height, frame.width) != self._size or frame.pts is None or not is_420:
+                self.strange_pictures += 1
             else:
                 yield frame.pts, frame.to_ndarray()
-
-
-def _is_420(frame: Any) -> bool:
-    return frame.format.name in ("yuv420p", "yuvj420p")
 
 
 def encoder_versions() -> dict[str, str]:
