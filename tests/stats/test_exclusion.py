@@ -38,45 +38,37 @@ def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) 
 _USELESS, _SOUND = _rows(31.0, 0.5), _rows(13.0, 5.0)
 
 
-def test_clean_error_at_half_of_zero_flows_is_excluded():
-    assert zero_flow_epe(_SOUND) == pytest.approx(50.0)
-    assert clean_epe(_SOUND) == pytest.approx(13)
-    (reason,) = reasons_from_rows(_USELESS)
-    assert reason == (
-        "its clean EPE of 31.00 px is at least half of the 50.00 px of zero flow (a flow that misses the motion can "
-        "hardly get worse)"
-    )
-    (reason,) = reasons_from_rows(_rows(11.93, 0.02, motion=12.10))
-    assert "11.93 px is at least half of the 12.10 px" in reason
-    assert not reasons_from_rows(_SOUND)
+CASES = {
+    "sound": (_SOUND, []),
+    "just below half of zero flow": (_rows(24.9, 5.0), []),
+    "just above": (_rows(25.1, 5.0), ["25.10 px", "50.00 px"]),
+    "far above": (_USELESS, ["31.00 px", "50.00 px"]),
+    "nearly zero flow": (_rows(11.93, 0.02, motion=12.10), ["11.93 px", "12.10 px"]),
+    "small motion": (_rows(0.2, 0.1, motion=0.3), ["0.20 px", "0.30 px"]),
+    "small motion, better": (_rows(0.2, 0.1, motion=0.5), []),
+    "changes by just over 0.1 %": (_rows(13.0, 0.0505), []),
+    "by just under": (_rows(13.0, 0.0495), ["50.00 px"]),
+    "slow clip": (_rows(0.0024, 0.008, motion=0.24), []),
+    "slow clip without truth": (_rows(0.0024, 0.008, motion=0.24, truth=False), []),
+    "constant with noise": (_rows(0.5, 0.02), ["0.020 px"]),
+    "constant with noise, without truth": (_rows(0.5, 0.02, truth=False), ["0.020 px"]),
+    "constant": (_rows(0.5, 0.0), ["0.000 px"]),
+    "slow constant without truth": (_rows(0.0024, 0.0, motion=0.24, truth=False), ["0.000 px"]),
+    "frames that no corruption changed": (_rows(1.0, 0.0).with_columns(frames_digest=pl.lit("same")), []),
+}
 
 
-def test_reason_on_small_motion_names_the_motion():
-    """A sound model errs by 0.2 px everywhere, which is more than half of a motion of 0.3 px."""
-    (reason,) = reasons_from_rows(_rows(0.2, 0.1, motion=0.3))
-    assert "motion this small does not distinguish a sound model from zero flow: measure the model on larger" in reason
-    assert not reasons_from_rows(_rows(0.2, 0.1, motion=0.5))
-
-
-@pytest.mark.parametrize(
-    ("rows", "start"),
-    [
-        (_rows(24.9, 5.0), None),
-        (_rows(25.1, 5.0), "its clean EPE of 25.10 px"),
-        (_rows(13.0, 0.0505), None),
-        (_rows(13.0, 0.0495), "its flow hardly depends on the frames"),
-    ],
-    ids=["just below half of zero flow", "just above", "changes by just over 0.1 %", "by just under"],
-)
-def test_exclusion_applies_from_its_thresholds_on(rows, start):
-    assert [reason.startswith(start or "-") for reason in reasons_from_rows(rows)] == [True] * bool(start)
+@pytest.mark.parametrize(("rows", "numbers"), CASES.values(), ids=CASES)
+def test_reasons_name_the_numbers_that_exclude_a_model(rows, numbers):
+    reasons = reasons_from_rows(rows)
+    assert len(reasons) == bool(numbers)
+    assert all(number in reason for reason in reasons for number in numbers)
 
 
 @pytest.mark.parametrize(("motion", "small"), [(0.99, True), (1.01, False)])
-def test_motion_below_a_pixel_is_small(motion, small):
-    (reason,) = reasons_from_rows(_rows(0.6 * motion, 0.1, motion=motion))
-    assert ("measure the model on larger motion" in reason) == small
-    assert ("a flow that misses the motion" in reason) != small
+def test_motion_below_a_pixel_has_a_reason_of_its_own(motion, small):
+    (reason,), (usual,) = (reasons_from_rows(_rows(0.6 * px, 0.1, motion=px)) for px in (motion, 50.0))
+    assert (reason.partition("(")[2] != usual.partition("(")[2]) == small
 
 
 @pytest.mark.parametrize(("shorter", "excluded"), [(25.2, False), (24.8, True)])
@@ -106,24 +98,6 @@ def test_experiments_and_rankings_use_one_guard():
     assert [bool(reasons_from_rows(one.rows)) for one in (worse, better)] == [True, False]
 
 
-@pytest.mark.parametrize(
-    ("motion", "moved", "blind"),
-    [(0.24, 0.008, False), (27.0, 1.2, False), (50.0, 0.02, True), (0.24, 0.0, True), (50.0, 0.0, True)],
-    ids=["slow clip", "fast clip", "constant with noise", "slow constant", "constant"],
-)
-def test_flow_that_does_not_follow_the_frames_is_excluded_relative_to_its_length(motion, moved, blind):
-    """Under the mildest corruption, the flow of DIS changes by 0.008 px for a motion of 0.24 px, less than a noisy
-    constant flow does."""
-    for truth in (True, False):
-        reasons = reasons_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
-        assert [reason.startswith("its flow hardly depends on the frames") for reason in reasons] == [True] * blind
-
-
-def test_frames_that_no_corruption_changed_are_no_reason_to_exclude():
-    same = _rows(1.0, 0.0).with_columns(frames_digest=pl.lit("same"))
-    assert not reasons_from_rows(same)
-
-
 def _explained(error: float, of_still: float, truth: bool = False) -> list[str]:
     """The reasons about a flow with a photometric error, where zero flow has the error `of_still`."""
     columns = {
@@ -134,16 +108,16 @@ def _explained(error: float, of_still: float, truth: bool = False) -> list[str]:
     return reasons_from_rows(_rows(0.0, 5.0, truth=truth).with_columns(**columns))
 
 
-def test_flow_that_explains_the_frames_no_better_than_zero_flow_is_excluded_without_ground_truth():
-    for error in (18.5, 20.0, 31.0):  # much too short, zero, negated
-        (reason,) = _explained(error, 20.0)
-        assert f"its photometric error is {error:.2f} grey levels, that of zero flow 20.00" in reason
-    assert not _explained(17.0, 20.0)
-    assert not _explained(31.0, 20.0, truth=True)  # ground truth decides
+@pytest.mark.parametrize("error", [18.5, 20.0, 31.0], ids=["much too short", "zero", "negated"])
+def test_flow_that_explains_the_frames_no_better_than_zero_flow_is_excluded_without_ground_truth(error):
+    (reason,) = _explained(error, 20.0)
+    assert f"{error:.2f}" in reason
+    assert "20.00" in reason
 
 
-def test_identical_frames_are_no_reason_to_exclude():
-    assert not _explained(0.0, 0.0)
+@pytest.mark.parametrize("given", [(17.0, 20.0, False), (31.0, 20.0, True), (0.0, 0.0, False)])
+def test_flow_that_explains_the_frames_or_has_ground_truth_is_not_excluded(given):
+    assert not _explained(*given)
 
 
 class ScaledDis:
@@ -176,23 +150,17 @@ def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measur
     """
     assert not exclusion_reasons(measured_runs["dis"])
     assert measured_runs["tenth"].cre < 0.3 * measured_runs["dis"].cre
-    assert "is at least half of the 34.34 px of zero flow" in exclusion_reasons(measured_runs["tenth"])[0]
+    assert "34.34 px" in exclusion_reasons(measured_runs["tenth"])[0]
     assert clean_epe(measured_runs["constant"].rows) < 0.5 * 34.34
-    assert exclusion_reasons(measured_runs["constant"])[0].startswith("its flow hardly depends on the frames")
+    assert len(exclusion_reasons(measured_runs["constant"])) == 1
 
 
-@pytest.mark.parametrize("format", ["terminal", "markdown"])
-def test_compare_ranks_no_excluded_run_and_says_why(measured_runs, robustflow, format):
-    options = ("--resamples", 199, "--format", format)
-    out = " ".join(robustflow.prints("compare", *(run.path for run in measured_runs.values()), *options).split())
-    ranking, _, rest = out.partition("possible ranks: ranks consistent")
-    assert "1 x DIS" in ranking
-    assert "0.9 x DIS" in ranking
-    assert "0.1 x DIS" not in ranking
-    assert "ConstantFlow" not in ranking
-    assert "Not ranked: 0.1 x DIS, because its clean EPE of" in rest
-    of_two = robustflow.prints("compare", *(measured_runs[name].path for name in ("dis", "tenth")), *options)
-    assert "Not ranked: 0.1 x DIS, because" in " ".join(of_two.split())
+def test_compare_ranks_no_excluded_run(measured_runs, robustflow):
+    paths = [run.path for run in measured_runs.values()]
+    out = robustflow.prints("compare", *paths, "--resamples", 199, "--format", "csv")
+    cells = {cell for line in out.splitlines() for cell in line.split(",")[:2]}
+    assert {"1 x DIS", "0.9 x DIS"} <= cells
+    assert not {"0.1 x DIS", "ConstantFlow"} & cells
 
 
 def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(base):
@@ -203,7 +171,7 @@ def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(ba
     assert not any(exclusion_reasons(run) for run in runs)
     lines = run_results(runs)
     assert [line.name for line in lines if line.excluded] == ["tenth"]
-    assert "less than half of the 50.00 px median" in lines[1].excluded
+    assert "50.00 px" in lines[1].excluded
 
 
 def test_many_models_are_compared_over_what_all_of_them_measured():

@@ -44,7 +44,7 @@ pixels.
 
 
 @dataclass(frozen=True)
-class Column:
+class RowColumn:
     """A column of the rows: its type, for a sum the count of its pixels, and its meaning."""
 
     kind: type[pl.DataType]
@@ -55,79 +55,81 @@ class Column:
 
 _TEXT, _COUNT, _NUMBER = pl.String, pl.Int64, pl.Float64
 
-COLUMNS: dict[str, Column] = {
-    "sample": Column(_TEXT, "", "The sample's key, the same on every machine."),
-    "group": Column(
+COLUMNS: dict[str, RowColumn] = {
+    "sample": RowColumn(_TEXT, "", "The sample's key, the same on every machine."),
+    "group": RowColumn(
         _TEXT, "", "Name shared by samples that are not independent (one video); otherwise the key itself."
     ),
-    "corruption": Column(_TEXT, "", "Name of the corruption, or `clean`."),
-    "severity": Column(_COUNT, "", "1 to 5; 0 in the clean row."),
-    "truth": Column(
+    "corruption": RowColumn(_TEXT, "", "Name of the corruption, or `clean`."),
+    "severity": RowColumn(_COUNT, "", "1 to 5; 0 in the clean row."),
+    "truth": RowColumn(
         _TEXT, "", "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content."
     ),
-    "frames_digest": Column(
+    "frames_digest": RowColumn(
         _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given."
     ),
-    "truth_digest": Column(
+    "truth_digest": RowColumn(
         _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors."
     ),
-    "height": Column(_COUNT, "", "Height of the frames, pixels."),
-    "width": Column(_COUNT, "", "Width of the frames, pixels."),
-    "n_invalid": Column(_COUNT, "", "Pixels at which this row's prediction is not finite."),
-    "n_all": Column(_COUNT, "", "Usable pixels."),
-    "rcre_all_sum": Column(_NUMBER, "n_all", "Distance from the clean flow, summed over `n_all`, pixels."),
-    "pred_magnitude_sum": Column(_NUMBER, "n_all", "Length of the predicted flow, summed over `n_all`, pixels."),
-    "n_photometric": Column(_COUNT, "", "Pixels whose target according to the flow is inside the frame."),
-    "photometric_sum": Column(
+    "height": RowColumn(_COUNT, "", "Height of the frames, pixels."),
+    "width": RowColumn(_COUNT, "", "Width of the frames, pixels."),
+    "n_invalid": RowColumn(_COUNT, "", "Pixels at which this row's prediction is not finite."),
+    "n_all": RowColumn(_COUNT, "", "Usable pixels."),
+    "rcre_all_sum": RowColumn(_NUMBER, "n_all", "Distance from the clean flow, summed over `n_all`, pixels."),
+    "pred_magnitude_sum": RowColumn(_NUMBER, "n_all", "Length of the predicted flow, summed over `n_all`, pixels."),
+    "n_photometric": RowColumn(_COUNT, "", "Pixels whose target according to the flow is inside the frame."),
+    "photometric_sum": RowColumn(
         _NUMBER,
         "n_photometric",
         "Difference between clean frame 1 and warped clean frame 2 over `n_photometric`, grey levels.",
     ),
-    "photometric_still_sum": Column(
+    "photometric_still_sum": RowColumn(
         _NUMBER, "n_photometric", "The same for zero flow, over the same pixels, grey levels."
     ),
-    "n_truth": Column(_COUNT, "n_valid", "Pixels with ground truth, predicted or not."),
-    "n_valid": Column(_COUNT, "", "Usable pixels with ground truth."),
-    "epe_sum": Column(_NUMBER, "n_valid", "End-point error, summed over `n_valid`, pixels."),
-    "clean_epe_sum": Column(
+    "n_truth": RowColumn(_COUNT, "n_valid", "Pixels with ground truth, predicted or not."),
+    "n_valid": RowColumn(_COUNT, "", "Usable pixels with ground truth."),
+    "epe_sum": RowColumn(_NUMBER, "n_valid", "End-point error, summed over `n_valid`, pixels."),
+    "clean_epe_sum": RowColumn(
         _NUMBER, "n_valid", "Error of the clean prediction, summed over the same `n_valid` pixels, pixels."
     ),
-    "rcre_sum": Column(_NUMBER, "n_valid", "Distance from the clean flow, summed over `n_valid`, pixels."),
-    "magnitude_sum": Column(_NUMBER, "n_valid", "Length of the true flow, summed over `n_valid`, pixels."),
-    "fl_count": Column(
+    "rcre_sum": RowColumn(_NUMBER, "n_valid", "Distance from the clean flow, summed over `n_valid`, pixels."),
+    "magnitude_sum": RowColumn(_NUMBER, "n_valid", "Length of the true flow, summed over `n_valid`, pixels."),
+    "fl_count": RowColumn(
         _COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length."
     ),
-    "px1_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 1 px."),
-    "px3_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px."),
-    "px5_count": Column(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 5 px."),
-    "wauc_sum": Column(
+    "px1_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 1 px."),
+    "px3_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px."),
+    "px5_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 5 px."),
+    "wauc_sum": RowColumn(
         _NUMBER, "n_valid", "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel."
     ),
-    "attack_linf": Column(
+    "attack_linf": RowColumn(
         _NUMBER, "", "Rows of attacks only: largest change of a value in the 8-bit frames, grey levels."
     ),
-    "attack_rms": Column(
+    "attack_rms": RowColumn(
         _NUMBER, "", "Rows of attacks only: root mean square of the change of the 8-bit frames, grey levels."
     ),
-    "attack_capped_sum": Column(
+    "attack_capped_sum": RowColumn(
         _NUMBER, "", "Rows of attacks only: error, capped at the frame's diagonal, summed over `n_valid`, pixels."
     ),
-    "attack_median": Column(_NUMBER, "", "Rows of attacks only: median error over `n_valid`, pixels."),
-    "attack_way_gone": Column(
+    "attack_median": RowColumn(_NUMBER, "", "Rows of attacks only: median error over `n_valid`, pixels."),
+    "attack_way_gone": RowColumn(
         _NUMBER, "", "Rows of attacks only: share of the way from the clean flow to the attack's target.", signed=True
     ),
-    "attack_late_gain": Column(
+    "attack_late_gain": RowColumn(
         _NUMBER, "", "Rows of attacks only: gain of the last quarter of the evaluations, in units of the loss."
     ),
-    "attack_start_spread": Column(
+    "attack_start_spread": RowColumn(
         _NUMBER, "", "Rows of attacks only: lead of the best start over the worst one, in units of the loss."
     ),
-    "attack_evaluations": Column(
+    "attack_evaluations": RowColumn(
         _COUNT, "", "Rows of attacks only: number of flows that the attack requested from the model."
     ),
-    "attack_warnings": Column(_TEXT, "", "Rows of attacks only: reasons why the row is doubtful, separated by commas."),
+    "attack_warnings": RowColumn(
+        _TEXT, "", "Rows of attacks only: reasons why the row is doubtful, separated by commas."
+    ),
     **{
-        f"{name}_{region}": Column(kind, f"n_{region}" if name != "n" else "", f"{meaning} in the region.")
+        f"{name}_{region}": RowColumn(kind, f"n_{region}" if name != "n" else "", f"{meaning} in the region.")
         for region in REGIONS
         for name, kind, meaning in (
             ("n", _COUNT, "Pixels of `n_valid`"),
@@ -137,21 +139,23 @@ COLUMNS: dict[str, Column] = {
             ("fl_count", _COUNT, "Pixels with an error above 3 px and above 5 % of the true length"),
         )
     },
-    "ause": Column(
+    "ause": RowColumn(
         _NUMBER, "", "Runs with a confidence: area between its sparsification curve and the oracle's, pixels."
     ),
-    "confidence_spearman": Column(
+    "confidence_spearman": RowColumn(
         _NUMBER, "", "Runs with a confidence: rank correlation of confidence and error; -1 is best.", signed=True
     ),
-    "rejected_count": Column(
+    "rejected_count": RowColumn(
         _COUNT, "", "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects."
     ),
     **{
-        f"{curve}_at_{share}": Column(_NUMBER, "", f"Runs with a confidence: mean error of the {share} % {of} pixels.")
+        f"{curve}_at_{share}": RowColumn(
+            _NUMBER, "", f"Runs with a confidence: mean error of the {share} % {of} pixels."
+        )
         for curve, of in (("error", "most confident"), ("oracle", "best"))
         for share in COVERAGES
     },
-    "spread_sum": Column(
+    "spread_sum": RowColumn(
         _NUMBER, "", "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels."
     ),
 }

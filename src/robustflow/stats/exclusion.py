@@ -1,6 +1,5 @@
-"""Phantom motion: the motion that a model predicts where nothing moves. Reasons not to rank a model by robustness,
-whatever its CRE: random weights, a flow hardly better than zero flow, or a flow that hardly depends on the
-frames.
+"""Reasons not to rank a model by robustness, whatever its CRE: random weights, a flow hardly better than zero flow, or
+a flow that hardly depends on the frames. What runs without ground truth or on still scenes cannot show.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.run import Run
-from .results import NEVER_RANKED, inside, long_label
+from .results import NEVER_RANKED
 from .uncertainty.bootstrap import enough_clusters
 
 PHANTOM = (
@@ -25,26 +24,6 @@ PHANTOM = (
     "A model that always predicts zero flow has none; its error on moving scenes shows the cost."
 )
 """The explanation shown with errors on still scenes."""
-
-
-def phantom_motion(run: Run) -> str:
-    """Describe the phantom motion of a run on still scenes in one sentence; "" for other runs, or if nothing was
-    measured."""
-    clean, corrupted = run.epe_clean, run.epe
-    if not is_still(run.benchmark) or clean is None:
-        return ""
-    sentence = f"phantom motion: {clean:.3f} px on clean frames"
-    known = {name: epe for name in run.measured.corruptions if (epe := run.mean("epe", name)) is not None}
-    if corrupted is None or not known:
-        return sentence
-    sentence += f", {corrupted:.3f} px under corruption"
-    most = max(known, key=lambda name: known[name])
-    if len(known) > 1 and known[most] > min(known.values()):
-        sentence += f", most under {inside(long_label(most))} ({known[most]:.3f} px)"
-    if (spread := run.mean("spread")) is not None:
-        draws = run.manifest.identity.measuring.draws
-        sentence += f"; the flow's standard deviation over {draws} draws is {spread:.3f} px"
-    return sentence
 
 
 CAVEAT = (
