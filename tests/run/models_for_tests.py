@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import time
 import zlib
+from contextlib import suppress
 
 import numpy as np
 
@@ -71,12 +72,8 @@ class FiveFrames:
 
 
 class Sure:
-    """Predicts flow from the pixel values, with higher confidence at brighter pixels.
-
-    Args:
-        spoil: "size" or "nan", a fault of the confidence.
-        device: name of the device, which moves the model to a separate process.
-    """
+    """Predicts flow from the pixel values, with higher confidence at brighter pixels; `spoil` is "size" or "nan", a
+    fault of the confidence. With a device, the model is moved to a separate process."""
 
     def __init__(self, spoil: str = "", device: str = "") -> None:
         self.spoil = spoil
@@ -158,21 +155,14 @@ class Accelerated:
 
 
 class Trouble(Accelerated):
-    """Returns no valid flow, after a given number of predictions.
+    """Fails after some predictions: returns a NaN ("nan") or channels first ("shape"), "raises", "exits" (like a script
+    whose argument parser fails), "hangs" or "dies" (like a crash in native code)."""
 
-    Args:
-        trouble: "nan" (at one pixel), "shape" (channels first, as in many networks), "raises", "exits" (like a script
-            whose argument parser fails), "hangs" or "dies" (like a crash in native code).
-        after: number of predictions that succeed.
-        device, pause: see `Accelerated`.
-    """
-
-    def __init__(self, trouble: str = "", after: int = 0, device: str = "cpu", pause: float = 0.0) -> None:
+    def __init__(self, trouble="", after=0, device="cpu", pause=0.0):
         super().__init__(device, pause)
-        self._trouble = trouble
-        self._left = after
+        self._trouble, self._left = trouble, after
 
-    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    def predict(self, frame1, frame2):
         flow = super().predict(frame1, frame2)
         self._left -= 1
         if self._left >= 0:
@@ -194,45 +184,29 @@ class Trouble(Accelerated):
 
 
 class Faulty:
-    """Returns a flow that depends on the frames, after a pause; fails a given number of times during a run.
+    """Returns a flow that depends on the frames, after a pause, and fails once during a run: "exit" ends its process,
+    "hang" never returns, and "memory" keeps using more. The failure is recorded in the folder FAULTS, and the process
+    and GPU of every prediction in the file `log`."""
 
-    Args:
-        pause: duration of a prediction, in seconds.
-        fault: kind of failure: "exit" (its process exits immediately), "hang" or "memory" (its memory use keeps
-            growing).
-        times: total number of failures, counted with files in the folder FAULTS.
-        device: name of the device, for an engine that assigns a GPU to a model.
-        log: path of a file that records the process and GPU of every prediction.
-    """
-
-    def __init__(self, pause: float = 0.0, fault: str = "", times: int = 1, device: str = "cpu", log: str = "") -> None:
-        self._pause, self._fault, self._times, self._device = pause, fault, times, device
-        self._log = log
+    def __init__(self, pause=0.0, fault="", device="cpu", log=""):
+        self._pause, self._fault, self._device, self._log = pause, fault, device, log
         self._asked = 0
 
-    def identity(self) -> dict[str, str]:
-        return {"name": "faulty", "pause": "", "fault": "", "times": "", "device": "", "log": ""}
+    def identity(self):
+        return {"name": "faulty"}
 
-    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    def predict(self, frame1, frame2):
         self._asked += 1
         time.sleep(self._pause)
-        if self._asked == 4 and self._fault and self._claim_turn():
-            self._fail()
+        if self._asked == 4 and self._fault:
+            with suppress(FileExistsError), open(f"{os.environ['FAULTS']}/failed", "x"):
+                self._fail()
         if self._log:
             with open(self._log, "a") as log:
                 log.write(f"{os.getpid()} {os.environ.get('CUDA_VISIBLE_DEVICES')}\n")
         return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32) / 16
 
-    def _claim_turn(self) -> bool:
-        for number in range(self._times):
-            try:
-                open(f"{os.environ['FAULTS']}/{number}", "x").close()
-                return True
-            except FileExistsError:
-                continue
-        return False
-
-    def _fail(self) -> None:
+    def _fail(self):
         if self._fault == "exit":
             os._exit(17)
         if self._fault == "hang":

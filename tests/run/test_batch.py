@@ -60,9 +60,9 @@ def test_model_without_batches_predicts_pairs_one_by_one(tmp_path):
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (lambda flows: flows[:1], "returned 1 flows for 3 pairs on sample '0', contrast severity 1, 2, 4"),
-        (lambda flows: [flows[0], flows[1][:9], flows[2]], "contrast severity 2; expected a float array"),
-        (lambda flows: 1 / 0, "raised ZeroDivisionError on sample '0', contrast severity 1, 2, 4"),
+        (lambda flows: flows[:1], "sample '0', contrast severity 1, 2, 4"),
+        (lambda flows: [flows[0], flows[1][:9], flows[2]], "sample '0', contrast severity 2"),
+        (lambda flows: 1 / 0, "ZeroDivisionError .* sample '0', contrast severity 1, 2, 4"),
     ],
 )
 def test_wrong_answer_to_a_batch_is_refused(tmp_path, answer, says):

@@ -107,7 +107,7 @@ def test_window_at_the_ends_of_a_clip_follows_the_model(clip_folder, tmp_path, w
     assert [index for _, index in model.calls[::2]] == places
     identity = rf.Result(tmp_path / "run").manifest.identity
     assert identity.model.window == {"before": window.before, "after": window.after, "ends": window.ends}
-    with pytest.raises(RunError, match="differs in: window"):
+    with pytest.raises(RunError, match="window"):
         run(Recorder((1, 1)), clip_folder, tmp_path / "run", **SMALLEST)
 
 
@@ -175,9 +175,9 @@ def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_fo
 def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):
     with pytest.raises(UsageError, match="--batch-size"):
         run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
-    with pytest.raises(UsageError, match="cannot predict in tiles"):
+    with pytest.raises(UsageError):
         load_model(MODEL, tile="64x64")
-    with pytest.raises(ModelError, match="the model's window is 'all'"):
+    with pytest.raises(ModelError, match="'all'"):
         run(Recorder("all"), clip_folder, tmp_path / "run")
 
 
@@ -187,14 +187,14 @@ def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):
             flow = super().predict_clip(frames, index)
             return flow if len(self.calls) < 4 else flow[:5]
 
-    with pytest.raises(ModelError, match=r"float32 \(5, 64, 2\) on sample '1', contrast severity 1"):
+    with pytest.raises(ModelError, match="sample '1', contrast severity 1"):
         run(Wrong(), clip_folder, tmp_path / "run", **SMALLEST)
 
     class Raises(Recorder):
         def predict_clip(self, frames, index):
             return frames[7]
 
-    with pytest.raises(ModelError, match="raised IndexError on sample '0', clean"):
+    with pytest.raises(ModelError, match=r"IndexError.* sample '0', clean"):
         run(Raises(), clip_folder, tmp_path / "run2", **SMALLEST)
 
 
@@ -226,12 +226,12 @@ class OwnClips(TexturePairs):
 @pytest.mark.parametrize(
     ("fault", "error", "says"),
     [
-        ("files", UsageError, r"failed in files\('0'\): KeyError: 'no disk'"),
-        ("around", UsageError, r"failed in around\('0'\): KeyError: 'no disk'"),
-        ("around without an answer", UsageError, r"failed in around\('0'\): expected a range with 0 and 1, got None"),
-        ("frame", UsageError, r"failed in frame\('0', -1\): KeyError: 'no disk'"),
-        ("frame without an answer", DataError, r"sample '0', frame -1: expected RGB uint8 \(H, W, 3\), got NoneType"),
-        ("frame_files", UsageError, r"failed in frame_files\('0'\): KeyError: 'no disk'"),
+        ("files", UsageError, r"files\('0'\).* 'no disk'"),
+        ("around", UsageError, r"around\('0'\).* 'no disk'"),
+        ("around without an answer", UsageError, r"around\('0'\).* None"),
+        ("frame", UsageError, r"frame\('0', -1\).* 'no disk'"),
+        ("frame without an answer", DataError, "sample '0', frame -1"),
+        ("frame_files", UsageError, r"frame_files\('0'\).* 'no disk'"),
     ],
 )
 def test_a_users_dataset_that_fails_is_named(tmp_path, fault, error, says):

@@ -123,12 +123,12 @@ def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder,
         run(tmp_path / "run", "folder", clip_folder, [name], {})
     assert not (tmp_path / "run").exists()
     benchmark = load_benchmark("folder", clip_folder).narrowed([name], [1])
-    with pytest.raises(UsageError, match="--depth DIR"):
+    with pytest.raises(UsageError, match="--depth"):
         list(export(benchmark, tmp_path / "frames"))
 
 
 def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
-    with pytest.raises(UsageError, match=r"only for the two frames of a pair, but this model needs 5"):
+    with pytest.raises(UsageError, match="needs 5"):
         run(
             tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps},
             model=ModelSpec("tests.run.models_for_tests:FiveFrames"),
@@ -147,12 +147,12 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     assert focal.manifest.identity.frames != first.manifest.identity.frames
 
     np.save(maps / "3.npy", np.full((48, 64), 44, np.float32))
-    with pytest.raises(RunError, match=r"differs in: depth\)"):
+    with pytest.raises(RunError, match="depth"):
         run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     other = run(tmp_path / "two", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     digests = [result.rows.filter(pl.col("corruption") == "fog_3d")["frames_digest"] for result in (first, other)]
     assert 0 < (digests[0] == digests[1]).sum() < len(digests[0])
-    with pytest.raises(RunError, match="pass the depth maps and the focal length of the run"):
+    with pytest.raises(RunError, match="-D depth=DIR"):
         recheck(first.manifest.identity, first.rows, clip_folder, options={"depth": maps})
     assert "rows" in recheck(other.manifest.identity, other.rows, clip_folder, options={"depth": maps}, count=50)
 

@@ -23,7 +23,6 @@ from robustflow.models import ModelSpec
 from robustflow.run import examples as examples_module
 from robustflow.run.example_cells import are_current
 from robustflow.run.recheck import recheck
-from robustflow.run.run import Run
 from robustflow.run.setup import restore_setup
 from robustflow.run.source import RunSource
 from robustflow.run.store import RunFolder
@@ -101,13 +100,6 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     files = _files(run)
     shutil.rmtree(run.path / "examples")
     assert _files(rf.evaluate(DIS, **asked)) == files, "images from frames in memory equal those from recomputed ones"
-
-
-def test_a_run_needs_no_temporary_folder(tmp_path, monkeypatch, small):
-    monkeypatch.setattr("tempfile.tempdir", "/no such folder")
-    run = rf.evaluate(DIS, output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
-    assert are_current(run)
-    assert not list(run.path.rglob(".partial-*"))
 
 
 def test_examples_are_drawn_once_and_deleted_when_the_rows_change(tmp_path, monkeypatch, small):
@@ -196,12 +188,6 @@ def test_benchmark_named_in_a_run_folder_is_not_imported(drawn):
     change_identity(run, benchmark="marker_module:touch")
     refusal(lambda: restore_setup(run, RunSource.read(run.path)), RunError, "marker_module:touch")
     refusal(lambda: recheck(run.manifest.identity, run.rows), RunError, "marker_module:touch")
-
-
-def test_a_list_nested_too_deeply_to_read_is_outdated(drawn, tmp_path):
-    copied = Run(shutil.copytree(drawn.path, tmp_path / "run"))
-    (copied.path / "examples" / "examples.json").write_text("[" * 100_000)
-    assert not are_current(copied)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):

@@ -24,7 +24,7 @@ def warned(model, folder, **options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         rf.evaluate(model, "demo", output=folder, **FEW | options)
-    return [str(one.message) for one in caught if "flow looks" in str(one.message)]
+    return [str(one.message) for one in caught if "robustflow check" in str(one.message)]
 
 
 @pytest.mark.parametrize("workers", [None, 2])

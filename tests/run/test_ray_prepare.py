@@ -30,7 +30,7 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     shared = tmp_path / "out" / ".shared-0"
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, shared, "/", here)
     assert (kind, error) == ("error", "DataError")
-    assert "cannot see files that this machine writes to" in message
+    assert message.startswith("node ")
     assert not (tmp_path / "out").exists()
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
     assert (kind, error) == ("error", RunError.__name__)
@@ -38,13 +38,9 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--engine", "rey"], "unknown engine 'rey': did you mean 'ray'?"),
-        (["--address", "auto"], "--address requires --engine ray"),
-        (["--engine", "ray", "--workers", "0"], "0 is not a valid number of workers"),
-    ],
+    ("options", "culprit"),
+    [(["--engine", "rey"], "'rey'"), (["--address", "auto"], "--address"), (["--workers", "0"], "--workers")],
 )
-def test_contradictory_options_of_prepare_are_refused(recordings, tmp_path, robustflow, options, words):
+def test_contradictory_options_of_prepare_are_refused(recordings, tmp_path, robustflow, options, culprit):
     folders = ["-d", recordings, "-o", tmp_path / "out", "--fps", "240", "--factor", "1"]
-    assert words in robustflow.refuses("prepare", "gopro-fc", *folders, *options)
+    assert culprit in robustflow.refuses("prepare", "gopro-fc", *folders, *options)

@@ -20,10 +20,10 @@ from .processes import descendants, finished, rows_so_far, start_run, wait_until
 @pytest.mark.parametrize(
     ("trouble", "error", "says"),
     [
-        ("nan", ModelError, r"1 pixels that are NaN or infinite on sample '0', \w+ severity \d"),
-        ("raises", ModelError, r"raised ValueError on sample '0', \w+ severity \d: no weights"),
-        ("hangs", ModelError, r"longer than 1\.5 s on sample '0', \w+ severity \d"),
-        ("dies", RunError, r"exit code 17\) while computing sample '0', \w+ severity \d"),
+        ("nan", ModelError, r"1 pixels .* sample '0', \w+ severity \d"),
+        ("raises", ModelError, r"ValueError .* sample '0', \w+ severity \d: no weights"),
+        ("hangs", ModelError, r" 1\.5 s .* sample '0', \w+ severity \d"),
+        ("dies", RunError, r" 17\) .* sample '0', \w+ severity \d"),
     ],
 )
 def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, says):
@@ -37,7 +37,7 @@ def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, troubl
 def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
     benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
     model = ModelSpec("tests.run.models_for_tests:Accelerated")
-    with pytest.raises(RunError, match=r"exit code 18\) while computing sample '1', clean"):
+    with pytest.raises(RunError, match=r" 18\) .* sample '1', clean"):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1)
 
 

@@ -88,9 +88,9 @@ def test_a_still_run_is_rechecked_and_compared_with_no_run_of_moving_frames(clip
     moving = still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1, still=False)
     assert still.benchmark == "folder-still"
     assert sample_set(still) != sample_set(moving)
-    with pytest.raises(RunError, match="Your own frames, still"):
+    with pytest.raises(RunError):
         still.compare(moving)
-    with pytest.raises(RunError, match="differs in: benchmark"):
+    with pytest.raises(RunError, match="benchmark"):
         still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1)
     result = recheck(still.manifest.identity, still.rows, clip_folder, model=ModelSpec("dis"), count=2)
     assert "2 of 2 rows" in result
@@ -188,7 +188,7 @@ def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, 
     assert [title in render_site(run_content(run)) for run in (drawn, runs[0])] == [True, False]
     if kind is Pairs:
         forged = drawn.rows.with_columns(spread_sum=pl.col("spread_sum") * 1.1)
-        for rows, expected in ((drawn.rows, nullcontext()), (forged, pytest.raises(RunError, match="error differs"))):
+        for rows, expected in ((drawn.rows, nullcontext()), (forged, pytest.raises(RunError))):
             with expected:
                 recheck(drawn.manifest.identity, rows, clip_folder, model=Pairs(), count=4)
 

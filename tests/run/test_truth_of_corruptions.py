@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.cli.tables import print_result
 from robustflow.core.errors import RunError
 from robustflow.metrics import METRICS
 from robustflow.metrics.regions import REGIONS

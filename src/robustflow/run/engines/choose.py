@@ -17,7 +17,7 @@ from ...models.conventions import check_count, check_positive
 from ...models.loading import devices_of
 from ..named_model import NamedModel
 from ..plan import Unit
-from .base import Engine, FinishedUnits, Job
+from .base import Engine
 from .processes import SERIAL, processes
 from .ray import on_ray
 
@@ -71,24 +71,29 @@ def choose_engine(
     if name == "ray":
         require("ray", "the ray engine")  # fail before the run is announced
         return _ray(workers, timeout, address)
-    if name == "processes" and devices:
-        return _staged(devices, workers, timeout)
     if name == "processes":
-        return _processes(workers or 1, timeout)
+        if workers is not None and workers < len(devices):
+            raise UsageError("--workers", f"{workers} is too few for {len(devices)} devices; name fewer with --device")
+        feeders = max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+        return _pool(workers or feeders or 1, timeout, devices)
     if (workers or 1) > 1 or timeout is not None:
         option = "--workers" if (workers or 1) > 1 else "--timeout"
         raise UsageError(option, "the serial engine has one worker and cannot stop a model; use --engine processes")
     return _serial(why)
 
 
-def _processes(workers: int, timeout: float | None) -> Engine:
-    def count(units: Sequence[Unit]) -> int:
-        return max(1, min(workers, len(units)))
+def _pool(workers: int, timeout: float | None, devices: Sequence[str] = ()) -> Engine:
+    def parts(units: Sequence[Unit]) -> tuple[int, Sequence[str]]:
+        most = max(1, len(units))
+        return min(workers, most), devices[:most]
 
-    return Engine(
-        lambda units: f"processes, {counted(count(units), 'worker')}",
-        lambda job, units: processes(job, units, count(units), timeout),
-    )
+    def describe(units: Sequence[Unit]) -> str:
+        count, used = parts(units)
+        if not used:
+            return f"processes, {counted(count, 'worker')}"
+        return f"processes, {counted(len(used), 'device')} + {counted(count, 'feeder')}"
+
+    return Engine(describe, lambda job, units: processes(job, units, parts(units)[0], timeout, parts(units)[1]))
 
 
 def _spread(why_not: str) -> Engine:
@@ -99,7 +104,7 @@ def _spread(why_not: str) -> Engine:
         count = min(available_processors(), MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units))
         if count < 2:
             return SERIAL
-        return _serial(why_not) if why_not else _processes(count, None)
+        return _serial(why_not) if why_not else _pool(count, None)
 
     return Engine(
         lambda units: engine(units).describe(units),
@@ -117,29 +122,6 @@ def _ray(workers: int | None, timeout: float | None, address: str | None) -> Eng
         lambda units: f"ray{actors}, {'on this machine' if address is None else address}",
         lambda job, units: on_ray(job, units, workers, timeout, address),
     )
-
-
-def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
-    if workers is not None and workers < len(devices):
-        raise UsageError(
-            "--workers",
-            f"{workers} is too few for {len(devices)} devices: use {len(devices)} or more, or name fewer --device",
-        )
-    wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
-
-    def count(units: Sequence[Unit]) -> tuple[int, int]:
-        most = max(1, len(units))
-        return min(len(devices), most), min(wanted, most)
-
-    def describe(units: Sequence[Unit]) -> str:
-        used, feeders = count(units)
-        return f"processes, {counted(used, 'device')} + {counted(feeders, 'feeder')}"
-
-    def compute(job: Job, units: Sequence[Unit]) -> FinishedUnits:
-        used, feeders = count(units)
-        return processes(job, units, feeders, timeout, devices[:used])
-
-    return Engine(describe, compute)
 
 
 def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:
