@@ -164,15 +164,15 @@ def test_a_still_scene_takes_the_users_maps(clip_folder, maps, tmp_path):
 
 
 def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_folder, maps, tmp_path):
-    with pytest.raises(UsageError, match="none of the corruptions needs depth"):
-        run(tmp_path / "run", "folder", clip_folder, ["fog"], {"depth": maps})
-    with pytest.raises(UsageError, match="give --depth DIR"):
-        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"focal": 50})
-    with pytest.raises(UsageError, match="--depth"):
-        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": tmp_path / "nowhere"})
     (maps / "5.npy").unlink()
-    with pytest.raises(DataError, match=r"no depth map for .*5\.png"):
-        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    for name, options, error, culprit in (
+        ("fog", {"depth": maps}, UsageError, "depth"),
+        ("fog_3d", {"focal": 50}, UsageError, "--depth"),
+        ("fog_3d", {"depth": tmp_path / "nowhere"}, UsageError, "--depth"),
+        ("fog_3d", {"depth": maps}, DataError, r"5\.png"),
+    ):
+        with pytest.raises(error, match=culprit):
+            run(tmp_path / "run", "folder", clip_folder, [name], options)
     assert not (tmp_path / "run").exists()
 
 

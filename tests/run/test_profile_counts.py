@@ -16,6 +16,8 @@ from robustflow.run.costs import COUNTED_SIZE
 from robustflow.run.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
 from robustflow.stats.published.tables import published_costs
 
+from ..refusals import refusal
+
 pytestmark = pytest.mark.torch
 
 
@@ -65,8 +67,7 @@ def test_size_that_the_network_rejects_is_refused(caplog):
         def forward(self, image1, image2):
             return nn.functional.avg_pool2d(image1, 4) * torch.zeros(1, 3, 2, 2)
 
-    with pytest.raises(ModelError, match=r"fails on frames of 12x12 \(RuntimeError: .*try a larger size"):
-        count(Net(), 12, 12)
+    refusal(lambda: count(Net(), 12, 12), ModelError, "12x12")
     assert not caplog.records
 
 
@@ -119,7 +120,7 @@ def test_own_networks_are_counted_with_the_flow_of_every_iteration(method):
 
 
 def test_only_networks_are_counted():
-    with pytest.raises(UsageError, match="only PyTorch networks can be profiled"):
+    with pytest.raises(UsageError):
         network_of(load_model("dis"))
     tiled = load_model("arflow", checkpoint="random", device="cpu", tile="64x128")
     assert isinstance(tiled, TiledModel)
@@ -151,5 +152,4 @@ def test_a_prediction_is_timed():
     assert measured.seconds > 0
     assert measured.peak_bytes > 2**20
     assert measured.device == "cpu"
-    with pytest.raises(UsageError, match="repetitions must be at least 1, not 0"):
-        measure_prediction(model, 64, 64, repeat=0)
+    refusal(lambda: measure_prediction(model, 64, 64, repeat=0), UsageError, "--repeat")

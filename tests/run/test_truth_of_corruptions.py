@@ -126,5 +126,5 @@ def test_the_audit_of_results_expects_averages_without_these_corruptions(run):
 
 def test_a_recheck_finds_a_changed_truth(run):
     recheck(run.manifest.identity, run.rows)
-    with pytest.raises(RunError, match="elastic_transform severity 1: different ground truth"):
+    with pytest.raises(RunError, match="elastic_transform severity 1"):
         recheck(run.manifest.identity, run.rows.with_columns(truth=pl.lit("unchanged")).sort("corruption"), seed=0)

@@ -72,8 +72,8 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
     except Exception as error:
         message = " ".join(str(error).split())
         raise ModelError(
-            f"the network fails on frames of {height}x{width} ({type(error).__name__}: {message}); many networks fail "
-            "on small frames, so try a larger size"
+            f"{height}x{width}",
+            f"the network fails on frames of this size ({type(error).__name__}: {message}); try a larger size",
         ) from error
     finally:
         _LOGGER.disabled = False
@@ -202,7 +202,7 @@ class PredictionCost:
 def measure_prediction(model: NetworkModel | TiledModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
     """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first."""
     if repeat < 1:
-        raise UsageError(f"the number of repetitions must be at least 1, not {repeat}")
+        raise UsageError("--repeat", f"must be at least 1, not {repeat}")
     frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3)).astype(np.uint8)
     gpu = model.device.type == "cuda"
     if gpu:
