@@ -80,13 +80,6 @@ def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):
     assert float(lines["elastic_transform"][3]) > 1
 
 
-def test_the_command_line_names_corruptions_without_truth(run, capsys):
-    print_result(run)
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("RCRE only")]
-    assert all(name in line for name in WITHOUT)
-    assert "contrast" not in line
-
-
 def test_the_variance_over_seeds_leaves_out_corruptions_without_truth(run):
     second = run.rows.with_columns(pl.col("rcre_sum", "rcre_all_sum") * 1.5, sample=pl.lit("b"), group=pl.lit("b"))
     rows = pl.concat([run.rows, second])
