@@ -18,7 +18,7 @@ from robustflow.testing import check_model
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from .small_runs import TINY, every, run  # noqa: E402
+from .small_runs import every, run  # noqa: E402
 from .smooth_net import FEW, ON_SMALL_PAIRS, TRUTH, Given, random_pair, smooth_model  # noqa: E402
 
 
@@ -161,10 +161,6 @@ def test_a_run_in_batches_has_the_rows_of_a_run_of_single_pairs(tmp_path):
     assert every(several).equals(every(one))
     assert set(single.sizes) == {1}
     assert set(batched.sizes) == {2, -2}  # both samples share every call, for gradients and for queries
-
-
-def test_a_run_of_a_network_on_the_cpu_has_the_same_rows_at_any_batch_size(both, tmp_path):
-    assert every(run(tmp_path / "run", TINY, corruptions=["contrast", "high_light"], batch_size=4)).equals(every(both))
 
 
 def test_training_in_batches_gives_the_bytes_of_training_without():

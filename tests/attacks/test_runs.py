@@ -10,7 +10,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.attacks.api import with_controls
-from robustflow.attacks.registry import SHIPPED, norm_of
+from robustflow.attacks.registry import ATTACKS, SHIPPED, norm_of
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_tables import attack_table
@@ -62,26 +62,6 @@ def test_attacks_added_later_give_the_rows_of_one_call(both, tmp_path):
     run(tmp_path / "run", attacks=None, corruptions=["contrast", "high_light"])
     run(tmp_path / "run", attacks=["fgsm", "pgd"])
     assert every(Run(tmp_path / "run")).equals(every(both))
-
-
-def test_a_stopped_run_continues_with_the_same_rows(both, tmp_path):
-    model = TINY.load()
-    gradients = model.differentiable
-    asked = []
-
-    def failing(*images):
-        asked.append(1)
-        if len(asked) == 30:
-            raise RuntimeError("no gradient this time")
-        return gradients(*images)
-
-    model.differentiable = failing
-    with pytest.raises(ModelError, match="no gradient this time"):
-        run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
-    model.differentiable = gradients
-    done = run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
-    names = list(done.rows.columns)
-    assert every(done).select(names).equals(every(both).select(names))
 
 
 def test_processes_and_this_process_give_the_same_rows(both, tmp_path, quick_workers):
@@ -164,6 +144,33 @@ def test_attack_without_gain_warns_and_a_control_does_not():
         rf.attack(*frames, ZeroFlow(), each, 3, flow=truth) for each in ("square:queries=3", "random_sign")
     )
     assert (square.warnings, noise.warnings) == (("nothing_gained",), ())
+
+
+PLANTED = """
+from dataclasses import dataclass
+from typing import ClassVar
+from robustflow.attacks import Attack
+
+@dataclass(frozen=True, kw_only=True)
+class Planted(Attack):
+    name: ClassVar[str] = "planted"
+    needs_gradients: ClassVar[bool] = False
+    amount: int = 1
+
+    def run(self, problem, rng):
+        return problem.ball.project(problem.ball.clean + self.amount / 255)
+"""
+
+
+def test_an_attack_is_one_file_and_a_line_of_the_registry(tmp_path, monkeypatch):
+    (tmp_path / "planted_attack.py").write_text(PLANTED)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(ATTACKS._targets, "planted", "planted_attack:Planted")
+    done = run(tmp_path / "run", still, attacks="planted:amount=2", severities=3, count=1)
+    assert "planted" in rf.list_attacks()
+    assert done.attack_rows.filter(corruption="planted:amount=2")["attack_linf"].to_list() == [2]
+    lines = [line.label for section in attack_table(done).sections for line in section.lines]
+    assert "planted:amount=2 3" in lines
 
 
 def test_square_attacks_any_model_in_a_run(tmp_path):

@@ -103,12 +103,6 @@ def test_identical_frames_have_zero_flow(point):
         np.testing.assert_allclose(model.predict(frame, frame), 0, atol=1e-4)
 
 
-@pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
-def test_a_change_of_brightness_alone_is_not_motion_of_a_blank_frame(one, other):
-    flow = load_model("dis_rgb").predict(*(np.full((48, 64, 3), value, np.uint8) for value in (one, other)))
-    np.testing.assert_array_equal(flow, 0)
-
-
 @pytest.mark.parametrize("point", [1, 3])
 def test_a_brighter_second_frame_changes_little(point):
     """The mean is subtracted from patches before they are compared, so the search does not depend on the brightness of
@@ -117,17 +111,6 @@ def test_a_brighter_second_frame_changes_little(point):
     frame1, frame2 = (frame // 2 for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=point)
     assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
-
-
-@pytest.mark.parametrize("point", OPERATING_POINTS)
-def test_permuted_colour_channels_give_the_same_flow(point):
-    frame1, frame2 = moved(data.coffee, -7.5, 4.4)
-    model = load_model("dis_rgb", operating_point=point)
-    flow = model.predict(frame1, frame2)
-    other = model.predict(frame1[..., [2, 0, 1]], frame2[..., [2, 0, 1]])
-    # only rounding errors, which may be amplified for a patch that is close to being rejected
-    assert np.median(np.abs(other - flow)) < 1e-4
-    assert np.abs(other - flow).mean() < 0.01
 
 
 @pytest.mark.parametrize("axis", [0, 1])

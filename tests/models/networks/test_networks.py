@@ -9,14 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from robustflow import evaluate, load_model
+from robustflow import load_model
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
-from robustflow.testing import TexturePairs
 
 from ...refusals import refusal
 from ..textures import noise_pair
@@ -175,17 +173,3 @@ def test_arflow_resizes_frames_to_the_requested_size(load):
         ({"size": "native"}, (384, 1280)),
     ):
         assert load("arflow", **options).convention.fitted_size(375, 1242) == fitted
-
-
-@pytest.mark.torch
-def test_rows_do_not_depend_on_workers_and_batches(checkpoint, tmp_path):
-    spec = ModelSpec("arflow", (("checkpoint", str(checkpoint("arflow"))), ("size", "64x128"), ("device", "cpu")))
-    data = TexturePairs(3, (64, 128))
-    benchmark = Benchmark("drawn", data, data.keys(), ("contrast",), (1, 5))
-    one, batched, spread = (
-        evaluate(spec, benchmark, output=tmp_path / str(i), **how)
-        for i, how in enumerate(({}, {"batch_size": 4}, {"workers": 2, "batch_size": 4}))
-    )
-    assert one.rows.equals(batched.rows)
-    assert one.rows.equals(spread.rows)
-    assert one.manifest.identity_digest == batched.manifest.identity_digest == spread.manifest.identity_digest

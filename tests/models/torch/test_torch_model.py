@@ -7,14 +7,14 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow import evaluate, load_model
-from robustflow.core.errors import ModelError, RunError, UsageError
+from robustflow import load_model
+from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.conventions import InputConvention
 from robustflow.models.devices import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow
-from robustflow.models.torch.model import NetworkModel, find_device, resize, resize_flow
+from robustflow.models.torch.model import NetworkModel, resize, resize_flow
 
 from ...refusals import refusal
 from ..textures import noise_pair, textured_pair
@@ -84,23 +84,6 @@ def test_stretching_scales_the_flow_back():
     assert net.given[0].shape == (1, 3, 128, 64), "the next multiple"
 
 
-def test_flow_is_a_contiguous_float32_copy():
-    model, _ = spy()
-    flow = model.predict(*noise_pair())
-    assert flow.dtype == np.float32
-    assert flow.shape == (13, 19, 2)
-    flow[:] = 0  # it is neither read-only nor shared with the network
-
-
-def test_pairs_of_several_sizes_keep_their_order():
-    model, _ = spy(scale=1.0)
-    pairs = [noise_pair(*size, seed=i) for i, size in enumerate([(5, 7), (8, 6), (5, 7), (6, 8)])]
-    flows = model.predict_batch(*zip(*pairs, strict=True))
-    for flow, (first, _) in zip(flows, pairs, strict=True):
-        np.testing.assert_array_equal(flow, first[..., :2].astype(np.float32))
-    assert model.predict_batch([], []) == []
-
-
 def test_invalid_pairs_are_refused():
     model, _ = spy()
     for frame, culprit in (
@@ -142,10 +125,6 @@ def test_error_of_a_network_names_the_frame_size(error, culprit):
 )
 def test_invalid_execution_options_are_refused(options, error, culprit):
     refusal(lambda: network("spy", Spy(), InputConvention(), {}, **options), error, culprit)
-
-
-def test_automatic_device_exists_on_this_machine():
-    assert find_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def test_threads_and_precision_hold_during_a_prediction_only():
@@ -221,17 +200,6 @@ def test_bf16_flow_is_close_to_but_different_from_fp32(name):
     difference = np.abs(full - half).mean()
     # bfloat16 has 8 significant bits, which results in a relative error of 0.4 % per operation.
     assert 0 < difference < 0.05 * np.abs(full).mean()
-
-
-def test_the_manifest_says_how_it_was_executed(tmp_path):
-    convention = InputConvention(fit="stretch", multiple=64, size=(64, 128))
-    model = network("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
-    run = {"corruptions": ["contrast"], "severities": [1]}
-    settings = evaluate(model, output=tmp_path / "run", **run).manifest.identity.model.settings
-    assert (settings["precision"], settings["compile"], settings["device"]) == ("bf16", False, "cpu")
-    other = network("arflow", seeded(ARFlow), convention, {}, device="cpu")
-    with pytest.raises(RunError):
-        evaluate(other, output=tmp_path / "run", **run)
 
 
 @pytest.mark.slow
