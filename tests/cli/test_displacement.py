@@ -41,15 +41,6 @@ def test_displacement_is_stored_in_a_run_of_the_same_frames_only(robustflow, run
     robustflow.refusal(f"reproduce displacement folder -d {data} -m dis --into run", UsageError, "run")
 
 
-def test_page_of_a_run_shows_the_displacement_at_once(robustflow, tmp_path, real_pictures):
-    data = _stills(tmp_path / "data", 40)
-    with real_pictures():
-        run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert "Flow magnitudes" not in (run.path / "report.html").read_text()
-    robustflow.prints("reproduce", "displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)
-    assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
-
-
 def test_displacement_of_different_frames_with_the_same_names_is_refused(robustflow, tmp_path):
     data, other = _stills(tmp_path / "data", 40), _stills(tmp_path / "other", 60)
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])

@@ -46,17 +46,14 @@ def records(packed, tmp_path):
 def test_exported_rows_are_unchanged_after_reading(robustflow, run, format):
     assert robustflow.prints("export", run, "--format", format).strip() == f"rows.{format}"
     data = Path(f"rows.{format}").read_bytes()
+    if format == "parquet":
+        digest = load_run(run).manifest.identity_digest
+        assert pl.read_parquet_metadata("rows.parquet")["robustflow_run"] == digest
     reader = pl.read_parquet if format == "parquet" else pl.read_csv
     options = {} if format == "parquet" else {"schema": ROW_SCHEMA}
     rows = load_run(run).rows
     assert rows.columns == list(ROW_SCHEMA)
     assert reader(io.BytesIO(data), **options).equals(rows.sort("sample", "corruption", "severity"))
-
-
-def test_parquet_file_names_its_run(robustflow, run):
-    robustflow("export", run, "--format", "parquet", "-o", "mine.parquet")
-    digest = load_run(run).manifest.identity_digest
-    assert pl.read_parquet_metadata("mine.parquet")["robustflow_run"] == digest
 
 
 def test_an_exported_file_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
@@ -70,7 +67,9 @@ def test_an_exported_file_is_verified_with_the_record_and_refused_after_a_change
     assert f"{metadata}, line " in out
 
 
-def test_records_are_added_one_after_the_other(records, tmp_path):
+def test_records_are_added_one_after_the_other(run, records, tmp_path):
+    (copy,) = add_records(tmp_path / "packed", [run]).copies
+    assert copy.read_bytes() == pack(load_run(run), tmp_path / "same.robustflow").read_bytes()
     site = tmp_path / "site"
     for record in records:
         add_records(site, [record])
@@ -78,12 +77,6 @@ def test_records_are_added_one_after_the_other(records, tmp_path):
     assert {path.read_bytes() for path in collected(site)} == {path.read_bytes() for path in records}
     add_records(site, records[::-1])
     assert (site / LIST).read_bytes() == list_of_both
-
-
-def test_a_folder_of_a_run_is_packed_and_added(run, tmp_path):
-    (copy,) = add_records(tmp_path / "site", [run]).copies
-    assert copy.read_bytes() == pack(load_run(run), tmp_path / "same.robustflow").read_bytes()
-    assert collected(tmp_path / "site") == [copy]
 
 
 def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, runs, records, monkeypatch):

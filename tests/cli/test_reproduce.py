@@ -127,13 +127,6 @@ def test_a_variant_that_fails_is_missing_and_the_others_run(robustflow, data, tm
     assert "failed:" in out
 
 
-def test_without_data_it_shows_what_the_paper_printed_and_says_what_it_needs(robustflow):
-    out = robustflow.prints("reproduce", "tab2", "-f", "csv")
-    assert f"{_published('DIS', 'fog'):.2f}" in out
-    assert "2 of 29 variants can be run here." in out
-    assert "--data FOLDER" in out
-
-
 def test_a_dry_run_says_what_is_missing(robustflow, tmp_path):
     assert "0 of 11 variants can be run here." in robustflow.prints("reproduce", "tab4", "--dry-run", "-f", "csv")
     assert not (tmp_path / "reproduced").exists()

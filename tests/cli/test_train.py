@@ -38,17 +38,6 @@ def test_plan_counts_the_pairs_of_the_data(shared):
     assert "training cannot start: --batch-size: " in large
 
 
-def test_data_set_is_given_by_name_and_an_unknown_name_is_refused(tmp_path):
-    text = plan_text(load_recipe("raft", "kitti"), DataPlan([f"kitti2015={tmp_path}"]))
-    assert f"{tmp_path}: the folder is empty; expected" in text
-    assert "unknown dataset 'kity'" in plan_text(load_recipe("raft", "kitti"), DataPlan([f"kity={tmp_path}"]))
-
-
-def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):
-    text = plan_text(load_recipe("raft", "id"), DataPlan([shared("data")]))
-    assert "with fewer than 200 pairs, all of them are used for evaluation and none for training" in text
-
-
 def test_the_plan_names_every_value_that_the_user_changed(tmp_path):
     original = load_recipe("raft", "kitti")
     text = plan_text(original.changed(steps=6, crop=(64, 96)), DataPlan([tmp_path]), original)
