@@ -1,9 +1,10 @@
-"""Compile functions with numba; the only file that imports numba. Convert frames to the memory layout that compiled
-loops expect.
+"""Compile functions with numba; the only file that imports numba.
 
 By default numba reads settings from `.numba_config.yaml` in the working folder before every compilation, and unpickles
-compiled code from whatever folder the settings name. This module prevents both. The file names that `_CacheFiles`
-chooses allow several processes to write compiled code safely at the same time.
+compiled code from whatever folder the settings name. This module prevents both. `_CacheFiles` replaces the part of a
+function's cache that reads and writes files, which numba has no documented hook for: each file is sealed with a digest,
+so that damaged code is compiled again instead of run, and named so that several processes can write at the same time.
+The version of numba is bounded in pyproject.toml, because `_cache`, `_cache_file` and `_impl` are internal.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The exceptions of RobustFlow: one root class; every message states the problem, its location, and the remedy. The
-command line prints the message on one line and exits with `exit_code`.
-"""
+"""The exceptions: one root class; a message states the problem, its location, and the remedy, on one line."""
 
 from __future__ import annotations
 
@@ -74,9 +72,6 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
     >>> print(unknown_name("model", "RAFT", ["dis", "raft"]))
     unknown model 'RAFT': did you mean 'raft'? Known: dis, raft
-    >>> print(unknown_name("corruption", "motion_blur", ["glass_blur", "camera_motion_blur", "motion_blur_3d"]))
-    unknown corruption 'motion_blur': did you mean 'camera_motion_blur' or 'motion_blur_3d'? Known: glass_blur, \
-camera_motion_blur, motion_blur_3d
     >>> print(unknown_name("metric", "error", ["epe", "cre"]))
     unknown metric 'error'. Known: epe, cre
     """

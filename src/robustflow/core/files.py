@@ -1,7 +1,5 @@
-"""Write files atomically: a reader sees the old file, the complete new file, or no file. Pipes and devices, such as
-/dev/stdout, are written directly. Read files of limited size. Hashes that identify content: bytes, files, and
-any value that JSON can represent. Store content with its digest, so that damage is detected on reading. Location
-of the user's cache on this platform.
+"""Files and their digests: atomic writing (a reader sees the old file, the complete new file, or no file), reading of
+limited size, hashes of bytes, files and JSON values, content stored with its digest, and the user's cache.
 """
 
 from __future__ import annotations

@@ -1,17 +1,15 @@
-"""Generate standard normal numbers using only additions, multiplications, divisions and square roots. A counter-
-based random number generator: value `i` of stream `key` is a hash of (key, i).
+"""A counter-based random number generator, with the same values on every machine: value `i` of stream `key` is a
+hash of (key, i).
+
+The only state is a position, so any number of threads can read a stream from any position in any order. Streams are
+named by purpose (`Rng.of(seed, "fog", 3, "000010")`), so they do not depend on the order of creation. The hash consists
+of two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by SplitMix64; Steele,
+Lea and Flood 2014); the key is added before each round.
 
 The last bit of logarithms, sines and exponentials from libm (and numpy's vectorised versions) may differ between
-machines, whereas IEEE 754 specifies the results of the four basic operations and the square root exactly. The quantile
-function is algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477), accurate to about one part in 10**16.
-
-The only state is a position, so any number of threads can read a stream from any position in any order. The values are
-the same on every machine: all arithmetic is on 64-bit integers, the conversion to floating point is exact, and normal
-numbers only require operations whose results are fully specified by IEEE 754. Streams are named by purpose
-(`Rng.of(seed, "fog", 3, "000010")`), so they do not depend on the order of creation.
-
-The hash consists of two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
-SplitMix64; Steele, Lea and Flood 2014); the key is added before each round.
+machines, whereas IEEE 754 specifies the results of the four basic operations and the square root exactly. Normal
+numbers use only these; the quantile function is algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477),
+accurate to about one part in 10**16.
 """
 
 from __future__ import annotations

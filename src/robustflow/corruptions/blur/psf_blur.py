@@ -1,9 +1,9 @@
-"""Read the reference code's PSF stacks from files provided by the user; each file is converted once. Simulate a
-low-quality lens, whose PSF varies from the image centre to the corners.
+"""Blur like a low-quality lens, whose PSF varies from the image centre to the corners.
 
-The reference code has one `.pth` file per severity, with a float32 tensor (64, 3, 61, 61). The files are named after
-the lenses ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). The reference code correlates images with these arrays;
-for convolution, they are rotated by 180 degrees.
+The reference code's PSF stacks can be used instead of the shipped lenses: one `.pth` file per severity with a float32
+tensor (64, 3, 61, 61), named after the lens ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). Each file is
+converted once. The reference code correlates images with these arrays; for convolution, they are rotated by half a
+turn.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Placeholders for clip corruptions where only images are available: they provide names and parameters, but
-applying them raises an error. Compress with H.264 at a constant rate factor. Compress with H.264 at an average
-bit rate. Simulate bit errors in a compressed clip. Apply object motion blur. Simulate a rolling shutter.
-"""
+"""Names and parameters of the corruptions of whole clips; without the clip, applying them raises an error."""
 
 from __future__ import annotations
 

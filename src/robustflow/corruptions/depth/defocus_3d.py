@@ -1,6 +1,4 @@
-"""Depth-dependent defocus: a thin lens focused on the near or the far part of the scene. Defocus with the focus on
-the near part of the scene. Defocus with the focus on the far part of the scene.
-"""
+"""Depth-dependent defocus: a thin lens focused on the near or the far part of the scene."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Camera motion between two frames, expressed as the motion of points in camera coordinates. Transmission of light
-through a scattering medium.
-"""
+"""What depth corruptions share: the camera's motion between two frames, and light through a scattering medium."""
 
 from __future__ import annotations
 

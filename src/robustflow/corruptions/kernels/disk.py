@@ -1,5 +1,4 @@
-"""Split the anti-aliased disk used for defocus blur into the parts summed by disk.py. Convolve with an anti-aliased
-disk in time proportional to the radius instead of the area.
+"""Convolve with an anti-aliased disk in time proportional to the radius instead of the area.
 
 The kernel is a uniform disk blurred with a tiny Gaussian g (3 or 5 taps) inside an array. If the distance between the
 disk and the edge of the array is less than the radius of g (for the paper's disk radii 8 and 10), the reference code
@@ -8,8 +7,8 @@ segments of the disk's outermost rows or columns are added and a few are subtrac
 rim.
 
 The image is first summed exactly over a uniform disk, using differences of integer running sums along the rows; then
-the result is blurred along both axes. The rim (see disk_kernel.py) consists of row segments, which are added before the
-horizontal blur, and column segments, which are added after it.
+the result is blurred along both axes. The rim's row segments are added before the horizontal blur, its column segments
+after it.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ _STRIP = 640
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
-    """Convolve a frame, uint8 (H, W, 3), with the kernel of disk_kernel.py; borders are mirrored."""
+    """Convolve a frame, uint8 (H, W, 3), with the anti-aliased disk; borders are mirrored."""
     height, width = frame.shape[:2]
     source = contiguous(frame).reshape(height, width * 3)
     out = np.empty_like(source)

@@ -1,14 +1,12 @@
-"""Generate uniform noise blurred with a wide Gaussian, in time independent of the Gaussian's width. Generate fields
-of Gaussian noise with one table lookup per sample. Generate a plasma fractal for use as a fog map, with the
-diamond-square algorithm.
+"""Random fields: blurred uniform noise, Gaussian noise, and a plasma fractal used as a fog map.
 
 A field blurred with standard deviation s varies slowly, so it is computed only at every (s / 2.5)-th row and column,
 with cubic interpolation in between; the error is about 0.5 % of the field's standard deviation.
 
-A square torus with 2**k points per side starts as a single point of value 0 and is doubled k times; each new point is
-the mean of its four neighbours plus uniform noise with an amplitude of 10000 / decay**(2 * level). The noise is a hash
-of the point's position, so any part can be refined separately: the full torus is computed up to 512 x 512, and beyond
-that only the visible corner.
+The plasma fractal (diamond-square) is a torus with 2**k points per side. It starts as a single point of value 0 and is
+doubled k times; each new point is the mean of its four neighbours plus uniform noise with an amplitude of
+10000 / decay**(2 * level). The noise is a hash of the point's position, so any part can be refined separately: the full
+torus is computed up to 512 x 512, and beyond that only the visible corner.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""The PSFs of a lens over its field: 64 field points from centre to corner, 3 colours, 61 x 61 pixels. Positions
-and values of the kernels for a spatially varying blur. Load and verify the rendered PSFs of the five lenses in
-the package.
+"""The PSFs of a lens over its field (64 points from centre to corner, 3 colours, 61 x 61 pixels), the kernels that
+follow from them, and the files of the five shipped lenses.
 
 The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows w
 that sum to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart. In small images, the nodes are

@@ -1,6 +1,4 @@
-"""Compute the PSFs of a lens over its field by ray tracing. Statistics of rendered PSFs: modulation transfer, RMS
-radius and centroid.
-"""
+"""Compute the PSFs of a lens over its field by ray tracing, and their statistics."""
 
 from __future__ import annotations
 

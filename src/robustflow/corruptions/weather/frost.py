@@ -138,7 +138,7 @@ class Frost(Corruption):
     used) is enlarged to 1.1 times the size that covers the frame and cropped at a random position, which is shared by
     both frames.
 
-    The textures are part of the package `imagecorruptions` and are downloaded on first use; see frost_assets.
+    The textures are part of the package `imagecorruptions` and are downloaded on first use; see frost_photographs.
 
     Raises:
         AssetError: the textures are missing and cannot be downloaded (raised by `draw` and `apply`).
