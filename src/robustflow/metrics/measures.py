@@ -187,3 +187,11 @@ ATTACK: dict[str, Measure] = {
     "attack_evaluations": _attack("flows", "attack_evaluations", unit=""),
 }
 """Measures of the rows of attacks."""
+
+LABELS: dict[str, str] = {"crer": "CREr"}
+"""The name of every measure in tables and figures."""
+UNITS: dict[str, str] = {"crer": ""}
+"""The unit of every measure; empty for ratios."""
+for _measures in (MEASURES, CLEAN_MEASURES, CONFIDENCE, UNCOUPLED, ATTACK):
+    LABELS |= {name: one.label for name, one in _measures.items()}
+    UNITS |= {name: one.unit for name, one in _measures.items()}

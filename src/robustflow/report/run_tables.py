@@ -44,7 +44,6 @@ from .table import (
     full_note,
     interval_text,
     lines_of_models,
-    measure_label,
     number_text,
     signed_text,
 )
@@ -185,7 +184,7 @@ def confidence_table(run: Run) -> Table | None:
     if not numbers:
         return None
     title = f"Confidence ({run.manifest.identity.measuring.confidence})"
-    labels = map(measure_label, _CONFIDENCE_SHOWN)
+    labels = map(metric_label, _CONFIDENCE_SHOWN)
     return Table.of("confidence", title, labels, sections, [_CONFIDENCE_REMARK], "Corruptions")
 
 
@@ -223,7 +222,7 @@ def uncoupled(wanted: Wanted) -> list[Table]:
                 f"Rank correlation with the clean EPE over {len(models)} models: CRE {of_cre}, log ratio {of_ratio}."
             )
     remarks.append(left_out_remark(results))
-    labels = ("clean EPE (px)", "CRE (px)", *map(measure_label, UNCOUPLED), *_CORRELATIONS.values())
+    labels = ("clean EPE (px)", "CRE (px)", *map(metric_label, UNCOUPLED), *_CORRELATIONS.values())
     return [Table.of("uncoupled", "Robustness beside accuracy", labels, {"Runs": lines}, remarks)]
 
 

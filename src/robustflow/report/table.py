@@ -9,7 +9,6 @@ from itertools import compress
 from statistics import mean, stdev
 
 from ..core.errors import UsageError
-from ..metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, UNCOUPLED
 from ..run.comparable import differences
 from ..run.run import Run
 from ..stats.conditions import SeedGroup, seed_groups
@@ -136,19 +135,6 @@ class Table:
             for section in self.sections
         )
         return replace(self, columns=(*compress(self.columns, filled),), sections=sections)
-
-
-_MEASURES = MEASURES | CLEAN_MEASURES | CONFIDENCE | UNCOUPLED | ATTACK
-
-
-def measure_label(name: str) -> str:
-    """Return the label of a measure with its unit.
-
-    >>> measure_label("cre"), measure_label("log_ratio")
-    ('CRE (px)', 'log ratio')
-    """
-    measure = _MEASURES[name]
-    return f"{measure.label} ({measure.unit})" if measure.unit else measure.label
 
 
 def with_exclusion(note: str, reason: str) -> str:

@@ -10,16 +10,16 @@ from ..core.text import plain
 from ..corruptions.registry import FAMILIES, MEMBERS, family_of, on_disk
 from ..data.benchmarks import benchmark_facts
 from ..metrics.means import AVERAGE, group_means
+from ..metrics.measures import LABELS, UNITS
 from ..metrics.rows import CLEAN
 
-__all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS"]
+__all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS", "UNITS"]
 
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 """Metrics of results, in pixels except the last, which has no unit."""
 
 
-METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr", "photometric": "photometric error"}
-UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": "", "photometric": "grey levels"}
+METRIC_LABELS = {metric: LABELS[metric] for metric in (*RESULT_METRICS, "photometric")}
 OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 """The overall means of a model, as (metric, condition)."""
 
@@ -81,12 +81,12 @@ def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, floa
 
 
 def metric_label(metric: str) -> str:
-    """Return the name of a metric with its unit.
+    """Return the name of a measure with its unit.
 
     >>> metric_label("cre"), metric_label("crer")
     ('CRE (px)', 'CREr')
     """
-    return f"{METRIC_LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else METRIC_LABELS[metric]
+    return f"{LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else LABELS[metric]
 
 
 def mean_label(metric: str, condition: str) -> str:
