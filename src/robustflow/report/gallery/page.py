@@ -74,7 +74,7 @@ def gallery_slider(
         _pictures(cells),
         widest=widest,
         quality=quality,
-        severities=severities,
+        severities=tuple(severities),
         start=severity,
         together=True,
         absent="not on this scale",

@@ -113,7 +113,7 @@ class ClipPart:
 
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
         if not 2 <= shown <= MOST_SHOWN:
-            raise UsageError(f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
+            raise UsageError("--length", f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
         self._data: FrameFolder | Video = open_folder(path, 1, start, stop)
         self.rate = frame_rate(path)
         keys = self._data.keys()
@@ -140,15 +140,13 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
         for name in names:
             parts = [part for part, _ in split_stack(name)]
             if needs_depth(name):
-                raise UsageError(f"{name} needs depth, which is not available for clips; show a pair with --frames")
+                raise UsageError(name, "needs depth, which is not available for clips; show a pair with --frames")
             if set(parts) & set(BETWEEN_FRAMES):
-                raise UsageError(_NEEDS_MORE)
+                raise UsageError(name, _NEEDS_MORE)
             if len(parts) > 1 and set(parts) & set(CLIP):
-                raise UsageError(
-                    f"'{name}' cannot be shown: corruptions of entire clips cannot be stacked in the gallery"
-                )
+                raise UsageError(name, "corruptions of entire clips cannot be stacked in the gallery")
             if scale != "paper" and set(parts) & set(CLIP):
-                raise UsageError(f"{name} has no {scale} severities; omit --severity-scale")
+                raise UsageError(name, f"no {scale} severities; omit --severity-scale")
         return list(names), []
     if scale != "paper":
         return list(IMAGE_PAIR), [f"{', '.join(CLIP)} are left out: they do not have {scale} severities."]

@@ -51,13 +51,10 @@ def make_slider(
     *,
     widest: int,
     quality: int,
-    severities: Sequence[int] = SEVERITIES,
-    start: int = 3,
-    together: bool = False,
-    absent: str = "This severity was not run.",
-    first_frame: int = 0,
+    **shown: Any,
 ) -> Slider:
-    """Make a slider from frames; `pictures` may be a generator, which is consumed one corrupted clip at a time.
+    """Make a slider from frames; `pictures` may be a generator, which is consumed one corrupted clip at a time. `shown`
+    are the other fields of the slider.
 
     >>> import numpy as np
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
@@ -80,11 +77,7 @@ def make_slider(
             (plain(long_label(name)), tuple(sorted(shots, key=lambda shot: shot.severity)))
             for name, shots in by_name.items()
         ),
-        tuple(severities),
-        start,
-        together,
-        absent,
-        first_frame,
+        **shown,
     )
 
 
