@@ -21,6 +21,7 @@ from robustflow.run.records.pack import pack
 from robustflow.run.records.verify import Verification, verify
 from robustflow.stats.uncertainty.intervals import intervals
 from tests.made_rows import made_run
+from tests.refusals import refusal
 
 from ..stats.simulated import Truth, rows_of
 
@@ -83,8 +84,7 @@ def test_yaml_of_the_hub_keeps_numbers_and_names(run, tmp_path):
 
 @pytest.mark.parametrize("dataset", [None, "kitti", "a/b\n  value: 0", 'a/"b"'])
 def test_name_that_the_hub_does_not_allow_is_refused(run, dataset):
-    with pytest.raises(UsageError, match="--hub-dataset ORGANISATION/NAME"):
-        exchange_files(run, "huggingface", dataset)
+    refusal(lambda: exchange_files(run, "huggingface", dataset), UsageError, "--hub-dataset")
 
 
 def test_croissant_describes_the_rows_beside_it(run, tmp_path):
@@ -119,13 +119,13 @@ def test_exported_file_is_confirmed_by_its_record_and_a_changed_digit_is_refused
         found = compared(record, path)
         assert not found.ok
         line = 1 + text[: digit.start()].count("\n")
-        assert f"{path}, line {line}: " in found.first_failure()
+        assert f"{path}: line {line}: " in found.first_failure()
 
 
 def test_exported_file_with_an_impossible_hub_name_fails_the_check_in_one_line(record, tmp_path):
     path = tmp_path / "robustflow.yaml"
     path.write_bytes(b'- dataset:\n    id: "\\q/\xff"\n')
-    assert compared(record, path).first_failure().startswith(f"exported: {path}, line 1: ")
+    assert compared(record, path).first_failure().startswith(f"exported: {path}: line 1: ")
 
 
 def test_run_without_any_mean_has_no_results(run):

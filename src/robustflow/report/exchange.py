@@ -1,7 +1,5 @@
-"""Facts about a run, shared by both formats: means with intervals, and warnings. Hugging Face evaluation results:
-`.eval_results/*.yaml` in a model's repository, which the Hub shows on its page. Croissant metadata: the rows of
-a run as a dataset for search engines and loaders. Export a run as Croissant metadata or as Hugging Face
-evaluation results. Compare exported files with a record.
+"""Export a run to other programs: as Hugging Face evaluation results (`.eval_results/*.yaml` in a model's repository,
+which the Hub shows), and as Croissant metadata (the rows as a dataset for search engines and loaders).
 
 Exports are deterministic, so `check_exported` can compare a file with the run's record byte for byte.
 """
@@ -12,9 +10,8 @@ import hashlib
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
+from operator import eq
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,102 +27,85 @@ from ..run.records.contents import rows_to_text
 from ..run.records.read import Reader
 from ..run.run import Run
 from ..stats.exclusion import exclusion_reasons
-from ..stats.results import AVERAGE, CLEAN, SETTING_EXPLANATIONS, SETTING_LABELS
-from ..stats.run_results import comparison_note, run_results, run_setting
+from ..stats.frame import results_frame
+from ..stats.results import AVERAGE, CLEAN, RESULT_METRICS, SETTING_EXPLANATIONS, SETTING_LABELS
+from ..stats.run_results import comparison_note, run_setting
+
+Files = dict[PurePosixPath, bytes]
+"""Contents by path relative to the folder of the export."""
+EXCHANGE_FORMATS = ("croissant", "huggingface")
+HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
 
 
-@dataclass(frozen=True)
-class RunMean:
-    """A mean value of a run."""
+def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
+    """Export a run in one of the formats; return file contents by relative path."""
+    if format not in EXCHANGE_FORMATS:
+        raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
+    if format == "croissant":
+        return _croissant_files(run)
+    if hub_dataset is None or not re.fullmatch(HUB_NAME, hub_dataset):
+        raise UsageError(
+            "--hub-dataset", "--format huggingface needs the benchmark's dataset on the Hub, ORGANISATION/NAME"
+        )
+    return _huggingface_files(run, hub_dataset)
 
-    metric: str
-    condition: str
-    value: float
-    interval: tuple[float, float] | None
+
+def _means(run: Run) -> list[dict[str, Any]]:
+    """Return the clean EPE and the averages of a run, with intervals, as rows of the results frame."""
+    frame = results_frame([run], ("means",))
+    order = [("epe", CLEAN), *((metric, AVERAGE) for metric in RESULT_METRICS)]
+    rows = frame.filter(pl.col("severity").is_null()).to_dicts()
+    known = {(row["measure"], row["condition"]): row for row in rows}
+    return [known[key] for key in order if key in known]
 
 
-class RunFacts:
-    """Description of a run for the export formats. Names are safe to print, but not escaped for any format."""
+def _caveats(run: Run, means: Sequence[dict[str, Any]]) -> str:
+    """Return what a reader needs to know before comparing the numbers."""
+    setting, out = run_setting(run), []
+    if run.setting not in ("OOD", "knowledge"):
+        explained = SETTING_EXPLANATIONS.get(setting, "see the manifest")
+        out.append(f"{SETTING_LABELS.get(setting, setting)}: {explained}.")
+    if note := comparison_note(run):
+        out.append(f"This is {note}.")
+    if reasons := exclusion_reasons(run):
+        out.append(f"Not ranked, because {' and '.join(reasons)}.")
+    if not run.measured.complete:
+        out.append("The run is incomplete: some rows are missing or have no valid pixels.")
+    if run.averages.has_gaps:
+        share = 100 * (run.mean("coverage") or 0)
+        out.append(f"The model predicted {share:.1f} % of the pixels; errors are computed over these pixels.")
+    if means and all(mean["low"] is None for mean in means):
+        out.append(f"No intervals: too few pairs for a bootstrap ({run.measured.samples}), or one decides the means.")
+    return " ".join(plain(each, None) for each in out)
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
-        self.name = plain(run.name)
-        self.title = plain(benchmark_facts(run.benchmark).title)
-        self.digest = run.manifest.identity_digest
 
-    @cached_property
-    def means(self) -> list[RunMean]:
-        """The clean and average means."""
-        (line,) = run_results([self.run])
-        return [
-            RunMean(*key, value.number, line.intervals.get(key))
-            for key, value in line.values.items()
-            if key[1] in (CLEAN, AVERAGE)
+def _day(run: Run) -> str:
+    """Return the day on which the run finished, in UTC; "" if its manifest does not contain it."""
+    try:
+        return datetime.fromisoformat(run.manifest.finished or "").astimezone(UTC).date().isoformat()
+    except (ValueError, OverflowError):
+        return ""
+
+
+def _huggingface_files(run: Run, dataset: str) -> Files:
+    """Return `.eval_results/robustflow.yaml` with the clean and average means. JSON strings are valid YAML."""
+    means = _means(run)
+    about = f"Run {run.manifest.identity_digest} of {plain(run.name)}. {_caveats(run, means)}".strip()
+    text = ""
+    for mean in means:
+        interval = "" if mean["low"] is None else f"95 % interval {mean['low']:.4g} to {mean['high']:.4g}. "
+        task = mean["measure"] + ("_clean" if mean["condition"] == CLEAN else "")
+        lines = [
+            "- dataset:",
+            f"    id: {json.dumps(dataset)}",
+            f"    task_id: {task}",
+            f"  value: {mean['value']!r}",
+            *([f"  date: {json.dumps(_day(run))}"] if _day(run) else []),
+            "  evaluation_framework: robustflow",
+            f"  notes: {json.dumps(interval + about)}",
         ]
-
-    @cached_property
-    def warnings(self) -> list[str]:
-        """Caveats that a reader needs to know before comparing the numbers."""
-        run, out = self.run, []
-        if run.setting not in ("OOD", "knowledge"):
-            setting = run_setting(run)
-            out.append(
-                f"{SETTING_LABELS.get(setting, setting)}: {SETTING_EXPLANATIONS.get(setting, 'see the manifest')}."
-            )
-        if note := comparison_note(run):
-            out.append(f"This is {note}.")
-        if reasons := exclusion_reasons(run):
-            out.append(f"Not ranked, because {' and '.join(reasons)}.")
-        if not run.measured.complete:
-            out.append("The run is incomplete: some rows are missing or have no valid pixels.")
-        if run.averages.has_gaps:
-            out.append(
-                f"The model predicted {100 * (run.mean('coverage') or 0):.1f} % of the pixels; errors are computed "
-                "over these pixels."
-            )
-        if self.means and not any(mean.interval for mean in self.means):
-            out.append(
-                f"No intervals: too few pairs for a bootstrap ({run.measured.samples}), or one decides the means."
-            )
-        return [plain(each, None) for each in out]
-
-    @property
-    def finished(self) -> datetime | None:
-        """Return the time at which the run finished, in UTC; None if its manifest does not contain it."""
-        try:
-            return datetime.fromisoformat(self.run.manifest.finished or "").astimezone(UTC)
-        except (ValueError, OverflowError):
-            return None
-
-    @property
-    def version(self) -> str:
-        """Return the RobustFlow version of the run."""
-        return plain(self.run.manifest.environment.packages.get("robustflow", "unknown"))
-
-
-def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, bytes]:
-    """Return `.eval_results/robustflow.yaml` with the clean and average means."""
-    text = "".join(_entry(facts, mean, dataset) for mean in facts.means)
+        text += "\n".join(lines) + "\n"
     return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
-
-
-def _entry(facts: RunFacts, mean: RunMean, dataset: str) -> str:
-    interval = "" if mean.interval is None else f"95 % interval {mean.interval[0]:.4g} to {mean.interval[1]:.4g}. "
-    lines = [
-        "- dataset:",
-        f"    id: {_quoted(dataset)}",
-        f"    task_id: {mean.metric}{'_clean' if mean.condition == 'clean' else ''}",
-        f"  value: {mean.value!r}",
-        *([f"  date: {_quoted(facts.finished.date().isoformat())}"] if facts.finished else []),
-        "  evaluation_framework: robustflow",
-        f"  notes: {_quoted(f'{interval}Run {facts.digest} of {facts.name}. ' + ' '.join(facts.warnings))}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _quoted(text: str) -> str:
-    """Quote text for YAML."""
-    return json.dumps(text.strip())
 
 
 _ROWS = "rows.csv"
@@ -143,21 +123,23 @@ _CONTEXT: dict[str, Any] = {
 }
 
 
-def croissant_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
+def _croissant_files(run: Run) -> Files:
     """Return `croissant.json` and the file that it describes, `rows.csv`."""
-    rows = rows_to_text(facts.run.rows)
+    rows, name = rows_to_text(run.rows), plain(run.name)
+    title = plain(benchmark_facts(run.benchmark).title)
+    version = plain(run.manifest.environment.packages.get("robustflow", "unknown"))
     metadata = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": file_name(f"robustflow {facts.name} {facts.title}"),
+        "name": file_name(f"robustflow {name} {title}"),
         "description": (
-            f"Errors of the optical flow of {facts.name} on {facts.title}, clean and corrupted: sums and counts, one "
-            f"row per pair, corruption and severity, measured by RobustFlow {facts.version} (run {facts.digest}). "
-            + " ".join(facts.warnings)
+            f"Errors of the optical flow of {name} on {title}, clean and corrupted: sums and counts, one row per pair, "
+            f"corruption and severity, measured by RobustFlow {version} (run {run.manifest.identity_digest}). "
+            + _caveats(run, _means(run))
         ).strip(),
         "version": "1.0.0",
-        **({"datePublished": facts.finished.date().isoformat()} if facts.finished else {}),
+        **({"datePublished": day} if (day := _day(run)) else {}),
         "distribution": [
             {
                 "@type": "cr:FileObject",
@@ -182,27 +164,6 @@ def _field(column: str) -> dict[str, Any]:
         "dataType": _TYPES[ROW_SCHEMA[column]],
         "source": {"fileObject": {"@id": _ROWS}, "extract": {"column": column}},
     }
-
-
-Files = dict[PurePosixPath, bytes]
-
-EXCHANGE_FORMATS = ("croissant", "huggingface")
-
-HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
-
-
-def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
-    """Export a run in one of the formats; return file contents by relative path."""
-    if format not in EXCHANGE_FORMATS:
-        raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
-    facts = RunFacts(run)
-    if format == "croissant":
-        return croissant_files(facts)
-    if hub_dataset is None or not re.fullmatch(HUB_NAME, hub_dataset):
-        raise UsageError(
-            "--format huggingface needs the benchmark's dataset on the Hub: give --hub-dataset ORGANISATION/NAME"
-        )
-    return huggingface_files(facts, hub_dataset)
 
 
 _LARGEST = 2**29
@@ -234,17 +195,9 @@ def _check(path: Path, run: Run) -> None:
     if data in made:
         return
     given = data.split(b"\n")
-    nearest = max((each.split(b"\n") for each in made), key=lambda lines: _equal_lines(lines, given))
-    number = next((n for n, pair in enumerate(zip(nearest, given, strict=False)) if pair[0] != pair[1]), None)
+    nearest = max((each.split(b"\n") for each in made), key=lambda lines: sum(map(eq, lines, given)))
+    number = next((n for n, same in enumerate(map(eq, nearest, given), 1) if not same), None)
     if number is None:
-        raise RunError(
-            f"{path} has {len(given)} lines, but an export of the record has {len(nearest)}: export it again"
-        )
-    written, expected = (plain(lines[number].decode(errors="replace"), 80) for lines in (given, nearest))
-    raise RunError(
-        f"{path}, line {number + 1}: '{written}', but an export of the record has '{expected}': export it again"
-    )
-
-
-def _equal_lines(lines: Sequence[bytes], given: Sequence[bytes]) -> int:
-    return sum(one == other for one, other in zip(lines, given, strict=False))
+        raise RunError(path, f"{len(given)} lines, but an export of the record has {len(nearest)}; export it again")
+    written, expected = (plain(lines[number - 1].decode(errors="replace"), 80) for lines in (given, nearest))
+    raise RunError(path, f"line {number}: '{written}', but an export of the record has '{expected}'; export it again")
