@@ -2,7 +2,6 @@
 
 import json
 from functools import cache
-from itertools import product
 from tempfile import TemporaryDirectory
 
 import pytest
@@ -93,14 +92,6 @@ def test_a_union_has_the_cells_of_its_parts_and_every_sample_once(parts):
     assert len(conditions) == len(set(conditions))
     assert cells(union([*whole, *parts])) == cells(whole)
     assert union(whole) == whole
-
-
-def test_many_calls_do_not_lengthen_the_plan():
-    calls = [
-        Cells(samples=KEYS, corruptions={name: (level,)}) for name, level in product(["fog", "snow"], [3, 1, 2, 5, 4])
-    ]
-    levels = (1, 2, 3, 4, 5)
-    assert union(calls * 50) == (Cells(samples=KEYS, corruptions={"fog": levels, "snow": levels}),)
 
 
 ONE = ("run", "--model", "dis", "-c", "fog", "-s", "3", "-o", "run")

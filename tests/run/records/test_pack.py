@@ -92,11 +92,6 @@ def test_record_does_not_depend_on_the_shards_of_the_run(run, tmp_path, packed):
     assert first.read_bytes() == second.read_bytes() == packed
 
 
-def test_a_run_in_a_different_order_has_the_same_rows(run, packed, tmp_path):
-    other = evaluate("farneback", "demo", output=tmp_path / "o", corruptions=["fog", "contrast"], severities=[5, 1])
-    assert entries_of(record_bytes(other))["rows.csv"] == entries_of(packed)["rows.csv"]
-
-
 def test_unfinished_run_is_not_packed(run, tmp_path):
     folder = shutil.copytree(run.path, tmp_path / "part")
     edit_rows(folder, lambda rows: rows.filter(pl.col("severity") != 5))
