@@ -75,15 +75,10 @@ def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
 
 @pytest.mark.parametrize("model", ["dis", "farneback", "dis_rgb"])
 @pytest.mark.parametrize(
-    ("option", "value", "says"),
-    [
-        ("--device", "cuda", "runs on the CPU only; omit --device"),
-        ("--precision", "bf16", "does not have a selectable precision; omit --precision"),
-        ("--checkpoint", "things", "has no weights to load; omit --checkpoint"),
-    ],
+    ("option", "value"), [("--device", "cuda"), ("--precision", "bf16"), ("--checkpoint", "things")]
 )
-def test_options_of_networks_are_refused_for_other_models(robustflow, model, option, value, says):
-    assert robustflow.refuses("run", "-m", model, option, value) == f"robustflow: model '{model}' {says}"
+def test_options_of_networks_are_refused_for_other_models(robustflow, model, option, value):
+    assert robustflow.refuses("run", "-m", model, option, value).startswith(f"robustflow: {option}: model '{model}'")
 
 
 def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow):

@@ -66,7 +66,7 @@ def test_edited_own_corruption_without_an_output_folder_starts_a_new_run_with_a_
 
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
     assert rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
-    with pytest.warns(UserWarning, match="^rain has changed since runs/"):
+    with pytest.warns(UserWarning, match=r"^rain has changed since runs/"):
         other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path
     assert set(rf.load_run(first.path).rows["severity"]) == {0, 1, 2}

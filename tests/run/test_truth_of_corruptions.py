@@ -103,8 +103,9 @@ def test_the_rows_of_the_run_break_no_rule(run):
 def test_row_rules_find_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
     where = pl.col("corruption") == corruption
     rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
-    broken = {reason: set(found["corruption"]) for reason, found in broken_rules(rows) if found.height}
-    assert broken == {"its errors do not match what its corruption leaves of the ground truth": {corruption}}
+    broken = [set(found["corruption"]) for _, found in broken_rules(rows) if found.height]
+    assert broken
+    assert set.union(*broken) == {corruption}
 
 
 def test_the_audit_of_results_expects_averages_without_these_corruptions(run):

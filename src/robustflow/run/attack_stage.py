@@ -100,8 +100,6 @@ def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int, batch_
 
 
 class AttackStage:
-    """Attack samples."""
-
     def __init__(
         self,
         model: AnyModel,
@@ -152,7 +150,6 @@ class AttackStage:
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
-    """Check that all requested attacks work with a model."""
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
         raise UsageError("--attacks", "attacks require a two-frame model; omit it")

@@ -108,7 +108,6 @@ def read_cost(run: Run) -> RunCost | None:
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:
-    """Store a cost in the folder of its run."""
     return _write(run, PROFILE, cost)
 
 

@@ -49,7 +49,6 @@ class CellScores(NamedTuple):
 
 
 def cell_scores(row: dict[str, Any]) -> CellScores:
-    """Compute EPE, CRE and RCRE of one row."""
     n = row["n_valid"]
     epe, before = _mean(row["epe_sum"], n), _mean(row["clean_epe_sum"], n)
     rcre = _mean(row["rcre_all_sum"], row["n_all"]) if n is None else _mean(row["rcre_sum"], n)
@@ -130,7 +129,6 @@ def are_current(result: Run) -> bool:
 
 
 def drop_examples(run: Path) -> None:
-    """Remove a run's outdated example pictures."""
     home = run / FOLDER
     if home.is_dir():
         old = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder

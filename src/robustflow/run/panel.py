@@ -37,8 +37,6 @@ _WHEEL_SAYS = "direction and length of the flow, as colours"
 
 @dataclass(frozen=True)
 class Panel:
-    """The contents of a panel."""
-
     sample: Sample
     frames: tuple[Frame, ...]
     flow: Flow
@@ -129,7 +127,6 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
 
 
 def _wheel(axes: Axes) -> None:
-    """Draw a legend for the flow colours."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)

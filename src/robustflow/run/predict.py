@@ -39,8 +39,6 @@ class _Images(PairDataset):
 
 @dataclass(frozen=True)
 class Predicted:
-    """One finished pair."""
-
     key: str
     flow: Path
     radius: float

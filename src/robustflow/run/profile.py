@@ -192,8 +192,6 @@ def count_prediction(model: Any, height: int, width: int) -> Counts:
 
 @dataclass(frozen=True)
 class PredictionCost:
-    """Measurements from several predictions."""
-
     seconds: float
     peak_bytes: int
     device: str
@@ -231,7 +229,6 @@ class EveryFlow(nn.Module):
         self.net = net
 
     def forward(self, image1: Tensor, image2: Tensor) -> Any:
-        """Return the result of the network's method `flows` for images (1, 3, H, W)."""
         return self.net.flows(image1, image2)
 
 
@@ -246,7 +243,6 @@ class Counted:
 
 
 def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
-    """Count the costs of the methods, one method at a time."""
     names = {entry.method: name for name, entry in methods().items()}
     for method in published:
         name = names[method]

@@ -24,8 +24,14 @@ class Progress(Protocol):
         """Record that one more unit is on disk."""
 
 
-class Silent(Progress):
+class Silent:
     """A `Progress` that shows nothing."""
+
+    def start(self, folder: Path, total: int, finished: int) -> None:
+        pass
+
+    def advance(self, done: FinishedUnit) -> None:
+        pass
 
 
 @contextmanager
@@ -85,7 +91,6 @@ class TerminalProgress:
         self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{evaluations}")
 
     def finished_work(self) -> str:
-        """Describe the finished work of a stopped run."""
         if self._folder is None:
             return "nothing had been computed."
         return f"{self._finished} of {counted(self._total, 'step')} are saved in {self._folder}."

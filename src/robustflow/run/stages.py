@@ -57,13 +57,11 @@ pgd", whose time is included in "attack"."""
 
 
 def no_seconds() -> Seconds:
-    """Return all counters, set to zero."""
     return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
 
 
 @contextmanager
 def timed(seconds: Seconds, kind: str) -> Iterator[None]:
-    """Add the duration of the block."""
     start = time.perf_counter()
     yield
     seconds[kind] = seconds.get(kind, 0.0) + time.perf_counter() - start
@@ -98,8 +96,10 @@ def memory_errors_named(doing: str) -> Iterator[None]:
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
     """Return a digest of the bytes and sizes of frames, in row order, as 32 hexadecimal digits."""
-    content = ((str(frame.shape).encode(), np.ascontiguousarray(frame).reshape(-1).data) for frame in frames)
-    return quick_digest_of_bytes(*chain.from_iterable(content))
+    parts: list[bytes | memoryview] = []
+    for frame in frames:
+        parts += [str(frame.shape).encode(), np.ascontiguousarray(frame).reshape(-1).data]
+    return quick_digest_of_bytes(*parts)
 
 
 @dataclass
@@ -144,7 +144,6 @@ class FrameStage:
         self._last_depth: tuple[str, SceneDepth] | None = None
 
     def load(self, key: str) -> OpenSample:
-        """Read a sample."""
         with timed(self._seconds, "load"):
             sample = load_checked(self._dataset, key)
             if self._context is not None:
@@ -246,7 +245,6 @@ class PredictStage:
 
     @contextmanager
     def _announced(self, *requests: PredictionRequest) -> Iterator[None]:
-        """Wrap one call of the model."""
         self._on_predict(describe_cells([request.cell for request in requests]))
         yield
         self._on_predict(None)

@@ -51,8 +51,6 @@ class Robustness(NamedTuple):
 
 @dataclass(frozen=True)
 class Submitted:
-    """One flow file of a submission."""
-
     condition: str
     key: str
     fresh: bool
@@ -61,7 +59,6 @@ class Submitted:
 
 
 def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
-    """Load the model of a run again."""
     if spec is None:
         raise RunError(run.path, "does not record how to load its model; specify --model NAME and its options")
     named = load_predictor(spec)

@@ -72,14 +72,12 @@ class MeasureStage:
                 self._check(opened, opened.clean)
 
     def keep_clean(self, opened: OpenSample, clean: Answer) -> None:
-        """Store a newly predicted clean flow."""
         opened.clean = clean
         if self._clean_path is not None:
             write_array(self._clean_path(opened.sample.key), clean, opened.clean_flow_key)
         self._check(opened, clean)
 
     def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
-        """Measure one row."""
         assert opened.clean is not None
         _, corruption, severity = cell
         truth = self.truth(corruption)
@@ -88,8 +86,16 @@ class MeasureStage:
             sample, regions = sample.without_truth(), None
         with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
             flow, clean_flow = flow_of(answer), flow_of(opened.clean)
-            about = {"corruption": corruption, "severity": severity, "truth": truth, "frames_digest": digest}
-            row = measure(flow, clean_flow, sample, regions, **about)
+            row = measure(
+                flow,
+                clean_flow,
+                sample,
+                regions,
+                corruption=corruption,
+                severity=severity,
+                truth=truth,
+                frames_digest=digest,
+            )
             if self._options.draws > 1:
                 row |= _spread_column(answer, clean_flow, cell)
             else:
@@ -105,7 +111,6 @@ class MeasureStage:
         return self._truths[name]
 
     def digest(self, frames: tuple[Frame, ...]) -> str:
-        """Return the digest of a cell's pair."""
         with timed(self._seconds, "measure"):
             return frames_digest(frames[:2])
 
@@ -214,15 +219,12 @@ class Worker:
         return View(sample, frames, flow_of(flow), flow_of(clean), row)
 
     def sample(self, key: str) -> Sample:
-        """Return a sample with its clean frames."""
         return self._open(key)[0].sample
 
     def clean_flow(self, key: str) -> Flow:
-        """Return the flow between a sample's clean frames, float32 (H, W, 2), in pixels."""
         return flow_of(self._open(key)[1])
 
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """Return the corrupted frames of a cell."""
         return self._frames.corrupt(self._open(key)[0].sample, corruption, severity)
 
     def _open(self, key: str) -> tuple[OpenSample, Answer]:

@@ -39,7 +39,6 @@ class Job:
         return {**self.__dict__, "loaded": None}
 
     def load_model(self) -> AnyModel:
-        """Return the model, loading it if necessary."""
         if self.loaded is not None:
             return self.loaded
         return self.model.load() if isinstance(self.model, ModelSpec) else self.model
@@ -54,7 +53,6 @@ class Job:
         return None if self.folder is None else RunFolder(self.folder).clean_path
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
-        """Create a worker with the model that `load_model` returns."""
         model = self.load_model()
         return Worker(self.dataset, model, self.options, self.clean_path, on_predict, self.batch_size, self.kept)
 
@@ -76,8 +74,6 @@ FinishedUnits = Generator[FinishedUnit, None, None]
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine that computes units."""
-
     describe: Callable[[Sequence[Unit]], str]
     compute: Callable[[Job, Sequence[Unit]], FinishedUnits]
 

@@ -237,7 +237,6 @@ class Feeder:
             self._filling = []
 
     def _measure_batch(self) -> None:
-        """Measure the flows of the oldest batch."""
         try:
             predicting = self._device.recv()
         except (EOFError, ConnectionError):

@@ -125,8 +125,8 @@ def _started(
     with ExitStack() as shared:  # closed here as soon as the children have it
         pipes = [multiprocessing.Pipe() for _ in range(workers)]
         batches = [[Batch() for _ in range(BATCHES_PER_FEEDER)] for _ in range(workers)]
-        for each in (*chain(*pipes), *chain(*batches)):
-            shared.callback(each.close)
+        for close in [one.close for one in chain(*pipes)] + [one.close for one in chain(*batches)]:
+            shared.callback(close)
         for number, device in enumerate(devices):
             links = [(pipes[one][1], batches[one]) for one in range(number, workers, len(devices))]
             model = job.model.on(device) if isinstance(job.model, ModelSpec) and len(devices) > 1 else job.model
@@ -172,6 +172,5 @@ class _Process:
         return FinishedUnit(unit, rows, seconds)
 
     def check_timeout(self) -> None:
-        """Raise if the current prediction takes too long."""
         if self._timeout is not None and self._doing is not None and time.monotonic() - self._since > self._timeout:
             raise too_slow(self._timeout, self._doing)

@@ -106,7 +106,6 @@ class _Crew:
         self._warned = False
 
     def compute(self) -> FinishedUnits:
-        """Yield units as they are finished."""
         tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
         while self._left:
             self._fill_up()
@@ -174,7 +173,8 @@ class _Crew:
         unit, member.unit, member.question = member.unit, None, None
         assert unit is not None
         self._schedule.finished(unit)
-        return FinishedUnit(unit, *value, f"{member.host}, {member.device}")
+        rows, seconds = value
+        return FinishedUnit(unit, rows, seconds, f"{member.host}, {member.device}")
 
     def _remove(self, member: _Member, error: Exception) -> None:
         """Remove a lost actor; its unit is computed again."""
@@ -225,7 +225,6 @@ class _Member:
         self._asked = 0.0
 
     def give(self, unit: Unit, files: Sequence[tuple[str, int]]) -> None:
-        """Make the actor compute a unit."""
         self.unit, self.last_key = unit, unit.key
         self.call = self.actor.run.remote(unit, files)
 
@@ -249,7 +248,6 @@ class _Member:
             raise too_slow(timeout, _described(self.unit))
 
     def kill(self) -> None:
-        """End the actor immediately."""
         try:
             self._ray.kill(self.actor, no_restart=True)
         except Exception:  # the actor or the cluster is already gone

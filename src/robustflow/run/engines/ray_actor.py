@@ -160,7 +160,6 @@ def cannot_start(error: Exception) -> RunError:
 
 
 def _device() -> str:
-    """Return the device that Ray assigned to this actor."""
     import ray
 
     gpus = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])

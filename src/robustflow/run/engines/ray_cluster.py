@@ -35,7 +35,6 @@ _ENDED_BY_RAY = (
 
 
 def ray_module() -> Any:
-    """Return the module `ray`."""
     require("ray", "the ray engine")
     import ray
 
@@ -161,7 +160,6 @@ def _other_service(cluster: str) -> RunError:
 
 
 def _new_folder() -> str:
-    """Return a folder for Ray's sockets and logs."""
     usual = tempfile.gettempdir()
     return tempfile.mkdtemp(prefix="rf-ray-", dir=usual if len(usual) <= _LONGEST_TMP else "/tmp")
 

@@ -88,7 +88,6 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
 def _prepare(
     source: Source, folder: Path, preparation: Preparation, proof: Path, begins: str, wanted: dict[str, str]
 ) -> Answer:
-    """Prepare one clip on the node."""
     host = socket.gethostname()
 
     def prepare() -> None:
