@@ -94,7 +94,7 @@ def exact_size(path: Path, expected: int, size: int, width: int, height: int) ->
         raise DataError(path, f"{state}: {size} bytes, but {height}x{width} pixels need {expected}; copy it again")
 
 
-_HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
+_HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?1(?:\.0*)?)[ \t]*\r?\n")
 _CHANNELS = {b"PF": 3, b"Pf": 1}
 
 
@@ -103,22 +103,18 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
 
 
 def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
-    """Read a portable float map with one channel (depth or disparity) or three channels (flow), float32 (H, W,
-    channels) in the file's byte order; rows from top to bottom.
-    """
+    """Read a portable float map, float32 (H, W, channels) in the file's byte order, rows from top to bottom."""
     with open(path, "rb") as file:
         header = _HEADER.match(file.read(128))
         if header is None:
-            raise DataError(path, "not a .pfm file (no 'PF' or 'Pf' header), or truncated; check the file")
+            raise DataError(path, "not a .pfm file with the header 'PF' or 'Pf' and the scale 1 or -1, or truncated")
         if _CHANNELS[header[1]] != channels:
-            kinds = {1: "one channel ('Pf'), as depth and disparity maps have", 3: "three channels ('PF'), as flow has"}
-            raise DataError(path, f"expected {kinds[channels]}, but the file has {kinds[4 - channels]}")
+            raise DataError(path, f"has {4 - channels} channel(s) instead of {channels} (1 for depth, 3 for flow)")
         width, height = int(header[2]), int(header[3])
         claimed_size(path, width, height)
-        scale = _scale_of(path, header[4])
         exact_size(path, header.end() + 4 * channels * width * height, path.stat().st_size, width, height)
         file.seek(header.end())
-        values = np.fromfile(file, "<f4" if scale < 0 else ">f4")
+        values = np.fromfile(file, "<f4" if header[4].startswith(b"-") else ">f4")
     return values.reshape(height, width, channels)[::-1]
 
 
@@ -127,14 +123,3 @@ def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)
     return b"PF\n%d %d\n-1.0\n" % (width, height) + values[::-1].tobytes()
-
-
-def _scale_of(path: Path, text: bytes) -> float:
-    try:
-        scale = float(text)
-    except ValueError:
-        scale = 0.0
-    if abs(scale) != 1.0:
-        # Readers disagree on whether to multiply values by the magnitude.
-        raise DataError(path, f"scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
-    return scale

@@ -76,11 +76,7 @@ def described(facts: DatasetFacts) -> Callable[[T], T]:
 
 
 def facts_of(target: object, name: str) -> DatasetFacts:
-    """Return the facts of a dataset's class or function, or facts with only a title if none are declared.
-
-    >>> facts_of(object(), "alley").title
-    'alley'
-    """
+    """Return the facts of a dataset's class or function, or facts with only a title if none are declared."""
     facts = getattr(target, "facts", None)
     if isinstance(facts, DatasetFacts):
         return facts

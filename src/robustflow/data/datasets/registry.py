@@ -72,21 +72,12 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
 
 def needs_folder(name: str) -> bool:
-    """Return whether a dataset is read from a user's folder.
-
-    >>> needs_folder("sintel"), needs_folder("shapes")
-    (True, False)
-    """
+    """Return whether a dataset is read from a user's folder."""
     return "root" in inspect.signature(DATASETS.get(name)).parameters
 
 
 def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Make folder paths among the options of a dataset absolute, including the folder of the user's depth maps; leave
-    other options unchanged.
-
-    >>> with_absolute_paths("robustspring", {"spring": "/data/spring"}), with_absolute_paths("sintel", {"step": 2})
-    ({'spring': PosixPath('/data/spring')}, {'step': 2})
-    """
+    """Make folder paths among the options of a dataset absolute, including the folder of the user's depth maps."""
     folders = ("depth", *dataset_facts(name).folder_options)
     return {key: user_path(value).absolute() if key in folders else value for key, value in options.items()}
 

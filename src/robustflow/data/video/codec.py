@@ -228,11 +228,7 @@ class Decoder:
 
 
 def encoder_versions() -> dict[str, str]:
-    """Return the library versions that affect the codec's output, for manifests.
-
-    >>> sorted(encoder_versions())
-    ['libavcodec', 'libx264', 'pyav']
-    """
+    """Return the library versions that affect the codec's output, for manifests."""
     grey = np.full((24, 16), 128, np.uint8)
     stream = b"".join(p.data for p in Encoder(16, 16, Fraction(25), lossless("ultrafast")).encode([(0, grey)]))
     start = stream.find(b"x264 - core")

@@ -133,9 +133,6 @@ def _camera(folder: Path, name: str) -> PictureFolder:
 PROBE = 8
 """Number of source frames encoded for the estimate."""
 
-RELEASED_BYTES = 681 * 10**9
-"""Size of the released GoPro-FC in bytes."""
-
 
 @dataclass(frozen=True)
 class DiskEstimate:
@@ -152,11 +149,10 @@ class DiskEstimate:
         return self.masters + self.key_frames
 
     def __str__(self) -> str:
-        share = 100 * (self.kept + self.variants) / RELEASED_BYTES
         return (
             f"about {_gb(self.kept)} permanently (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
-            f"{_gb(self.temporary)} more during preparation, later up to {_gb(self.variants)} for transcoded variants "
-            f"(in total {share:.2g} % of the released dataset's 681 GB); {_gb(self.free)} free"
+            f"{_gb(self.temporary)} more during preparation, later up to {_gb(self.variants)} for transcoded variants; "
+            f"{_gb(self.free)} free"
         )
 
 

@@ -19,7 +19,7 @@ from av.error import FFmpegError
 
 from ...core.errors import DataError
 from ...core.types import Frame
-from .container import frame_times, open_video, reason, upright
+from .source import frame_times, open_video, reason, upright
 
 _NEAR = 48
 """Maximum distance in frames for which decoding forward is preferred to seeking."""

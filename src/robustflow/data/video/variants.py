@@ -30,8 +30,8 @@ from ...core.types import Frame
 from ...media.images import read_image
 from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
 from .codec import I420, Decoder, Encoder, Packet, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
-from .container import open_video
 from .prepared import PreparedClip
+from .source import open_video
 
 
 @dataclass
