@@ -13,12 +13,8 @@ from .options import MODEL, model_spec, shared
 
 @shared(*MODEL, "psf_dir")
 def app(
-    host: Annotated[
-        str | None, Option(help="Address to listen on; 127.0.0.1 by default, which only this machine can reach.")
-    ] = None,
-    port: Annotated[
-        int | None, Option(help="Port to listen on; by default 8642, or any free port if 8642 is in use.")
-    ] = None,
+    host: Annotated[str | None, Option(help="Address to listen on; by default only this machine can reach it.")] = None,
+    port: Annotated[int | None, Option(help="Port to listen on; 8642 by default, or any free port.")] = None,
     browser: Annotated[bool, Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
     **given: Any,
 ) -> None:

@@ -10,9 +10,7 @@ from ..core.errors import UsageError, unknown_name
 
 def check(
     target: Annotated[str, Argument(metavar="MODULE:ATTRIBUTE", help="Class, object or function to test.")],
-    kind: Annotated[
-        str | None, Option(help="model, corruption, attack or dataset; detected from its methods by default.")
-    ] = None,
+    kind: Annotated[str | None, Option(help="model, corruption, attack or dataset; detected by default.")] = None,
 ) -> None:
     """Test your own model, corruption, attack or dataset: shapes, dtypes, determinism, unmodified inputs.
 

@@ -21,9 +21,7 @@ def compare(
     context: typer.Context,
     runs: Annotated[list[Path], Argument(metavar="RUN", help="Folders or records of runs on the same data.")],
     metric: Annotated[str | None, Option(help="Compare only this metric: epe, cre, crer or rcre.")] = None,
-    effect: Annotated[
-        float | None, Option(help="Estimate how many pairs a test needs to detect this difference, in pixels.")
-    ] = None,
+    effect: Annotated[float | None, Option(help="Estimate how many pairs detect so many pixels.")] = None,
     power: Annotated[float, Option(help="With --effect: probability of detecting it.")] = 0.8,
     level: Annotated[float, Option(help="Confidence level of the intervals.")] = 0.95,
     resamples: Annotated[int, Option(help="Number of bootstrap resamples.")] = 4999,

@@ -20,9 +20,7 @@ def corrupt(
     context: typer.Context,
     frame1: Annotated[Path | None, Argument(metavar="FRAME1", help="First frame.")] = None,
     frame2: Annotated[Path | None, Argument(metavar="FRAME2", help="Second frame; same size as the first.")] = None,
-    check: Annotated[
-        bool, Option("--check", help="Only check that this machine produces the reference bytes.")
-    ] = False,
+    check: Annotated[bool, Option("--check", help="Only check that this machine makes the reference bytes.")] = False,
     **given: Any,
 ) -> None:
     """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.

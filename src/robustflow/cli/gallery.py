@@ -30,9 +30,7 @@ def gallery(
         tuple[Path, Path] | None, Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
     clip: Annotated[Path | None, Option(help="A video or a folder of frames, which the page plays.")] = None,
-    start: Annotated[
-        str | None, Option(help="First frame to show: a frame number (120) or a time (12.5s, 1:05).")
-    ] = None,
+    start: Annotated[str | None, Option(help="First frame: a frame number (120) or a time (12.5s, 1:05).")] = None,
     stop: Annotated[str | None, Option(help="Frame at which to stop (exclusive).")] = None,
     length: Annotated[int | None, Option(help="Number of frames to show; 10 by default.")] = None,
     **given: Any,

@@ -25,9 +25,7 @@ def listing(
             help="models, corruptions, attacks, benchmarks, datasets or recipes; all by default.",
         ),
     ] = "all",
-    search: Annotated[
-        str, Argument(metavar="SEARCH", help="With models: part of a name; lists every checkpoint of matching models.")
-    ] = "",
+    search: Annotated[str, Argument(metavar="SEARCH", help="With models: part of a name, to list checkpoints.")] = "",
 ) -> None:
     """List models, corruptions, attacks, benchmarks, datasets or training recipes.
 

@@ -137,9 +137,7 @@ def render(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _L
 @app.command()
 @shared("corruptions", "seed", output="File to write the table to (JSON).")
 def calibrate(
-    data: Annotated[
-        Path | None, Option("--data", "-d", help="Folder of images to use instead of scikit-image's photographs.")
-    ] = None,
+    data: Annotated[Path | None, Option("--data", "-d", help="Folder of images instead of our photographs.")] = None,
     draws: Annotated[int, Option(help="Number of random draws per image, for random corruptions.")] = 4,
     **given: Any,
 ) -> None:

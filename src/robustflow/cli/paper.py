@@ -20,9 +20,7 @@ FOUND = 3
 
 @shared(as_json="Print the findings as JSON.")
 def audit(
-    source: Annotated[
-        Path | None, Argument(metavar="FILE", help="A results file (CSV); the paper's tables by default.")
-    ] = None,
+    source: Annotated[Path | None, Argument(metavar="FILE", help="Results (CSV); the paper's by default.")] = None,
     **given: Any,
 ) -> None:
     """List numbers that contradict the others by more than rounding, each with its printed and its recomputed value.
@@ -77,10 +75,7 @@ def observations() -> None:
 def displacement(
     context: typer.Context,
     benchmark: Annotated[str, Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
-    into: Annotated[
-        Path | None,
-        Option(metavar="RUN", help="Also store the histogram in the folder of a run on these frames."),
-    ] = None,
+    into: Annotated[Path | None, Option(metavar="RUN", help="Also store it in a run on these frames.")] = None,
     **given: Any,
 ) -> None:
     """Write the histogram of flow magnitudes (a figure of the paper) to displacement.csv, .png, .svg and .pdf.
@@ -146,10 +141,7 @@ def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
 
 def experiment(
     output: Annotated[Path, Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
-    data: Annotated[
-        list[str] | None,
-        Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
-    ] = None,
+    data: Annotated[list[str] | None, Option("--data", "-d", help="NAME=FOLDER of real pairs to evaluate on.")] = None,
     seeds: Annotated[int, Option(min=1, help="Number of seeds, with one training run of each kind per seed.")] = 6,
     steps: Annotated[int | None, Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
     severities: Annotated[str, Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",

@@ -15,21 +15,15 @@ def predict(
     frames: Annotated[
         list[Path], Argument(metavar="FRAMES", help="Two or more images, a folder of images, or a video.")
     ],
-    suffix: Annotated[
-        str, Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
-    ] = "flo",
-    pictures: Annotated[
-        bool, Option("--pictures/--no-pictures", help="Write a colour-coded image next to each flow.")
-    ] = True,
+    suffix: Annotated[str, Option("--format", help="flo (Middlebury), png (KITTI), pfm, or flo5 (Spring).")] = "flo",
+    pictures: Annotated[bool, Option("--pictures/--no-pictures", help="Write a colour picture of each flow.")] = True,
     radius: Annotated[
         float | None,
         Option(
             "--max-flow", metavar="PX", help="Flow shown in full colour, in pixels; the 99th percentile by default."
         ),
     ] = None,
-    video: Annotated[
-        Path | None, Option(metavar="FILE.mp4", help="Write a video of the frames above their flow.")
-    ] = None,
+    video: Annotated[Path | None, Option(metavar="FILE.mp4", help="Write a video of frames and flow.")] = None,
     fps: Annotated[float, Option(help="Frames per second of --video.")] = 25.0,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace flows that already exist.")] = False,
     **given: Any,

@@ -33,19 +33,13 @@ def gopro_fc(
         Path, Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these.")
     ],
     output: Annotated[Path, Option("--output", "-o", help="Folder for masters and key frames.")],
-    fps: Annotated[
-        str | None, Option(help="Frames per second of the recording; 240 for GoPro, read from the file for a video.")
-    ] = None,
+    fps: Annotated[str | None, Option(help="Frames per second; 240 for GoPro; a video states its own.")] = None,
     factor: Annotated[int, Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
     step: Annotated[int | None, Option(help="Master frames per key frame; by default for 30 pairs per second.")] = None,
-    interpolator: Annotated[
-        str | None, Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
-    ] = None,
+    interpolator: Annotated[str | None, Option(help="flavr (with --checkpoint) or flow (DIS, no weights).")] = None,
     checkpoint: Annotated[Path | None, Option(help="FLAVR's official 4x weights.")] = None,
     device: Annotated[str, Option(help="Device for FLAVR: cpu, cuda, cuda:0.")] = "cpu",
-    preset: Annotated[
-        str, Option(help="x264 preset of the master video; affects bit errors, but not the decoded pixels.")
-    ] = "veryslow",
+    preset: Annotated[str, Option(help="x264 preset of the master video; affects only bit errors.")] = "veryslow",
     cache_gb: Annotated[float, Option(help="Cache limit in GB for the transcoded variants made during a run.")] = 20.0,
     estimate_only: Annotated[bool, Option("--estimate", help="Print the required disk space and exit.")] = False,
     **given: Any,

@@ -26,12 +26,8 @@ def profile(
     size: Annotated[str, Option(help="Frame size, HEIGHTxWIDTH.")] = "432x720",
     iterations: Annotated[int | None, Option(help="Number of iterations, for iterative models [12].")] = None,
     repeat: Annotated[int, Option(help="Number of timed predictions; 0 for no timing.")] = 1,
-    into: Annotated[
-        Path | None, Option(metavar="RUN", help="Also store the cost in a run of this model, to show it in tables.")
-    ] = None,
-    paper: Annotated[
-        bool, Option("--paper", help="Print the paper's Tab. 3 next to our measurements, which needs 8 GB of memory.")
-    ] = False,
+    into: Annotated[Path | None, Option(metavar="RUN", help="Also store the cost in a run of this model.")] = None,
+    paper: Annotated[bool, Option("--paper", help="Print the paper's Tab. 3 beside our counts; needs 8 GB.")] = False,
     **given: Any,
 ) -> None:
     """Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.

@@ -26,9 +26,7 @@ def pack(
     description: Annotated[str, Option(help="Description in one or two sentences, plain text.")] = "",
     partial: Annotated[bool, Option("--partial", help="Pack an unfinished run; the record is marked as such.")] = False,
     keep_paths: Annotated[bool, Option("--keep-paths", help="Allow texts that contain paths on this machine.")] = False,
-    overwrite: Annotated[
-        bool, Option("--overwrite", help="Replace an existing file that is not a record of this run.")
-    ] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace a file that is no record of this run.")] = False,
     **given: Any,
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
@@ -59,12 +57,8 @@ def pack(
 def verify(
     context: typer.Context,
     files: Annotated[list[Path], Argument(metavar="FILE", help="Records written by 'robustflow record pack'.")],
-    check_frames: Annotated[
-        int | None, Option(metavar="N", help="Number of rows to compare with data or model [20].")
-    ] = None,
-    seed: Annotated[
-        int | None, Option(help="Random seed for the choice of rows; different rows each time by default.")
-    ] = None,
+    check_frames: Annotated[int | None, Option(metavar="N", help="Number of rows to compare [20].")] = None,
+    seed: Annotated[int | None, Option(help="Random seed of the choice of rows; random by default.")] = None,
     exported: Annotated[
         list[Path] | None,
         Option(help="File of 'robustflow export' (not Parquet) to compare with the record. Repeatable."),

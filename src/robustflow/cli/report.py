@@ -31,9 +31,7 @@ _DRAWING = ("corruption", "severity", "model", "option", "own_corruption", *DATA
 )
 def report(
     context: typer.Context,
-    runs: Annotated[
-        list[Path] | None, Argument(metavar="RUN", help="Folders or records of runs, or folders that contain them.")
-    ] = None,
+    runs: Annotated[list[Path] | None, Argument(metavar="RUN", help="Runs, records, or folders of them.")] = None,
     metric: Annotated[
         str | None,
         Option(
@@ -54,9 +52,7 @@ def report(
         ),
     ] = None,
     figures: Annotated[Path | None, Option(help="Folder for figures (PNG, SVG and PDF).")] = None,
-    examples: Annotated[
-        bool, Option("--examples", help="Draw the worst and the median sample into RUN/examples and the page.")
-    ] = False,
+    examples: Annotated[bool, Option("--examples", help="Draw the worst and the median sample of a run.")] = False,
     sample: Annotated[str | None, Option(help="Draw only this sample, as a PNG file.")] = None,
     corruption: Annotated[str | None, Option("--corruption", "--corruptions", "-c", help="With --sample.")] = None,
     severity: Annotated[int | None, Option("--severity", "--severities", "-s", help="With --sample.")] = None,

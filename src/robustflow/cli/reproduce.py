@@ -45,9 +45,7 @@ app.command()(experiment)
     output="Folder for runs and results; 'reproduced' by default.",
 )
 def table(
-    what: Annotated[
-        str | None, Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
-    ] = None,
+    what: Annotated[str | None, Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; or list them.")] = None,
     checkpoints: Annotated[
         list[Path] | None,
         Option(
@@ -55,9 +53,7 @@ def table(
         ),
     ] = None,
     models: Annotated[str | None, Option(help="Comma-separated names of models; all by default.")] = None,
-    random: Annotated[
-        bool, Option("--random", help="Use random weights for missing checkpoints, which only tests the setup.")
-    ] = False,
+    random: Annotated[bool, Option("--random", help="Random weights for missing checkpoints, as a test.")] = False,
     dry_run: Annotated[bool, Option("--dry-run", help="Print what can be run and what is missing, and exit.")] = False,
     **given: Any,
 ) -> None:

@@ -25,9 +25,7 @@ def run(
             rich_help_panel=WHAT,
         ),
     ] = 1,
-    as_json: Annotated[
-        bool, Option("--json", help="Print name, benchmark, folder and summary of each run.", rich_help_panel=OUTPUT)
-    ] = False,
+    as_json: Annotated[bool, Option("--json", help="Print the runs as JSON.", rich_help_panel=OUTPUT)] = False,
     **given: Any,
 ) -> None:
     """Measure the robustness of a model, or of several models one after another.

@@ -32,14 +32,10 @@ def train(
         Option("--data", "-d", help="Folder that contains datasets, or NAME=FOLDER. Repeatable."),
     ] = None,
     init: Annotated[str | None, Option(help="Initial weights: a checkpoint as for run, or random.")] = None,
-    init_trained_on: Annotated[
-        str | None, Option(help="Training sets of the initial weights, e.g. C+T, if the file does not list them.")
-    ] = None,
+    init_trained_on: Annotated[str | None, Option(help="Training sets of the initial weights, e.g. C+T.")] = None,
     resume: Annotated[bool, Option("--resume", help="Continue from the last checkpoint, bit for bit.")] = False,
     plan: Annotated[bool, Option("--plan", help="Print the training plan and missing items, and exit.")] = False,
-    mix: Annotated[
-        str | None, Option(help="Training data instead of the recipe's: chairs, things, ... or a TOML file.")
-    ] = None,
+    mix: Annotated[str | None, Option(help="Training data: chairs, things, ... or a TOML file.")] = None,
     steps: Annotated[int | None, Option(help="Number of steps; the schedule is scaled to match.")] = None,
     batch_size: Annotated[int | None, Option(help="Pairs per step, summed over all devices.")] = None,
     crop: Annotated[str | None, Option(help="Crop size, HEIGHTxWIDTH.")] = None,
@@ -52,12 +48,8 @@ def train(
     validate: Annotated[str | None, Option(help="Benchmark for validation, e.g. sintel.")] = None,
     validate_data: Annotated[str | None, Option(help="Its data.")] = None,
     validate_every: Annotated[int | None, Option(help="Updates between validations; --save-every by default.")] = None,
-    validate_corruptions: Annotated[
-        str | None, Option(help="Corruptions for validation in addition to clean frames, e.g. fog,snow.")
-    ] = None,
-    corrupt: Annotated[
-        str | None, Option(help="Corruptions or families applied to training frames, e.g. noise,fog.")
-    ] = None,
+    validate_corruptions: Annotated[str | None, Option(help="Corruptions for validation, e.g. fog,snow.")] = None,
+    corrupt: Annotated[str | None, Option(help="Corruptions or families for training, e.g. noise,fog.")] = None,
     corrupt_probability: Annotated[float, Option(help="Probability that a pair is corrupted.")] = 0.5,
     skip_bad: Annotated[bool, Option("--skip-bad", help="Replace unreadable pairs with different ones.")] = False,
     **given: Any,
