@@ -206,11 +206,3 @@ class Attack(ABC):
 def is_of_package(kind: type[Attack]) -> bool:
     """Whether a class of attacks is part of this package."""
     return kind.__module__.startswith(_PACKAGE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Control(Attack):
-    """A control for attacks with the same norm: random noise, which does not query the model."""
-
-    needs_gradients: ClassVar[bool] = False
-    control: ClassVar[bool] = True

@@ -38,7 +38,6 @@ _Result = TypeVar("_Result")
 _PATIENCE = 5.0
 """Maximum time to wait for an interrupted thread, in seconds."""
 
-_RETURNED = "the model's method returned"
 _EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTorch's graph"
 
 
@@ -94,20 +93,16 @@ def in_lockstep(tasks: Sequence[Callable[[], _Result]]) -> list[_Result]:
                 for lane in waiting:
                     groups.setdefault(lane.asked.group, []).append(lane)  # type: ignore[union-attr]
                 for group in groups.values():
-                    _answer(group)
+                    try:
+                        answers: Sequence[Answer | Exception] = _answers([lane.asked for lane in group if lane.asked])
+                    except Exception as error:  # raised inside the attack, as without lockstep
+                        answers = [error] * len(group)
+                    for lane, answer in zip(group, answers, strict=True):
+                        lane.resume(answer)
         finally:
             for lane in lanes:
                 lane.stop()
     return [lane.result for lane in lanes]
-
-
-def _answer(group: Sequence[_Lane[Any]]) -> None:
-    try:
-        answers: Sequence[Answer | Exception] = _answers([lane.asked for lane in group if lane.asked is not None])
-    except Exception as error:  # raised inside the attack, as without lockstep
-        answers = [error] * len(group)
-    for lane, answer in zip(group, answers, strict=True):
-        lane.resume(answer)
 
 
 def _settings() -> Any:
@@ -201,7 +196,9 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
     with reproducible(getattr(model, "threads", 1)), naming_errors(where):
         with torch.set_grad_enabled(gradient):
             flow = model.differentiable(images[:, 0].contiguous(), images[:, 1].contiguous())
-        _check(flow, (len(asked), 2, *images.shape[3:]), gradient)
+        shape = tuple(flow.shape) if isinstance(flow, torch.Tensor) else type(flow).__name__
+        if shape != (len(asked), 2, *images.shape[3:]) or (gradient and not flow.requires_grad):
+            raise ModelError("differentiable", f"the model's method returned {shape}; {_EXPECTED}")
         flows = np.ascontiguousarray(flow.detach().float().cpu().numpy().transpose(0, 2, 3, 1))
         if not gradient:
             return list(map(Answer, flows))
@@ -209,16 +206,6 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
         above = np.ascontiguousarray(np.stack([slope for _, slope in slopes]).transpose(0, 3, 1, 2))
         (pulled,) = torch.autograd.grad(flow, images, torch.from_numpy(above).to(flow), allow_unused=True)
     if pulled is None:
-        raise ModelError("differentiable", f"{_RETURNED} a flow that does not depend on the images; {_EXPECTED}")
+        raise ModelError("differentiable", f"its flow does not depend on the images; {_EXPECTED}")
     gradients = pulled.cpu().numpy()
     return [Answer(there, value, slope) for there, (value, _), slope in zip(flows, slopes, gradients, strict=True)]
-
-
-def _check(flow: Any, expected: tuple[int, ...], gradient: bool) -> None:
-    import torch
-
-    if not isinstance(flow, torch.Tensor):
-        raise ModelError("differentiable", f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
-    if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
-        what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
-        raise ModelError("differentiable", f"{_RETURNED} {what}; {_EXPECTED}, in this case of shape {expected}")

@@ -1,6 +1,4 @@
-"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022), and
-its control, a disc of random colours.
-"""
+"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022)."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ import numpy.typing as npt
 from ..core.errors import DataError, unknown_name
 from ..core.rng import Rng
 from .ball import Images
-from .base import Control, Pattern
+from .base import Pattern
 from .problem import Problem
 from .trained import Trained
 
@@ -143,18 +141,3 @@ def paste(problem: Problem, pattern: Pattern, place: Disc) -> Images:
 def _disc(size: int) -> npt.NDArray[np.bool_]:
     distances = np.arange(size) - (size - 1) / 2
     return np.hypot(distances[:, None], distances) <= size / 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomPatch(Control):
-    """Fill a disc of the budget's area with random colours, without querying the model."""
-
-    name: ClassVar[str] = "random_patch"
-    norms: ClassVar[tuple[str, ...]] = ("area",)
-
-    norm: str = "area"
-
-    def run(self, problem: Problem, rng: Rng) -> Images:
-        size = diameter(problem)
-        colours = rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
-        return paste(problem, colours, Disc.of(problem, problem.pair.stream("patch")))

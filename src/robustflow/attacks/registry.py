@@ -18,9 +18,9 @@ PATCH_CONTROL = "random_patch"
 """The control for patches."""
 
 _CLASSES = {
-    "random_sign": "random_noise:RandomSign",
-    "random_gauss": "random_noise:RandomGauss",
-    "random_patch": "patch:RandomPatch",
+    "random_sign": "controls:RandomSign",
+    "random_gauss": "controls:RandomGauss",
+    "random_patch": "controls:RandomPatch",
     "fgsm": "pgd:Fgsm",
     "bim": "pgd:Bim",
     "pgd": "pgd:Pgd",

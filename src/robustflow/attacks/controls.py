@@ -1,4 +1,4 @@
-"""Controls: Gaussian noise with the whole budget, and values that change by the whole budget, up or down."""
+"""Controls for attacks with the same norm: random noise and a patch of random colours, which do not query the model."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ import numpy as np
 
 from ..core.rng import Rng
 from .ball import Images
-from .base import Control
+from .base import Attack
+from .patch import Disc, diameter, paste
 from .problem import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control(Attack):
+    """A control for attacks with the same norm: random noise, which does not query the model."""
+
+    needs_gradients: ClassVar[bool] = False
+    control: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,3 +48,18 @@ class RandomSign(Control):
         if ball.moved == "joint":
             up[1] = up[0]
         return ball.project(ball.clean + (2 * up - 1) * ball.radius)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomPatch(Control):
+    """Fill a disc of the budget's area with random colours, without querying the model."""
+
+    name: ClassVar[str] = "random_patch"
+    norms: ClassVar[tuple[str, ...]] = ("area",)
+
+    norm: str = "area"
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        size = diameter(problem)
+        colours = rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
+        return paste(problem, colours, Disc.of(problem, problem.pair.stream("patch")))
