@@ -28,14 +28,12 @@ from robustflow.corruptions.calibration import (
 from robustflow.corruptions.scale import (
     CALIBRATION_VARIABLE,
     calibrated_levels,
-    calibrated_severities,
     calibration_digest,
     read_table,
     shipped,
 )
 from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.data.benchmarks.export import export
 from robustflow.media.images import read_image, write_image
 from robustflow.run.config import FrameOptions
 from robustflow.run.plan import Plan, RunOptions
@@ -50,10 +48,6 @@ GAP = next(iter(GAPS))
 MISSING = next(s for s in SEVERITIES if s not in GAPS[GAP])
 
 
-def flat(parameter):
-    return parameter if isinstance(parameter, tuple) else (parameter,)
-
-
 @pytest.mark.parametrize("name", calibratable())
 def test_paths_span_the_range_of_their_parameters(name):
     frame = SMALL["chelsea"]
@@ -65,27 +59,6 @@ def test_paths_span_the_range_of_their_parameters(name):
         ssim.append(Ssim(frame)(corruption.apply(frame, state, index)))
     assert ssim[0] > ssim[1] + 0.1
     assert ssim[0] > 0.75
-
-
-@pytest.mark.parametrize("name", ["contrast", "fog", "gaussian_blur", "jpeg_compression", "camera_motion_blur"])
-def test_the_papers_severities_lie_on_the_path(name):
-    corners = {segment.start for segment in path(name)} | {segment.end for segment in path(name)}
-    assert {flat(p)[0] for p in load_corruption(name).severities} <= {flat(p)[0] for p in corners}
-
-
-@pytest.mark.parametrize("name", calibratable())
-def test_the_shipped_levels_get_stronger_along_the_path(name):
-    """The position of a level on the path (approximated by the nearest of many points) must not decrease with
-    severity.
-    """
-    points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
-    table = np.array([[float(v) for v in flat(p)] for p in points])
-    scale = np.ptp(table, axis=0) + 1e-9
-    known = [p for p in calibrated_severities(name) if p is not None]
-    places = [int(np.argmin((np.abs(table - np.array(flat(p), float)) / scale).sum(axis=1))) for p in known]
-    assert known
-    if name != "psf_blur":  # the nominal order of the lenses differs from their order by amount of blur
-        assert places == sorted(places)
 
 
 def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_was_made():
@@ -222,13 +195,6 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
     monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
     assert calibration_digest() != before[1]
     assert calibrated.digest() != before[0]
-
-
-def test_an_export_writes_only_what_exists(tmp_path):
-    benchmark = load_benchmark("demo").narrowed([GAP], [MISSING, GAPS[GAP][0]])
-    written = {step.condition for step in export(benchmark, tmp_path, severity_scale="calibrated")}
-    assert written == {"clean", f"{GAP}_{GAPS[GAP][0]}"}
-    assert "calibrated" in (tmp_path / "export.json").read_text()
 
 
 def test_commands_calibrate_and_use_a_table(tmp_path, robustflow):

@@ -198,11 +198,3 @@ def test_rays_in_the_section_run_from_the_object_to_the_sensor(figure):
         assert z[0] < 0.0
         assert z[-1] == pytest.approx(total)
         assert (np.diff(z) > -1e-9).all()
-
-
-def test_the_sheet_has_a_row_of_eight_psfs_per_lens(sheet):
-    assert len(sheet.axes) == 16
-    centre = np.asarray(sheet.axes[8].images[0].get_array())
-    assert centre.shape == (61, 61, 3)
-    assert centre.max() == pytest.approx(1.0)
-    assert sheet.axes[8].get_ylabel() == "severity 5"
