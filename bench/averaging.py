@@ -49,7 +49,9 @@ def generate(folder: Path, pairs: int) -> Path:
     names = [f"{index:06d}" for index in range(pairs)]
     target = RunFolder(folder / "large")
     target.rows_folder.mkdir(parents=True)
-    target.write_manifest(run.manifest.model_copy(update={"samples": dict.fromkeys(names, files)}))
+    planned = tuple(part.model_copy(update={"samples": tuple(names)}) for part in run.manifest.planned)
+    samples = dict.fromkeys(names, files)
+    target.write_manifest(run.manifest.model_copy(update={"samples": samples, "planned": planned}))
     sums = [name for name, kind in rows.schema.items() if kind == pl.Float64]
     for first in range(0, pairs, SHARD):
         mine = dict(zip(keys, names[first : first + SHARD], strict=False))

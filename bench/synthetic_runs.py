@@ -11,7 +11,7 @@ from robustflow.api import evaluate
 from robustflow.core.arguments import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
-from robustflow.run.config import Selection
+from robustflow.run.cells import Cells
 from robustflow.run.identity import ModelIdentity, Provenance
 from robustflow.run.manifest import Manifest
 from robustflow.run.plan import Unit
@@ -34,7 +34,7 @@ def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
     manifest = first.manifest.model_copy(
         update={
             "samples": dict.fromkeys(keys, files),
-            "selection": Selection(corruptions=tuple(IMAGE_PAIR), severities=SEVERITIES),
+            "planned": (Cells(samples=tuple(keys), corruptions=dict.fromkeys(IMAGE_PAIR, SEVERITIES)),),
         }
     )
     cells = [(CLEAN, 0), *((name, severity) for name in IMAGE_PAIR for severity in SEVERITIES)]
