@@ -218,15 +218,14 @@ def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path
     size = (frames / "00.png").stat().st_size
     assert actor.begin(b"", {}, ())[0] == "error", "not a job"
     job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
-    node = f"node {socket.gethostname()}: "
+    node = f"node {socket.gethostname()}"
     for model, files, expected, part in (
         ({}, [(str(frames / "gone.png"), size)], "DataError", "gone.png"),
         ({}, [(str(frames / "00.png"), size + 1)], "DataError", f"00.png has {size} bytes"),
         ({"name": "farneback", "source": "another"}, (), "RunError", "source"),
     ):
-        kind, (error, message, _) = actor.begin(job, model, files)
-        assert (kind, error) == ("error", expected)
-        assert message.startswith(node)
+        kind, (error, message, _, culprit) = actor.begin(job, model, files)
+        assert (kind, error, culprit) == ("error", expected, node)
         assert part in message
 
 

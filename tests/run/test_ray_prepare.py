@@ -28,13 +28,13 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     (source, _) = find_sources(recordings)
     here = ray_prepare.installed()
     shared = tmp_path / "out" / ".shared-0"
-    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, shared, "/", here)
+    kind, (error, _, _, culprit) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, shared, "/", here)
     assert (kind, error) == ("error", "DataError")
-    assert message.startswith("node ")
+    assert culprit.startswith("node ")
     assert not (tmp_path / "out").exists()
-    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
+    kind, (error, _, _, culprit) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
     assert (kind, error) == ("error", RunError.__name__)
-    assert message.startswith("node ")
+    assert culprit.startswith("node ")
 
 
 @pytest.mark.parametrize(

@@ -165,8 +165,8 @@ class _Crew:
             return None
         kind, value = answer
         if kind == "error":
-            name, message, trace = value
-            raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", trace)
+            name, message, *rest = value
+            raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", *rest)
         if member.device is None:
             member.device, self._failed_starts = value, 0
             return None

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..worker import Worker
 
 Answer = tuple[str, Any]
-"""The result of a call: ("done", value), or ("error", (type, message, traceback))."""
+"""The result of a call: ("done", value), or ("error", (type, message, traceback, culprit))."""
 
 Files = Sequence[tuple[str, int]]
 """Paths and sizes of files, in bytes."""
@@ -146,7 +146,7 @@ def answered(compute: Callable[[], Any]) -> Answer:
     try:
         return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
-        return "error", (type(error).__name__, str(error), traceback.format_exc())
+        return "error", (type(error).__name__, str(error), traceback.format_exc(), getattr(error, "culprit", ""))
 
 
 def cannot_start(error: Exception) -> RunError:

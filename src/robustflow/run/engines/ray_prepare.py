@@ -80,8 +80,7 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
             ) from error
         return False
     if kind == "error":
-        name, message, trace = value
-        raise rebuilt(name, message, trace)
+        raise rebuilt(*value)
     return True
 
 
@@ -107,6 +106,6 @@ def _prepare(
 
     kind, value = answered(prepare)
     if kind == "error":
-        name, message, trace = value
-        value = name, message if f"node {host}" in message else f"{message} (on node {host})", trace
+        name, message, *rest = value
+        value = name, message if f"node {host}" in message else f"{message} (on node {host})", *rest
     return kind, value
