@@ -111,11 +111,6 @@ def test_the_file_that_the_browser_opens_leads_to_the_page_and_no_other_port_get
     expect(page.locator("#status")).to_contain_text("dis, fog 3")
     assert page.context.cookies() == []
     _clean(seen, app)
-
-
-def test_page_opened_without_a_token_says_where_to_get_it(visit, app):
-    page = visit().page
-    page.goto(f"http://{app.host}/")
     page.evaluate("sessionStorage.clear()")
     page.reload()
     expect(page.locator("#error")).to_contain_text("token")
@@ -278,23 +273,18 @@ def test_dropped_frames_are_in_natural_order(opened, app):
     _clean(seen, app)
 
 
-def test_a_narrow_page_does_not_scroll_sideways(opened, app):
+def test_narrow_app_does_not_scroll_sideways_and_works_by_keyboard(opened, app):
     seen = opened(width=390, height=844)
-    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
-    seen.page.get_by_text("Your own frames: drop files, or choose them").click()
-    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
-    _clean(seen, app)
-
-
-def test_app_works_by_keyboard_only(opened, app):
-    seen = opened()
     page = seen.page
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.locator("body").click(position={"x": 2, "y": 2})
     names = []
     for _ in range(14):
         page.keyboard.press("Tab")
         names.append(page.evaluate("document.activeElement.id || document.activeElement.tagName"))
     assert {"theme", "model", "seed", "add", "sweep"} <= set(names)
+    page.get_by_text("Your own frames: drop files, or choose them").click()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
     _clean(seen, app)
 
 
