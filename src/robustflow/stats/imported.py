@@ -88,13 +88,10 @@ _Text = Annotated[str, BeforeValidator(_as_text), Field(min_length=1)]
 _Length = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 """A length in pixels."""
 _Change = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
-_FIVE: dict[bool, TypeAdapter[list[float]]] = {
-    signed: TypeAdapter(
-        Annotated[list[_Change if signed else _Length], Field(min_length=5, max_length=5)],
-        config=ConfigDict(strict=True),
-    )
-    for signed in (False, True)
-}
+_FIVE = Field(min_length=5, max_length=5)
+_STRICT = ConfigDict(strict=True)
+_FIVE_LENGTHS: TypeAdapter[list[float]] = TypeAdapter(Annotated[list[_Length], _FIVE], config=_STRICT)
+_FIVE_CHANGES: TypeAdapter[list[float]] = TypeAdapter(Annotated[list[_Change], _FIVE], config=_STRICT)
 
 
 class _Foreign(BaseModel):
@@ -181,8 +178,9 @@ def _reference_line(content: dict[str, dict[str, Any]], path: Path) -> ModelResu
             raise DataError(path, f"{unknown_name('corruption', plain(written, 40), _KNOWN)}")
         for of_file, metric in _METRICS.items():
             if of_file in entry:
-                five = _valid(_FIVE[metric == "cre"], entry[of_file], f"{path}, '{written}', {of_file}")
-                values[metric, _PAPER_NAMES.get(written, written)] = fsum(five) / len(five)
+                five = _FIVE_CHANGES if metric == "cre" else _FIVE_LENGTHS
+                severities = _valid(five, entry[of_file], f"{path}, '{written}', {of_file}")
+                values[metric, _PAPER_NAMES.get(written, written)] = fsum(severities) / len(severities)
     if not values:
         raise DataError(path, "no corruptions, so robustness cannot be measured")
     for written in (CLEAN, *content):  # all of them state the same clean error
