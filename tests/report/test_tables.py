@@ -6,10 +6,10 @@ import pytest
 
 from robustflow.core.errors import UsageError
 from robustflow.report.paper_tables import PAPER_TABLES, build_table, cost_table
-from robustflow.stats.conditions import SeedGroup
 from robustflow.stats.model_result import ModelResult, printed_cost_ranks
 from robustflow.stats.published.tables import published_costs, published_results
 from robustflow.stats.results_file import parse_results
+from robustflow.stats.seeds import SeedGroup
 from tests.made_rows import values_frame
 
 _SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}

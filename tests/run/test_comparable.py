@@ -20,8 +20,8 @@ from robustflow.run.manifest import Manifest
 from robustflow.run.recheck import recheck
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.run.run import Run
-from robustflow.stats.conditions import seeds_of
 from robustflow.stats.run_results import comparison_notes, run_results
+from robustflow.stats.seeds import seeds_of
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
 

@@ -13,7 +13,7 @@ from robustflow.core.errors import RunError, UsageError
 from robustflow.report.render import FORMATS, render
 from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
-from robustflow.stats.conditions import seed_groups
+from robustflow.stats.seeds import seed_groups
 from robustflow.stats.uncertainty import compare_all, standings, variance_split
 from tests.made_rows import made_run
 from tests.refusals import refusal

@@ -50,9 +50,9 @@ def compare(
     from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to
     from ..run.records.pack import load_any_run
-    from ..stats.conditions import seeds_of
     from ..stats.model_result import not_ranked
     from ..stats.run_results import named_runs, run_results
+    from ..stats.seeds import seeds_of
     from ..stats.uncertainty import compare_all, standings, variance_split
     from ..stats.uncertainty.power import plan_pairs
     from ..stats.uncertainty.sums import INTERVAL_METRICS

@@ -28,10 +28,10 @@ from ..run.cells import UNEVEN
 from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
-from ..stats.conditions import seed_groups, seeds_of
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
 from ..stats.results import METRIC_LABELS
 from ..stats.run_results import estimate_of, run_results
+from ..stats.seeds import seed_groups, seeds_of
 
 MOST_LINES = 40
 """Maximum number of lines printed without options about one run, or about several."""

@@ -10,7 +10,6 @@ from ..corruptions.registry import ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
 from ..run.costs import COUNTED_SIZE, RunCost
-from ..stats.conditions import SeedGroup
 from ..stats.exclusion import PHANTOM
 from ..stats.model_result import ModelResult, Value, printed_cost_ranks, printed_costs
 from ..stats.published.tables import COUNTED_ITERATIONS, PAPER
@@ -24,6 +23,7 @@ from ..stats.results import (
     family_label,
     short_label,
 )
+from ..stats.seeds import SeedGroup
 from .table import (
     DASH,
     Column,

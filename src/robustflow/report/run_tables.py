@@ -10,7 +10,6 @@ from ..core.text import counted, first_of, plain
 from ..metrics.measures import CONFIDENCE, UNCOUPLED
 from ..run.run import Run
 from ..stats.anatomy import error_parts, severity_slopes
-from ..stats.conditions import SeedGroup
 from ..stats.effective import effective_robustness
 from ..stats.flat_and_depth import TwinComparison, twin_comparisons
 from ..stats.frame import confidence_means, uncoupled_means
@@ -31,6 +30,7 @@ from ..stats.results import (
     setting_words,
 )
 from ..stats.run_results import comparison_note, named_runs, run_setting
+from ..stats.seeds import SeedGroup
 from ..stats.uncertainty import intervals
 from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .table import (

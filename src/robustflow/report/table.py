@@ -11,10 +11,10 @@ from statistics import mean, stdev
 from ..core.errors import UsageError
 from ..run.comparable import differences
 from ..run.run import Run
-from ..stats.conditions import SeedGroup, seed_groups
 from ..stats.model_result import ModelResult, Value
 from ..stats.published.tables import PAPER, published_results
 from ..stats.run_results import run_results
+from ..stats.seeds import SeedGroup, seed_groups
 
 DASH = "-"
 """Text of a cell without a number."""
