@@ -193,7 +193,7 @@ class Faulty:
         self._asked = 0
 
     def identity(self):
-        return {"name": "faulty"}
+        return {"name": "faulty", "pause": "", "fault": "", "device": "", "log": ""}
 
     def predict(self, frame1, frame2):
         self._asked += 1

@@ -39,7 +39,11 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
 
 @pytest.mark.parametrize(
     ("options", "culprit"),
-    [(["--engine", "rey"], "'rey'"), (["--address", "auto"], "--address"), (["--workers", "0"], "--workers")],
+    [
+        (["--engine", "rey"], "'rey'"),
+        (["--address", "auto"], "--address"),
+        (["--engine", "ray", "--workers", "0"], "--workers"),
+    ],
 )
 def test_contradictory_options_of_prepare_are_refused(recordings, tmp_path, robustflow, options, culprit):
     folders = ["-d", recordings, "-o", tmp_path / "out", "--fps", "240", "--factor", "1"]

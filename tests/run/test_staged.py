@@ -12,7 +12,7 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.metrics.rows import CLEAN
 from robustflow.models import ModelSpec
 from robustflow.run.engines.base import Job
-from robustflow.run.engines.device import BATCHES_PER_FEEDER, Batch, Feeder
+from robustflow.run.engines.device import BATCHES_PER_FEEDER, Feeder, SharedBatch
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.testing import TexturePairs
 
@@ -76,7 +76,7 @@ def test_a_feeder_prepares_no_more_than_its_batches_hold(tmp_path):
     size = (60, 80)
     driver, feeder_end = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()
-    batches = [Batch() for _ in range(BATCHES_PER_FEEDER)]
+    batches = [SharedBatch() for _ in range(BATCHES_PER_FEEDER)]
     feeder = Feeder(feeder_end, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, batches)
     (tmp_path / "clean").mkdir()
     for unit in (Unit("0", CLEAN, (0,)), *(Unit("0", name, (1, 2, 3)) for name in FAST)):
@@ -117,7 +117,7 @@ def _add_one(pipe, batch):
 
 
 def test_frames_and_flows_pass_through_shared_memory_unchanged():
-    batch, (ours, theirs) = Batch(), multiprocessing.Pipe()
+    batch, (ours, theirs) = SharedBatch(), multiprocessing.Pipe()
     child = multiprocessing.get_context("spawn").Process(target=_add_one, args=(theirs, batch))
     child.start()
     shape, begin = (2, 30, 40, 3), 30 * 40 * 8
@@ -133,7 +133,7 @@ def test_frames_and_flows_pass_through_shared_memory_unchanged():
 
 
 def test_an_array_outlives_the_enlargement_of_its_memory():
-    batch = Batch()
+    batch = SharedBatch()
     batch.reserve(4096)
     small = batch.array(0, (4096,), np.uint8)
     small[:] = 5

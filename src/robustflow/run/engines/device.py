@@ -35,14 +35,14 @@ BATCHES_PER_FEEDER = 4
 """Number of batches that a feeder fills or has in flight; one is kept free for a batch that must be separate."""
 
 
-class Batch:
+class SharedBatch:
     """Memory shared by two processes, for the frames of a batch and then for its flows."""
 
     def __init__(self, descriptor: int | None = None) -> None:
         self._descriptor = os.memfd_create("robustflow-batch") if descriptor is None else descriptor
         self._map: mmap.mmap | None = None
 
-    def __reduce__(self) -> tuple[Callable[[Any], Batch], tuple[Any]]:
+    def __reduce__(self) -> tuple[Callable[[Any], SharedBatch], tuple[Any]]:
         return _attached, (DupFd(self._descriptor),)
 
     def close(self) -> None:
@@ -70,20 +70,20 @@ class Batch:
         return np.frombuffer(self._map, dtype, count, begin).reshape(shape)
 
 
-def _attached(descriptor: Any) -> Batch:
-    return Batch(descriptor.detach())
+def _attached(descriptor: Any) -> SharedBatch:
+    return SharedBatch(descriptor.detach())
 
 
 @dataclass(frozen=True)
 class SharedRequest:
-    """A `PredictionRequest` without its frames, which are in a `Batch`; its flow replaces them."""
+    """A `PredictionRequest` without its frames, which are in a `SharedBatch`; its flow replaces them."""
 
     request: PredictionRequest
     begin: int
     shape: tuple[int, int, int, int]
 
 
-Link = tuple[Connection, list[Batch]]
+Link = tuple[Connection, list[SharedBatch]]
 """A connection to one feeder. It receives the index of a batch with a list of `SharedRequest`, and sends the seconds
 that the prediction took, in the same order."""
 
@@ -116,7 +116,7 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence:
                 del batches[link]
 
 
-def _answer(stage: PredictStage, batch: Batch, requests: list[SharedRequest]) -> None:
+def _answer(stage: PredictStage, batch: SharedBatch, requests: list[SharedRequest]) -> None:
     given = [replace(one.request, frames=tuple(batch.array(one.begin, one.shape, np.uint8))) for one in requests]
     for one, flow in zip(requests, stage.predict(given), strict=True):
         batch.array(one.begin, flow.shape, np.float32)[:] = flow
@@ -142,7 +142,7 @@ class _OpenUnit:
     rows: dict[int, dict[str, Any]] = field(default_factory=dict)
 
 
-def feed_forever(driver: Connection, job: Job, device: Connection, batches: list[Batch]) -> None:
+def feed_forever(driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
     """Corrupt and measure cells until the driver ends this process; the main function of a feeder."""
     feeder = Feeder(driver, job, device, batches)
     while True:
@@ -152,7 +152,7 @@ def feed_forever(driver: Connection, job: Job, device: Connection, batches: list
 class Feeder:
     """The units of a feeder, and the batches whose flows it is waiting for."""
 
-    def __init__(self, driver: Connection, job: Job, device: Connection, batches: list[Batch]) -> None:
+    def __init__(self, driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
         self._driver, self._device, self._batches = driver, device, batches
         self._batch_size = job.batch_size
         self._channels = 3 if job.options.measuring.draws > 1 else CHANNELS[job.options.measuring.confidence]

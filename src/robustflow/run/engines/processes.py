@@ -24,7 +24,7 @@ from ...models.base import describe_cell
 from ..plan import Unit
 from ..stages import pop_timings
 from .base import Engine, FinishedUnit, FinishedUnits, Job, Schedule, pickled
-from .device import BATCHES_PER_FEEDER, Batch, feed_forever, predict_forever
+from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
 
 def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
@@ -108,13 +108,13 @@ def compute_units(pipe: Connection) -> None:
 
 def _started(
     stack: ExitStack, job: Job, workers: int, timeout: float | None, devices: Sequence[str]
-) -> tuple[list[_Process], list[_Process]]:
+) -> tuple[list[_EngineProcess], list[_EngineProcess]]:
     """Start a predicting process for each device, and the workers, which are dealt out to the devices in turn."""
-    predicting: list[_Process] = []
-    pool: list[_Process] = []
+    predicting: list[_EngineProcess] = []
+    pool: list[_EngineProcess] = []
 
-    def start(kind: list[_Process], limit: float | None, advice: str, *target: Any) -> None:
-        kind.append(_Process(Child(*target), advice, limit))
+    def start(kind: list[_EngineProcess], limit: float | None, advice: str, *target: Any) -> None:
+        kind.append(_EngineProcess(Child(*target), advice, limit))
         stack.callback(kind[-1].child.end)
 
     if not devices:
@@ -124,7 +124,7 @@ def _started(
         return predicting, pool
     with ExitStack() as shared:  # closed here as soon as the children have it
         pipes = [multiprocessing.Pipe() for _ in range(workers)]
-        batches = [[Batch() for _ in range(BATCHES_PER_FEEDER)] for _ in range(workers)]
+        batches = [[SharedBatch() for _ in range(BATCHES_PER_FEEDER)] for _ in range(workers)]
         for close in [one.close for one in chain(*pipes)] + [one.close for one in chain(*batches)]:
             shared.callback(close)
         for number, device in enumerate(devices):
@@ -138,7 +138,7 @@ def _started(
     return predicting, pool
 
 
-class _Process:
+class _EngineProcess:
     """A worker or a predicting process, and the units that a worker has not finished."""
 
     def __init__(self, child: Child, advice: str, timeout: float | None) -> None:
