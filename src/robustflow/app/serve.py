@@ -1,5 +1,5 @@
-"""Accept requests to the app only from this session's page. Start the app's server, print its address, and make
-sure that Ctrl-C stops it even if models or clients hang.
+"""The app's server: it accepts requests only from this session's page, and Ctrl-C stops it even if models or clients
+hang.
 
 Every page in the same browser can reach a web server on loopback. Three checks reject other pages: the Host header must
 name this server (a foreign domain may resolve to 127.0.0.1), a POST must come from a page of this server (Origin), and

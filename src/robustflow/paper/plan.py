@@ -1,7 +1,5 @@
-"""The paper's tables and figures, and which of them can be reproduced. The paper's variants: a method in a setting,
-with the corresponding model of this package. Find the checkpoints of the paper's variants in a folder, by the
-catalogue's hashes or by name. Determine which of the paper's variants can be run here, with which weights, and
-what the others require.
+"""What of the paper can be reproduced here: its tables and figures, its variants (a method in a setting, with the model
+of this package), and their checkpoints, found in a folder by the catalogue's hashes or by name.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also
-read. Convert trained weights to a file for distribution with the package: `python -m robustflow.training.checkpoint`.
+"""Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also read.
+`python -m robustflow.training.checkpoint` converts trained weights to a file that is distributed with the package.
 
 `last.pth` contains weights, optimiser, loss scaling and the number of updates; it needs no random state, because every
 random draw is a function of the seed and the step. Files that contain only weights (`best.pth`, `update-N.pth`) contain

@@ -1,8 +1,8 @@
-"""Write the log of a training run: one line of JSON per update, and TensorBoard files if TensorBoard is installed.
-The training loop: from the next update to the last, with checkpoints from which it can resume exactly.
+"""The training loop and its log: from the next update to the last, with checkpoints from which it can resume exactly.
 
 The loop uses plain PyTorch: the features of a training library (launching, precision, clipping) need only a few lines,
-while exact resuming requires control over the order of the data, the random numbers and the checkpoints.
+while exact resuming requires control over the order of the data, the random numbers and the checkpoints. The log has
+one line of JSON per update, and files for TensorBoard if it is installed.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
             began = time.perf_counter()
             rate = rate_of(recipe, update)
             set_rate(state.optimizer, rate)
-            numbers = _update_of_loop(called, state, stream, training, share, update)
+            numbers = _update_weights(called, state, stream, training, share, update)
             state.done = replace(state.done, updates=update + 1)
             numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
             if log is not None:
@@ -167,7 +167,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
                 _validate(training, state, log)
 
 
-def _update_of_loop(
+def _update_weights(
     called: nn.Module, state: TrainingState, stream: Iterator[Batch], training: TrainingSetup, share: Share, update: int
 ) -> dict[str, float]:
     """Update the weights once, and return the values for the log."""

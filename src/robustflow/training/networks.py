@@ -1,6 +1,5 @@
-"""BatchNorm during training as in the original code: frozen, or computed over the part of a batch on one GPU.
-BrightFlow's brightness corrector, a network used only during training (Marsal et al., WACV 2023). Prepare the
-network of a method, from the registry that `run` uses, for training.
+"""Prepare the network of a method, from the registry that `run` uses, for training: initial weights, BatchNorm as in
+the original code, and BrightFlow's brightness corrector (Marsal et al., WACV 2023).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Estimate the memory use of a training run from the number of values that autograd keeps
-(`bench/training_memory.py`). Describe a training run before it starts.
+"""Describe a training run before it starts, with its memory, estimated from the number of values that autograd keeps
+(`bench/training_memory.py`).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""The objectives of methods that learn without labels; a recipe defines its objective as a table. Define recipes:
-everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
+"""Recipes: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`, with the
+objective of a method that learns without labels as a table.
 
 Start times are given as fractions of the training run, so that a shorter run includes all phases.
 

@@ -1,7 +1,8 @@
-"""The arms of the experiment. All arms have the same network, initial weights, data and number of updates; they
-differ in the corruptions of the training frames. Confidence interval and p-value of a mean difference, by a
-bootstrap over pairs and seeds. Effects of the arms: differences from training without corruptions, with
-intervals over seeds and pairs.
+"""The arms of the experiment, and their effects: differences from training without corruptions, with an interval and a
+p-value by a bootstrap over pairs and seeds.
+
+All arms have the same network, initial weights, data and number of updates; they differ in the corruptions of the
+training frames.
 """
 
 from __future__ import annotations

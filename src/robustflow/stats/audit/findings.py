@@ -1,5 +1,5 @@
-"""The findings of an audit: one record per inconsistent number, with the given and the recomputed value. Compare a
-printed number with one computed from other printed numbers, up to rounding.
+"""The findings of an audit: one record per inconsistent number, with the given and the recomputed value; printed
+numbers are compared up to rounding.
 """
 
 from __future__ import annotations

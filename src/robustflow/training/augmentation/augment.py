@@ -1,6 +1,7 @@
-"""Erase rectangles in the second frame, filling them with its mean colour, to simulate occlusion (RAFT). Augment a
-training pair: all parameters are drawn first, from one random stream, and then applied. Draw and apply colour
-changes and blur for ARFlow's second pass (Liu et al., CVPR 2020).
+"""Augment a training pair: all parameters are drawn first, from one random stream, and then applied.
+
+The eraser fills rectangles of the second frame with its mean colour, to simulate occlusion (RAFT). The look of ARFlow's
+second pass is a change of colours and a blur (Liu et al., CVPR 2020).
 """
 
 from __future__ import annotations

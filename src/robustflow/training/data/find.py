@@ -1,5 +1,5 @@
-"""Define the order of the pairs, which depends only on the seed and the position. Find the datasets of a mix in the
-user's folders.
+"""Find the datasets of a mix in the user's folders, and define the order of their pairs, which depends only on the seed
+and the position.
 
 Positions count the pairs of a training run from 0: place i in the batch of n pairs at step t has the position t * n +
 i. The pair at a position does not depend on the number of loader workers or processes, or on when a training run was

@@ -1,4 +1,4 @@
-"""RAFT's loss over the predictions of every iteration (Teed and Deng, ECCV 2020, Sec. 3.4). GMFlowNet's loss for
+"""RAFT's loss over the predictions of every iteration (Teed and Deng, ECCV 2020, Sec. 3.4), and GMFlowNet's loss for
 the matching that initialises its flow (Zhao et al., CVPR 2022, Sec. 3.4).
 
 As in the authors' code, the ground-truth vectors at every eighth pixel define the matches of coarse pixels. There is no

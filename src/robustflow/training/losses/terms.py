@@ -1,8 +1,7 @@
-"""Boundary-dilated warping: the targets of a crop's flow are sampled from the uncropped frame, so that pixels that
-leave the crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow, CVPR 2021). Edge-aware smoothness
-of a flow: its spatial differences, with lower weights at image edges. Measure the difference between two images
-at each pixel: structural similarity and the soft census (ternary) distance. Detect pixels of a frame that are
-not visible in the other frame, from the flows in both directions.
+"""The terms of losses without labels: warping, smoothness, photometric differences, and occlusion.
+
+Boundary-dilated warping samples the targets of a crop's flow from the uncropped frame, so that pixels that leave the
+crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow).
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
-"""ARFlow's unsupervised loss (Liu et al., "Learning by Analogy", CVPR 2020): photometric difference of warped
-images at visible pixels, and smoothness of the flow. UPFlow's unsupervised loss (Luo et al., CVPR 2021), with
-the weights and terms of the authors' code. BrightFlow's unsupervised loss (Marsal et al., WACV 2023): census,
-self-supervision and brightness correction.
+"""The losses of ARFlow (Liu et al., "Learning by Analogy", CVPR 2020), UPFlow (Luo et al., CVPR 2021) and BrightFlow
+(Marsal et al., WACV 2023), with the weights and terms of the authors' code.
 
 Every loss is a mean over the pairs of a batch, so pairs do not influence each other. Images are RGB in 0..255.
 """

@@ -1,6 +1,7 @@
-"""The loss of a batch for methods that learn without labels, as a module that the training loop calls. ARFlow: a
-first pass is trained with the photometric loss, and its flow is the label for a second, transformed pass.
-UPFlow: photometric and census loss with boundary-dilated warping, and distillation into every level.
+"""The loss of a batch for ARFlow and UPFlow, as a module that the training loop calls.
+
+ARFlow's first pass is trained with the photometric loss, and its flow is the label for a second, transformed pass.
+UPFlow uses photometric and census loss with boundary-dilated warping, and distillation into every level.
 """
 
 from __future__ import annotations
