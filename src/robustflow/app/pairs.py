@@ -1,5 +1,5 @@
-"""The models offered on the page, and the loaded model. The available pairs: the demo pair, uploaded pairs, and
-pairs from uploaded clips. Only the most recent uploads are kept.
+"""What the page offers: the models, of which one is loaded, and the pairs: the demo pair, uploaded pairs, and pairs from
+uploaded clips, of which only the most recent are kept.
 """
 
 from __future__ import annotations
