@@ -15,8 +15,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 from torch import Tensor  # noqa: E402
 
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses import terms as dilated_warp  # noqa: E402
-from robustflow.training.losses import terms as photometric  # noqa: E402
+from robustflow.training.losses import terms  # noqa: E402
 from robustflow.training.losses import unsupervised as losses  # noqa: E402
 from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
@@ -207,7 +206,7 @@ def _kept_at_the_target(target, warped, corrected, flow):
 MISTAKES: dict[str, tuple[Any, str, Any]] = {
     "unit range": (objective, "robust_smoothness", lambda flow, image, *rest: _smoothness(flow, image / 255, *rest)),
     "half smoothness": (objective, "robust_smoothness", lambda *args: _smoothness(*args) / 2),
-    "usual grey": (losses, "LUMA", photometric.LUMA),
+    "usual grey": (losses, "LUMA", terms.LUMA),
     "last mask": (
         objective,
         "_census",
@@ -225,7 +224,7 @@ MISTAKES: dict[str, tuple[Any, str, Any]] = {
     "clamped correction": (objective, "with_offsets", lambda *args: losses.with_offsets(*args).clamp(0, 255)),
     "all kept": (objective, "kept_offsets", lambda target, warped, corrected, flow: _ones(flow)),
     "kept at the target": (objective, "kept_offsets", _kept_at_the_target),
-    "edge pixels not black": (dilated_warp, "inside_frame", _ones),
+    "edge pixels not black": (terms, "inside_frame", _ones),
     "teacher sees augmented": (
         objective.Brightflow,
         "_students",

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.training.losses import terms as photometric  # noqa: E402
+from robustflow.training.losses import terms as loss_terms  # noqa: E402
 from robustflow.training.losses import unsupervised as brightflow  # noqa: E402
 from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
     charbonnier,
@@ -142,14 +142,14 @@ def test_the_splat_and_its_threshold_equal_their_formulas():
 def test_the_photometric_distances_equal_their_formulas():
     first, second = IMAGES
     expected = [[ssim(a, b) for a, b in zip(*pair, strict=True)] for pair in zip(first, second, strict=True)]
-    close(photometric.ssim_distance(tensor(first), tensor(second)), expected)
+    close(loss_terms.ssim_distance(tensor(first), tensor(second)), expected)
 
     expected = [
         census(a, b, 1, LUMA, 255).mean(-1) * border((HEIGHT, WIDTH), 1) for a, b in zip(first, second, strict=True)
     ]
-    close(photometric.census_distance(tensor(first), tensor(second))[:, 0], expected)
-    close(photometric.robust(tensor(FLOWS)), (np.abs(FLOWS) + 0.01) ** 0.4)
-    close(photometric.robust(tensor(FLOWS), 0.7), (np.abs(FLOWS) + 0.01) ** 0.7)
+    close(loss_terms.census_distance(tensor(first), tensor(second))[:, 0], expected)
+    close(loss_terms.robust(tensor(FLOWS)), (np.abs(FLOWS) + 0.01) ** 0.4)
+    close(loss_terms.robust(tensor(FLOWS), 0.7), (np.abs(FLOWS) + 0.01) ** 0.7)
 
 
 @pytest.mark.parametrize("second_order", [False, True])

@@ -1,5 +1,5 @@
-"""What the page offers: the models, of which one is loaded, and the pairs: the demo pair, uploaded pairs, and pairs from
-uploaded clips, of which only the most recent are kept.
+"""What the page offers: models, of which one is loaded, and pairs: the demo pair, uploaded pairs, and pairs from
+uploaded clips; only the most recent are kept.
 """
 
 from __future__ import annotations
