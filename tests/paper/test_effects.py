@@ -71,7 +71,8 @@ def made_runs(seeds: int, changes: dict[str, float], clean: float = 1.0) -> dict
                     added = 0.0 if name == "clean" else 2.0 + changes.get(arm.name, 0.0) + rng.normal(0, 0.05)
                     rows.append((f"{pair:06d}", name, 100 * (clean + added), 400.0, 100, 100 * added, 100))
             columns = ["sample", "corruption", "epe_sum", "magnitude_sum", "n_valid", "rcre_all_sum", "n_all"]
-            table = pl.DataFrame(rows, schema=columns, orient="row")
+            clean_row = pl.col("corruption") == "clean"
+            table = pl.DataFrame(rows, schema=columns, orient="row").with_columns(severity=3 * ~clean_row)
             runs[arm.name, "shapes", seed] = SimpleNamespace(rows=table, path="run")
     return runs
 
