@@ -62,7 +62,8 @@ def _curve(
         figure.mark(line, marks)
     known = [(place, *pair) for place, pair in zip(places, ends, strict=bool(ends)) if None not in pair]
     if known:
-        panel.fill_between(*zip(*known, strict=True), color=style.colour, alpha=0.15, linewidth=0)
+        at, low, high = map(list, zip(*known, strict=True))
+        panel.fill_between(at, low, high, color=style.colour, alpha=0.15, linewidth=0)
     return bool(known)
 
 

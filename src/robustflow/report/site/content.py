@@ -42,7 +42,6 @@ class Content:
     pages: Mapping[ModelResult, str]
     group_titles: Mapping[str, str]
     alone: bool
-    of_paper: bool
 
     @property
     def of_one_run(self) -> bool:
@@ -113,10 +112,8 @@ def _content(
             lines.append(replace(line, frames=frames))
     lines = merged(lines)
     if not lines:
-        raise UsageError(
-            "nothing to show: there are no results; give runs or results files, or include the published results"
-        )
-    return Content(title, lines, page_ids(lines), titles, alone, with_paper)
+        raise UsageError("nothing to show: give runs or results files, or include the published results")
+    return Content(title, lines, page_ids(lines), titles, alone)
 
 
 _LONGEST_ID = 40

@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from markupsafe import Markup
 from matplotlib.markers import MarkerStyle
 from matplotlib.transforms import Bbox
@@ -159,8 +160,8 @@ def key_markup(key: Sequence[KeyEntry]) -> Markup:
 def _shape(marker: str) -> str:
     """Return the outline of a matplotlib marker as the data of an SVG path."""
     style = MarkerStyle(marker)
-    outline = style.get_path().transformed(style.get_transform()).interpolated(1)
-    points = outline.to_polygons()[0][:-1]
+    outline = style.get_path().transformed(style.get_transform())
+    points = np.asarray(outline.to_polygons()[0], float)[:-1]
     return "M" + "L".join(f"{8 * x:.2f} {-8 * y:.2f}" for x, y in points) + "z"
 
 
