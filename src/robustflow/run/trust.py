@@ -93,8 +93,8 @@ def read_array(path: Path, made_of: str) -> Array | None:
     return array if isinstance(array, np.ndarray) and array.dtype == np.float32 else None
 
 
-_SAME_CLIP = ("frames_digest", "height", "width")
-_SAME_TRUTH = ("truth", "truth_digest")
+_FRAME_COLUMNS = ("frames_digest", "height", "width")
+_TRUTH_COLUMNS = ("truth", "truth_digest")
 _TRUTH_SUMS = ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
 _MEANS = {
     "pred_magnitude_sum": "n_all",
@@ -106,7 +106,7 @@ _MEANS = {
 }
 """Sums that depend on the model, and what they are divided by."""
 COMPARED = (
-    *(*_SAME_CLIP, "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
+    *(*_FRAME_COLUMNS, "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
     *("pred_magnitude_sum", "photometric_sum", "epe_sum"),
 )
 """The columns of a clean row that are compared when a run continues."""
@@ -130,11 +130,11 @@ def row_difference(
         return any(before[column] != now[column] for column in columns if column in before)
 
     whole = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
-    if differ(_SAME_CLIP):
+    if differ(_FRAME_COLUMNS):
         return "frames"
     if differ(("group",)):
         return "group"
-    if differ(_SAME_TRUTH) or (whole and differ(_TRUTH_SUMS)):
+    if differ(_TRUTH_COLUMNS) or (whole and differ(_TRUTH_SUMS)):
         return "ground truth"
     if not model:
         return ""
