@@ -28,7 +28,7 @@ _SELF = __name__.partition(".")[0]
 
 
 class Registry(Generic[T]):
-    """Registry of the names of one kind of object. Keeps the order of registration and rejects duplicate names.
+    """The names of one kind of object, in the order of registration; duplicate names are rejected.
 
     >>> colours = Registry[str]("colour")
     >>> colours.add("red", "string:ascii_lowercase")
@@ -54,7 +54,6 @@ class Registry(Generic[T]):
         self._targets[name] = target
 
     def __contains__(self, name: object) -> bool:
-        """Return whether this name is registered."""
         return name in self.names()
 
     def __iter__(self) -> Iterator[str]:
@@ -142,7 +141,6 @@ class FolderOfModules:
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """Return the file of a top-level module in the folder."""
         folder = os.environ.get(MODULES)
         if folder is None or path is not None or name in sys.stdlib_module_names:
             return None
@@ -290,9 +288,8 @@ def described(made: Any) -> str:
 
 
 def source_digest(made: Any) -> str:
-    """Return a hash of a class's or object's source and attributes, as 16 hexadecimal digits, so that a run is never
-    continued with an edited corruption. It covers the files of the class and its base classes, and every module of the
-    same folder or package that they import.
+    """Return a hash of a class's or object's attributes and source, as 16 hexadecimal digits: the files of the class
+    and its base classes, and every module of the same folder or package that they import.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
