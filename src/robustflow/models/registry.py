@@ -17,9 +17,10 @@ for _name in ("tiny", "tiny_no_weather", "tiny_all"):
     MODELS.add(_name, f"robustflow.models.tiny.model:{_name}")
 for _name in NETWORKS:
     MODELS.add(_name, f"robustflow.models.networks.table:{_name}")
-for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
-    MODELS.add(_name, f"robustflow.models.ptlflow.models:{_name}")
-for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
+for _name in (
+    *("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"),
+    *("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"),
+):
     MODELS.add(_name, f"robustflow.models.ptlflow.models:{_name}")
 MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")

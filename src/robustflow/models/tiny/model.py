@@ -27,22 +27,8 @@ from ..conventions import InputConvention
 from ..devices import Execution, with_execution
 from ..pairs import check_pair
 from ..torch.network import network_model
-from .layers import (
-    DECODER,
-    EPSILON,
-    FINEST,
-    LEVELS,
-    MULTIPLE,
-    RADIUS,
-    Maps,
-    Weights,
-    convolve,
-    correlate,
-    enlarge,
-    normalised,
-    resized,
-    warp,
-)
+from . import layers
+from .layers import Maps, Weights
 
 SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
 """Models trained without corruptions, with all families of corruptions except weather, and with all."""
@@ -74,23 +60,23 @@ def shipped_weights(name: str) -> ShippedWeights:
 def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flow:
     """Compute the flow of a pair."""
     height, width = frame1.shape[:2]
-    top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
+    top, left = (-height % layers.MULTIPLE) // 2, (-width % layers.MULTIPLE) // 2
     first, second = (_pyramid(weights, _network_input(frame)) for frame in (frame1, frame2))
     flow = np.zeros((*first[-1].shape[:2], 2), np.float32)
     hidden = flow
     for level, (own, other) in enumerate(zip(first[::-1], second[::-1], strict=True)):
         if level:
-            flow = resized(flow, *own.shape[:2])
+            flow = layers.resized(flow, *own.shape[:2])
         hidden = _decoded(weights, level, own, other, flow)
         flow = flow + _layer(weights, "flow", hidden, linear=True)
-    fine = enlarge(flow, _layer(weights, "mask", hidden, linear=True), FINEST)
+    fine = layers.enlarge(flow, _layer(weights, "mask", hidden, linear=True), layers.FINEST)
     return np.ascontiguousarray(fine[top : top + height, left : left + width])
 
 
 def _network_input(frame: Frame) -> Maps:
     """Convert a frame to the network's input: (H, W, 3) in -1..1, padded to multiples of 32 by repeating the border."""
     height, width = frame.shape[:2]
-    rows, columns = -height % MULTIPLE, -width % MULTIPLE
+    rows, columns = -height % layers.MULTIPLE, -width % layers.MULTIPLE
     padded = np.pad(frame, ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0)), mode="edge")
     return (padded.astype(np.float32) - np.float32(127.5)) * np.float32(2 / 255)
 
@@ -98,13 +84,13 @@ def _network_input(frame: Frame) -> Maps:
 def _layer(
     weights: Mapping[str, Weights], name: str, maps: Maps, stride: int = 1, dilation: int = 1, linear: bool = False
 ) -> Maps:
-    return convolve(maps, weights[f"{name}.0.weight"], weights[f"{name}.0.bias"], stride, dilation, linear)
+    return layers.convolve(maps, weights[f"{name}.0.weight"], weights[f"{name}.0.bias"], stride, dilation, linear)
 
 
 def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
     """Return the features at 1/4, 1/8, 1/16 and 1/32 resolution."""
     levels = []
-    for level in range(LEVELS):
+    for level in range(layers.LEVELS):
         for place, stride in ((0, 2), (1, 1)):
             maps = _layer(weights, f"pyramid.convs.{level}.{place}", maps, stride)
         levels.append(maps)
@@ -114,12 +100,14 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
     """Return the features of a level that are passed to the decoder, (H, W, 32)."""
     warped = np.empty(other.shape, np.float32)
-    warp(other, flow, warped)
-    correlation = np.empty((*own.shape[:2], (2 * RADIUS + 1) ** 2), np.float32)
-    correlate(normalised(own, EPSILON), normalised(warped, EPSILON), RADIUS, correlation)
+    layers.warp(other, flow, warped)
+    correlation = np.empty((*own.shape[:2], (2 * layers.RADIUS + 1) ** 2), np.float32)
+    layers.correlate(
+        layers.normalised(own, layers.EPSILON), layers.normalised(warped, layers.EPSILON), layers.RADIUS, correlation
+    )
     reduced = _layer(weights, f"reduce.{level}", own)
     maps = np.concatenate((correlation, reduced, flow), axis=2)
-    for place, (_, dilation) in enumerate(DECODER):
+    for place, (_, dilation) in enumerate(layers.DECODER):
         maps = _layer(weights, f"decoder.{place}", maps, dilation=dilation)
     return maps
 
@@ -152,7 +140,7 @@ class NumpyTiny:
 
 
 RUNTIMES = ("auto", "torch", "numpy")
-_CONVENTION = InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=MULTIPLE)
+_CONVENTION = InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=layers.MULTIPLE)
 
 
 @with_execution
