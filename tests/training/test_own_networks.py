@@ -193,9 +193,9 @@ class Epoch(Net):
 @pytest.mark.parametrize(
     ("kind", "error", "culprit"),
     [
-        ("Net", ModelError, ""),
+        ("Net", ModelError, "--validate"),
         ("Cut", ModelError, "loss"),
-        ("Full", ModelError, ""),
+        ("Full", ModelError, "Full"),
         ("NoEntry", ModelError, "failing_nets:NoEntry"),
         ("Text", UsageError, "loss(batch)"),
         ("Complex", UsageError, "loss(batch)"),
