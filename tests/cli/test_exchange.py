@@ -64,7 +64,7 @@ def test_an_exported_file_is_verified_with_the_record_and_refused_after_a_change
     metadata.write_text(metadata.read_text().replace("1.0.0", "1.0.1", 1))
     code, out, _ = robustflow("record", "verify", records[0], "--exported", metadata)
     assert code == 1
-    assert f"{metadata}, line " in out
+    assert str(metadata) in out
 
 
 def test_records_are_added_one_after_the_other(run, records, tmp_path):
