@@ -263,9 +263,18 @@ def _nearer(
 
 @inner
 def _visible_sums(
-    packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest:
-    Any, found: Any,
-) -> Any:  # fmt: skip
+    packed: Any,
+    depths: Any,
+    width: int,
+    height: int,
+    x: int,
+    y: int,
+    path: Any,
+    near: Any,
+    count: int,
+    nearest: Any,
+    found: Any,
+) -> Any:
     """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface."""
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)

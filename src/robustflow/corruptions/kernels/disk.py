@@ -151,9 +151,21 @@ def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
 
 @inner
 def _add_rim(
-    total: Any, weight: Any, a: Any, r0: Any, l0: Any, b: Any, r1: Any, l1: Any, c: Any, r2: Any, l2: Any, d: Any,
-    r3: Any, l3: Any,
-) -> None:  # fmt: skip
+    total: Any,
+    weight: Any,
+    a: Any,
+    r0: Any,
+    l0: Any,
+    b: Any,
+    r1: Any,
+    l1: Any,
+    c: Any,
+    r2: Any,
+    l2: Any,
+    d: Any,
+    r3: Any,
+    l3: Any,
+) -> None:
     for i in range(_U(total.size)):
         inside = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r1 + i] - b[l1 + i]))
         outside = np.int32(np.int32(c[r2 + i] - c[l2 + i]) + np.int32(d[r3 + i] - d[l3 + i]))

@@ -239,9 +239,16 @@ def _write(free: Any, colours: Any, levels: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blur(
-    packed: Any, layers: Any, packed_behind: Any, behind: Any, present: Any, reach: Any, widths: Any, areas: Any,
+    packed: Any,
+    layers: Any,
+    packed_behind: Any,
+    behind: Any,
+    present: Any,
+    reach: Any,
+    widths: Any,
+    areas: Any,
     out: Any,
-) -> None:  # fmt: skip
+) -> None:
     height, width = layers.shape
     most = 0
     for k in range(reach.size):

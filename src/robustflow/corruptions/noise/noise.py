@@ -158,9 +158,16 @@ def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDA
 
 @njit(cache=True, nogil=True)
 def _replace_levels(
-    source: Any, tables: Any, column_bits: Any, height_shift: Any, key: Any, words: Any, lanes: Any, entries: Any,
+    source: Any,
+    tables: Any,
+    column_bits: Any,
+    height_shift: Any,
+    key: Any,
+    words: Any,
+    lanes: Any,
+    entries: Any,
     out: Any,
-) -> None:  # fmt: skip
+) -> None:
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]

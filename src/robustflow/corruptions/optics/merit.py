@@ -101,9 +101,16 @@ def _plane_points(rays: Any) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def aim(
-    curvature: Any, conic: Any, thickness: Any, index: Any, stop: int, radius: float, tangents: Any,
-    pupil_position: float, magnification: float,
-) -> Any:  # fmt: skip
+    curvature: Any,
+    conic: Any,
+    thickness: Any,
+    index: Any,
+    stop: int,
+    radius: float,
+    tangents: Any,
+    pupil_position: float,
+    magnification: float,
+) -> Any:
     """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method."""
     fields = tangents.size
     sign = np.zeros(4 * fields)
@@ -141,9 +148,22 @@ def aim(
 
 @njit(cache=True, error_model="numpy")
 def landing(
-    curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, stop: int, radius: float, tangent: float,
-    bottom: float, top: float, side: float, columns: int, rows: int, ramp: float, margin: float,
-) -> Any:  # fmt: skip
+    curvature: Any,
+    conic: Any,
+    thickness: Any,
+    index: Any,
+    clear: Any,
+    stop: int,
+    radius: float,
+    tangent: float,
+    bottom: float,
+    top: float,
+    side: float,
+    columns: int,
+    rows: int,
+    ramp: float,
+    margin: float,
+) -> Any:
     """Trace a grid of rays for one field and wavelength through the half x > 0 of the pupil."""
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
     x, y = np.empty(columns * rows), np.empty(columns * rows)

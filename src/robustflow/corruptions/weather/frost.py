@@ -273,8 +273,12 @@ def _turned(ray: npt.NDArray[np.float64], sixths: int) -> npt.NDArray[np.float64
     return ray
 
 
-def _splat(out: npt.NDArray[np.float64], y: npt.NDArray[np.float64], x: npt.NDArray[np.float64],
-           weight: npt.NDArray[np.float64]) -> None:  # fmt: skip
+def _splat(
+    out: npt.NDArray[np.float64],
+    y: npt.NDArray[np.float64],
+    x: npt.NDArray[np.float64],
+    weight: npt.NDArray[np.float64],
+) -> None:
     """Add points to the four surrounding pixels with bilinear weights, wrapping around at the borders."""
     height, width = SHAPE
     drawn = weight != 0
