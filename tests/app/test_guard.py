@@ -218,16 +218,16 @@ def test_port_in_use_is_refused(refusal):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "culprit"),
     [
-        (("--port", "70000"), "port 70000 is out of range"),
-        (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
-        (("--host", "é..b"), "cannot listen on é..b"),
-        (("-O", "preset=fast"), "preset is a model option"),
+        (("--port", "70000"), "--port"),
+        (("--host", "203.0.113.1"), "--host"),
+        (("--host", "é..b"), "--host"),
+        (("-O", "preset=fast"), "preset"),
     ],
 )
-def test_invalid_arguments_of_the_app_are_refused(refusal, arguments, says):
-    assert says in refusal(*arguments)
+def test_invalid_arguments_of_the_app_are_refused(refusal, arguments, culprit):
+    assert refusal(*arguments).startswith(f"robustflow: {culprit}: ")
 
 
 def test_app_listens_to_other_machines_only_on_request_and_warns(tmp_path):

@@ -169,7 +169,7 @@ def test_the_page_is_served_while_a_model_works(app):
 def test_checkpoint_for_a_model_without_weights_is_refused(app):
     status, (answer,) = app.preview(checkpoint="things")
     assert status == 400
-    assert "dis has no weights" in answer["error"]
+    assert answer["error"].startswith("dis: ")
 
 
 def test_choices_list_models_and_corruptions_of_pairs(app):

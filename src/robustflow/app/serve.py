@@ -208,7 +208,7 @@ def _redirect(folder: Path, address: str) -> Path:
 def _listen(host: str, port: int | None) -> socket.socket:
     """Return a socket on the requested port, or on any port if none was requested and the default port is in use."""
     if port is not None and not 0 <= port <= 65535:
-        raise UsageError(f"port {port} is out of range: give 1 to 65535, or 0 for any")
+        raise UsageError("--port", f"{port} is out of range: give 1 to 65535, or 0 for any")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in (DEFAULT_PORT, 0) if port is None else (port,):
         listening = socket.socket(family, socket.SOCK_STREAM)
@@ -221,7 +221,9 @@ def _listen(host: str, port: int | None) -> socket.socket:
             reason = getattr(error, "strerror", None) or str(error)
             continue
         return listening
-    raise UsageError(f"cannot listen on {host} port {number}: {reason}; choose a different --port or --host")
+    raise UsageError(
+        "--host", f"cannot listen on {host} port {number}: {reason}; choose a different one, or a different port"
+    )
 
 
 def _is_loopback(address: str) -> bool:
