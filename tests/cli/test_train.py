@@ -8,7 +8,6 @@ import pytest
 from typer.main import get_command
 
 from robustflow.cli.main import app
-from robustflow.core import plugins as extras
 from robustflow.core.errors import UsageError
 from robustflow.data.datasets import dataset_facts
 from robustflow.training.plan import plan_text
@@ -73,12 +72,6 @@ def test_a_folder_of_kitti_without_occluded_pixels_is_named_before_training(tmp_
     layouts.kitti(tmp_path / "kitti2015", ["000001"], occ=False)
     with pytest.warns(UserWarning, match="kitti2015 has no flow_occ/, so training uses its non-occluded"):
         plan_text(load_recipe("raft", "kitti"), DataPlan([tmp_path]))
-
-
-def test_missing_pytorch_is_reported_as_needed_for_training(robustflow, monkeypatch):
-    monkeypatch.setattr(extras, "find_spec", lambda library: None)
-    error = robustflow.refuses("train", "raft", "--recipe", "ood", "--plan", code=1)
-    assert "training needs PyTorch, which is not installed: pip install 'robustflow[torch]'" in error
 
 
 @pytest.mark.torch

@@ -62,15 +62,6 @@ def test_lower_error_is_marked_and_claimed_if_the_level_allows(level, sure):
     assert ("a<b> is lower" in found.sentence) == sure
 
 
-def test_names_stay_text_in_a_terminal_and_a_notebook():
-    found = _compared()
-    html = found._repr_html_()
-    assert "<b>" in html  # the better value
-    assert "a&lt;b&gt;" in html
-    assert "a<b>" not in html
-    assert "\x1b" not in html + repr(found)
-
-
 def test_comparison_without_ground_truth_is_in_rcre(runs_without_truth):
     found = runs_without_truth[0].compare(runs_without_truth[1])
     assert found.metric == "rcre"

@@ -161,16 +161,6 @@ def test_runs_have_intervals(many_images):
         assert cells["cre", "average"].interval == f"[{low:.2f}, {high:.2f}]"
 
 
-def test_excluded_model_is_not_ranked_although_its_error_hardly_grows(many_images, monkeypatch):
-    useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
-    rows = useless.rows.with_columns(magnitude_sum=pl.col("n_valid") * 0.001, rcre_all_sum=pl.lit(0.0))
-    monkeypatch.setitem(useless.__dict__, "rows", rows)
-    content = whole_content([useless, sound], published=False)
-    assert [line.label for line in content.boards[0].lines] == ["Sound", "Blind"]
-    assert [bool(line.excluded) for line in content.lines] == [True, False]
-    assert not any(PLACE in cells for cells in content.cells.values())
-
-
 def test_results_on_different_frames_are_not_ranked_together():
     own = _file("OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n", "sample_set")
     content = whole_content([], [("a.csv", own)])

@@ -65,12 +65,6 @@ def test_reasons_name_the_numbers_that_exclude_a_model(rows, numbers):
     assert all(number in reason for reason in reasons for number in numbers)
 
 
-@pytest.mark.parametrize(("motion", "small"), [(0.99, True), (1.01, False)])
-def test_motion_below_a_pixel_has_a_reason_of_its_own(motion, small):
-    (reason,), (usual,) = (reasons_from_rows(_rows(0.6 * px, 0.1, motion=px)) for px in (motion, 50.0))
-    assert (reason.partition("(")[2] != usual.partition("(")[2]) == small
-
-
 @pytest.mark.parametrize(("shorter", "excluded"), [(25.2, False), (24.8, True)])
 def test_flow_is_excluded_below_half_of_the_median_length_of_the_others(base, shorter, excluded):
     """Of the other models' 40, 50 and 100 px, the median is 50 and the mean 63 px."""

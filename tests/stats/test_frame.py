@@ -7,7 +7,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.stats.attacks import attack_scores
-from robustflow.stats.frame import KINDS, RESULTS_SCHEMA, numbers_of, results_frame
+from robustflow.stats.frame import KINDS, RESULTS_SCHEMA, results_frame
 from robustflow.stats.uncertainty.intervals import interval_ends
 from tests.made_rows import made_run
 
@@ -32,12 +32,15 @@ def test_frame_has_the_schema_and_each_number_once(run):
     ]
 
 
+def _numbers(frame: pl.DataFrame) -> dict:
+    return {tuple(key): value for *key, value in frame.select("measure", "condition", "severity", "value").iter_rows()}
+
+
 def test_numbers_are_those_of_the_run(run):
-    numbers = numbers_of(results_frame([run], ["means"], intervals=False))
-    assert numbers == run.means
+    assert _numbers(results_frame([run], ["means"], intervals=False)) == run.means
+    found = _numbers(run.frame)
     for score in attack_scores(run):
         at = score["attack"], score["severity"]
-        found = numbers_of(run.frame)
         assert found["rcre", *at] == score["rcre"]
         assert found["attack_linf", *at] == score["linf"]
 

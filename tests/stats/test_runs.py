@@ -15,12 +15,10 @@ from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
-from robustflow.report.table import results_of
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.cells import Cells
-from robustflow.run.comparable import sample_set
 from robustflow.run.run import Run
-from robustflow.stats.model_result import by_frames, ranked
+from robustflow.stats.model_result import ranked
 from robustflow.stats.run_results import comparison_note, run_names, run_results, run_setting
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, change_manifest, made_run
@@ -302,12 +300,6 @@ def test_tables_and_figures_without_published_rows_show_runs_only(runs):
         refusal(call, UsageError, culprit)
     figures = figures_of(runs, published=False)
     assert {"severity_rcre", "severity_epe"} <= set(figures)
-
-
-def test_results_of_runs_and_the_paper_are_grouped_by_frames(runs):
-    both = by_frames(results_of(runs, published=True))
-    assert set(both) == {"paper", sample_set(runs[0])}
-    assert [value.decimals for line in both[sample_set(runs[0])] for value in line.values.values()] == [None] * 3 * 13
 
 
 def test_run_on_real_pairs_is_shown_beside_the_published_rows(shared, tmp_path):

@@ -39,16 +39,6 @@ def _of(split: pl.DataFrame, source: str, column: str = "deviation") -> float:
     return split.filter(source=source)[column].item()
 
 
-def test_a_source_without_a_spread_has_none():
-    rng = np.random.default_rng(1)
-    splits = [variance_split(_runs(0.5, 0.0, 0.1, 3, rng), "cre") for _ in range(8)]
-    for split in splits:
-        assert _of(split, "image") == pytest.approx(0.5, rel=0.3)
-        assert _of(split, "seed") < 0.05
-        assert split["share"].sum() == pytest.approx(100)
-    assert min(_of(split, "seed") for split in splits) == 0, "a negative estimate of a variance counts as 0"
-
-
 def _runs_with_scores(y: np.ndarray) -> dict[int, pl.DataFrame]:
     """Runs of fog whose CRE is y, float64 (images, seeds, severities), with up to three severities."""
     images, seeds, levels = y.shape

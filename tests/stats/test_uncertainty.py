@@ -250,15 +250,6 @@ def test_interval_of_errors_that_are_0_on_most_images_is_finite():
     assert (none.estimate, none.low, none.high) == (0.0, 0.0, 0.0)
 
 
-def test_interval_of_cre_contains_negative_values_if_its_sign_is_uncertain():
-    rng = np.random.default_rng(10)
-    clean = rng.lognormal(0, 1, 30)
-    corrupted = clean * rng.lognormal(0, 0.4, 30)
-    found = intervals(rows_of(clean, np.outer(corrupted, np.ones(3)), np.ones((30, 3))))
-    cre = found.filter(metric="cre", corruption="average").row(0, named=True)
-    assert cre["low"] < 0 < cre["high"]
-
-
 def test_cre_of_a_model_without_error_on_clean_frames_has_the_interval_of_its_epe():
     errors = np.random.default_rng(11).lognormal(0, 1, (20, 3))
     found = intervals(rows_of(np.zeros(20), errors, errors)).filter(corruption="average")
@@ -286,14 +277,6 @@ def test_log_deviation_of_a_group_without_error_is_unknown():
     assert found.filter(metric="epe")["log_deviation"].to_list() == [None] * found.filter(metric="epe").height
 
 
-def test_interval_of_skewed_errors_extends_further_towards_the_tail():
-    """The true mean of skewed errors may be much higher than the estimate but hardly lower; percentile intervals are
-    skewed in the opposite direction.
-    """
-    found = intervals(_rows(30)).filter(metric="epe", corruption="average").row(0, named=True)
-    assert found["high"] - found["estimate"] > found["estimate"] - found["low"]
-
-
 def test_equal_seeds_give_equal_intervals_and_different_seeds_close_ones():
     rows = _rows(30)
     first, again, other = (intervals(rows, seed=seed) for seed in (1, 1, 2))
@@ -314,6 +297,22 @@ def test_blocks_of_resamples_change_nothing(monkeypatch):
     whole = intervals(rows, resamples=500)
     monkeypatch.setattr("robustflow.stats.uncertainty.bootstrap.BLOCK", 30 * 37)
     np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
+
+
+def test_averages_alone_and_a_family_of_one_corruption_have_the_intervals_of_the_whole():
+    """Fog is the only weather corruption here, and there is no noise."""
+    rows = _rows(10, groups=10).filter(pl.col("corruption") != "snow")
+    whole, made = intervals(rows), intervals(rows, families=True)
+    few = intervals(rows, corruptions=False)
+    averages = whole.filter(pl.col("corruption").is_in(["average", "clean"]))
+    assert few.height == 5
+    assert few.drop("standard_error", "low", "high").equals(averages.drop("standard_error", "low", "high"))
+    for name in ("standard_error", "low", "high"):
+        assert few[name].to_list() == pytest.approx(averages[name].to_list(), rel=1e-12)
+    for name in ("estimate", "low"):
+        of_family, of_one = (made.filter(corruption=of).sort("metric")[name].to_list() for of in ("weather", "fog"))
+        assert of_family == pytest.approx(of_one)
+    assert made.filter(corruption="noise").is_empty()
 
 
 def test_interval_of_a_length_is_never_negative():
@@ -449,21 +448,14 @@ def test_differences_that_cancel_have_a_p_value_of_1():
     assert bootstrap({0: Statistic([Term(mean)])}, 10)[0].p == 1
 
 
-def test_p_of_two_models_is_corrected_over_the_lines_of_its_metric():
-    found = compare_rows(_rows(20), _rows(20, seed=1))
-    for _, lines in found.group_by("metric"):
-        assert set(lines["comparisons"]) == {lines.height}
-        assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
-
-
 def test_lines_without_a_test_are_not_counted_as_comparisons():
     """Snow was measured on two of twenty images, too few for a p-value."""
     few = (pl.col("corruption") != "snow") | (pl.col("sample") < "00002")
-    found = compare_rows(*(_rows(20, seed=seed).filter(few) for seed in (0, 1))).filter(metric="rcre")
-    assert found.filter(corruption="snow")["p"].to_list() == [None]
-    tested = found.drop_nulls("p")
-    assert tested["p_holm"].to_list() == pytest.approx(holm(tested["p"].to_list()))
-    assert set(tested["comparisons"]) == {tested.height}
+    found = compare_rows(*(_rows(20, seed=seed).filter(few) for seed in (0, 1)))
+    assert found.filter(corruption="snow", metric="rcre")["p"].to_list() == [None]
+    for _, lines in found.drop_nulls("p").group_by("metric"):
+        assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
+        assert set(lines["comparisons"]) == {lines.height}
 
 
 def test_the_interval_of_a_difference_is_symmetric():

@@ -59,18 +59,6 @@ def test_scores_are_those_of_a_loop_over_images(seed, images):
         assert found[name, "average", None] == pytest.approx(value, rel=1e-12, abs=1e-12)
 
 
-def test_log_ratio_of_a_k_fold_error_is_ln_k_at_any_accuracy():
-    """When the errors of two models double under corruption, CRE calls the less accurate one less robust by a factor
-    of four.
-    """
-    hard = np.random.default_rng(5).gamma(2, 1, 30) + 0.1
-    for scale in (1.0, 4.0):
-        rows = rows_of(scale * hard, 2 * scale * hard[:, None] * np.ones(3), hard[:, None] * np.ones(3))
-        found = {name: value for (name, condition, _), value in uncoupled_means(rows).items() if condition == "average"}
-        assert found["log_ratio"] == pytest.approx(math.log(2)) == found["median_log_ratio"]
-        assert found["median_cre"] == pytest.approx(scale * np.median(hard))
-
-
 def test_partial_correlation_is_that_of_what_the_motion_leaves():
     """The formula equals the correlation of the residuals of a least-squares fit of ranks."""
     rows = _rows(7, 40)

@@ -79,6 +79,7 @@ def verify(
     """
     import json
 
+    from ..report.exchange import check_exported
     from ..run.records.verify import verify as verify_file
 
     spec, count = model_spec(given), 20 if check_frames is None else check_frames
@@ -88,7 +89,7 @@ def verify(
         unused = {"seed", "own_corruption", *DATASET}
         refuse_unused(context, unused, "without --data, --model or --check-frames")
     predictions = None if spec is None else partial(compare, model=spec)
-    compare_exported = partial(_compare_exported, paths=exported) if exported else None
+    compare_exported = partial(check_exported, paths=exported) if exported else None
     results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]
     if given["as_json"]:
         typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
@@ -97,12 +98,6 @@ def verify(
             _print(result)
     if not all(result.ok for result in results):
         raise typer.Exit(1)
-
-
-def _compare_exported(reader: "Reader", paths: list[Path]) -> str:
-    from ..report.exchange import check_exported
-
-    return check_exported(reader, paths)
 
 
 def _compare_rows(reader: "Reader", data: Path | None, model: "ModelSpec | None" = None, **options: Any) -> str:

@@ -75,7 +75,7 @@ def security(wanted: Wanted) -> list[Table]:
     """Tabulate the security curves of runs, one section per run."""
     named = named_runs(wanted.runs)
     try:
-        sections = {plain(name): map(_curve_line, security_curves(run, wanted.seed)) for name, run in named.items()}
+        sections = {plain(name): map(_curve_line, security_curves(run)) for name, run in named.items()}
     except RunError as error:
         raise UsageError(str(error)) from error
     labels = ("norm", "budget", "metric", "error (px)", "low", "high")

@@ -1,10 +1,7 @@
-"""Building blocks of safe HTML pages: escaping templates, embedded JSON data, and a content security policy.
-Notebook output of a run: a small table and a figure, and additional figures by name.
-"""
+"""Notebook output of a run, and the building blocks of safe HTML pages."""
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 import warnings
@@ -53,7 +50,7 @@ def json_block(value: Any) -> Markup:
 
 def content_policy(script: str) -> str:
     """Return a Content-Security-Policy that allows inline styles, embedded pictures, and this script by its hash."""
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    digest = b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; base-uri 'none'; "
         "form-action 'none'"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 from ..core.errors import UsageError, unknown_name
 from ..core.text import joined
@@ -45,24 +46,12 @@ _BEST = "Bold: lowest value among models in the same setting on the same frames.
 _SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these pixels."
 
 
-def epe(wanted: Wanted) -> list[Table]:
-    """Return the paper's Tab. 2."""
-    return [build_table("epe", wanted.results, wanted.seeds)]
+def _of_metric(name: str, wanted: Wanted) -> list[Table]:
+    return [build_table(name, wanted.results, wanted.seeds)]
 
 
-def cre(wanted: Wanted) -> list[Table]:
-    """Return the paper's Tab. 7."""
-    return [build_table("cre", wanted.results, wanted.seeds)]
-
-
-def rcre(wanted: Wanted) -> list[Table]:
-    """Return the paper's Tab. 8."""
-    return [build_table("rcre", wanted.results, wanted.seeds)]
-
-
-def gopro_rcre(wanted: Wanted) -> list[Table]:
-    """Return the paper's Tab. 4."""
-    return [build_table("gopro-rcre", wanted.results, wanted.seeds)]
+epe, cre, rcre, gopro_rcre = (partial(_of_metric, name) for name in PAPER_TABLES)
+"""The paper's Tab. 2, 7, 8 and 4."""
 
 
 def cost(wanted: Wanted) -> list[Table]:

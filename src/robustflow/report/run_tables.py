@@ -131,7 +131,7 @@ def means(wanted: Wanted) -> list[Table]:
     texts, values = {}, {}
     for line in results:
         assert line.run is not None
-        rows = intervals(line.run.rows, seed=wanted.seed).to_dicts()
+        rows = intervals(line.run.rows).to_dicts()
         estimates = {(one["metric"], one["corruption"]): one for one in rows}
         spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
         texts[line.key] = [*(_estimate(estimates.get(key)) for key in MEANS), number_text(spread)]
@@ -236,7 +236,7 @@ def effective(wanted: Wanted) -> list[Table]:
     """Tabulate the effective robustness for each set of comparable results with enough models."""
     tables: list[Table] = []
     reason = UsageError("there are no results")
-    for frames, lines in by_frames(wanted.about).items():
+    for frames, lines in by_frames(wanted.results).items():
         part = ranked(lines)
         if not any(line.values for line in part):
             continue
@@ -302,7 +302,7 @@ def flat_and_depth(wanted: Wanted) -> list[Table]:
     counterparts."""
     wanted.of_runs("flat-and-depth")
     try:
-        found = twin_comparisons(wanted.runs, wanted.seed)
+        found = twin_comparisons(wanted.runs)
     except RunError as error:
         raise UsageError(str(error)) from error
     if not found:

@@ -12,7 +12,7 @@ from ..core.errors import UsageError
 from ..run.comparable import differences
 from ..run.run import Run
 from ..stats.model_result import ModelResult, Value
-from ..stats.published.tables import PAPER, published_results
+from ..stats.published.tables import published_results
 from ..stats.run_results import run_results
 from ..stats.seeds import SeedGroup, seed_groups
 
@@ -192,16 +192,16 @@ def spread_text(values: Sequence[float | None]) -> str:
     return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
 
 
-def interval_text(ends: tuple[float, float] | None, decimals: int = 2) -> str:
+def interval_text(ends: tuple[float, float] | None) -> str:
     """Format the bounds of an interval; "" if there is none. With few clusters, the upper bound of CREr can have a
     hundred digits.
 
-    >>> interval_text((1.024, 1.7)), interval_text((-1.0, 1.431e110), 3), interval_text(None)
-    ('[1.02, 1.70]', '[-1.000, 1.4e+110]', '')
+    >>> interval_text((1.024, 1.7)), interval_text((-1.0, 1.431e110)), interval_text(None)
+    ('[1.02, 1.70]', '[-1.00, 1.4e+110]', '')
     """
     if ends is None:
         return ""
-    low, high = (f"{end:.{decimals}f}" if abs(end) < 1e6 else f"{end:.1e}" for end in ends)
+    low, high = (f"{end:.2f}" if abs(end) < 1e6 else f"{end:.1e}" for end in ends)
     return f"[{low}, {high}]"
 
 
@@ -217,23 +217,15 @@ def signed_text(value: float | None) -> str:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What tables are made from: runs, the published results if wanted, and the random seed of the intervals. With
-    `only_own`, trends are over the runs alone."""
+    """What tables are made from: runs and, if wanted, the published results."""
 
     runs: Sequence[Run]
     published: bool
-    seed: int = 0
-    only_own: bool = False
 
     @cached_property
     def results(self) -> list[ModelResult]:
         """The published results, if wanted, followed by the results of the runs."""
         return results_of(self.runs, self.published)
-
-    @property
-    def about(self) -> list[ModelResult]:
-        """The results that trends are about."""
-        return [line for line in self.results if not (self.only_own and line.frames == PAPER)]
 
     @cached_property
     def seeds(self) -> list[SeedGroup]:

@@ -29,12 +29,10 @@ for _name, _module in {
     TABLES.add(_name, f"{__package__}.{_module}:{_name.replace('-', '_')}")
 
 
-def tables_of(
-    runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0, only_own: bool = False
-) -> list[Table]:
+def tables_of(runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | None = None) -> list[Table]:
     """Make the tables with these names; by default, every table that can be made, except the one that repeats the
     means as a row."""
-    given = Wanted(runs, published, seed, only_own)
+    given = Wanted(runs, published)
     if wanted is not None:
         makers = [TABLES.get(name) for name in wanted]
         return [table.without_empty_columns() for make in makers for table in make(given)]

@@ -140,7 +140,7 @@ class CurvePoint:
     warned: bool
 
 
-def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
+def security_curves(run: Run) -> list[CurvePoint]:
     """Compute each attack's curve over all budgets, starting with the clean frames; the attacks are in the order of the
     run.
     """
@@ -148,7 +148,7 @@ def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     if not scores:
         return []
     metric = "rcre" if scores[0]["epe"] is None else "epe"
-    table = intervals(run.attack_rows, seed=seed, severities=True, metrics=[metric])
+    table = intervals(run.attack_rows, severities=True, metrics=[metric])
     ends = {
         (row["corruption"], row["severity"]): (row["estimate"], row["low"], row["high"]) for row in table.to_dicts()
     }

@@ -34,12 +34,12 @@ class EffectiveRobustness:
 
 
 def effective_robustness(
-    results: Sequence[ModelResult], *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
+    results: Sequence[ModelResult], *, by_setting: bool = True, without: tuple[str, ...] = ()
 ) -> dict[str, list[EffectiveRobustness]]:
     """Compare each model's corrupted EPE with the prediction from its clean EPE."""
     groups: dict[str, list[tuple[ModelResult, float, float]]] = {}
     for line in results:
-        clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", corruption) or 0.0
+        clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", AVERAGE) or 0.0
         if line.name not in without and clean > 0 and corrupted > 0:
             groups.setdefault(line.setting if by_setting else "", []).append((line, clean, corrupted))
     of_setting = {

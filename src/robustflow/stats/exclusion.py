@@ -25,7 +25,6 @@ PHANTOM = (
 )
 """The explanation shown with errors on still scenes."""
 
-
 CAVEAT = (
     "RCRE measures how much the flow changes, not whether it is wrong: a model that ignores its frames has the lowest "
     "RCRE, and only its photometric error, close to that of zero flow, distinguishes it from a robust model."

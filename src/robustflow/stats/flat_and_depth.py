@@ -52,7 +52,7 @@ class TwinComparison:
     remark: str
 
 
-def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
+def twin_comparisons(runs: Sequence[Run]) -> list[TwinComparison]:
     """Compare each pair of `TWINS` over the cells that all runs containing this pair have in common."""
     named = named_runs(runs)
     excluded = dict(zip(named, exclusions(runs), strict=True))
@@ -66,7 +66,7 @@ def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]
         shared = set.intersection(*(_severities(part, twin) for part in common.rows.values() for twin in twins))
         if shared:
             parts = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
-            found.append(_compared(twins, tuple(sorted(shared)), metric, parts, excluded, common.remark, seed))
+            found.append(_compared(twins, tuple(sorted(shared)), metric, parts, excluded, common.remark))
     return found
 
 
@@ -81,14 +81,13 @@ def _compared(
     rows: Mapping[str, pl.DataFrame],
     excluded: Mapping[str, str],
     remark: str,
-    seed: int,
 ) -> TwinComparison:
     models = []
     for name, part in rows.items():
         sums = ClusterSums.of(part)
         flat, deep = (sums.statistic(metric, twin) for twin in twins)
         statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
-        resampled = bootstrap(statistics, len(sums.clusters), seed=seed)
+        resampled = bootstrap(statistics, len(sums.clusters))
         errors = resampled["flat"].estimate, resampled["deep"].estimate
         models.append(TwinErrors(name, *errors, resampled["difference"], excluded[name]))
     ranked = [model for model in models if not model.excluded]

@@ -70,11 +70,6 @@ _VALUES = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "seve
 _ENDS = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "low", "high")}
 
 
-def numbers_of(frame: pl.DataFrame) -> Means:
-    """Return the values of one model by (measure, condition, severity)."""
-    return {(measure, *at): value for measure, *at, value in frame.select([*_VALUES]).iter_rows()}
-
-
 def confidence_means(rows: pl.DataFrame) -> Means:
     """Return how well the confidence predicts errors, also by family and severity; empty if the run has none."""
     known = rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())

@@ -123,11 +123,6 @@ class ModelResult:
         return (1.0 if predicted is None else predicted) * (1 - missing / len(self.run.planned()))
 
     @cached_property
-    def pairs(self) -> int | None:
-        """The number of pairs in the run."""
-        return self.run.measured.samples if self.run else None
-
-    @cached_property
     def cre(self) -> Mapping[str, float]:
         """The CRE by corruption, and "average": as measured, over the pixels that have a flow on both the clean and the
         corrupted frames. Where only a rounded CRE or none is given, it is EPE - clean EPE, because the published CRE

@@ -1,6 +1,4 @@
-"""Unique names for several runs: the model's name, plus the differences between runs with the same name. Convert
-runs to lines of results tables: means from run folders, with remarks that readers need before comparing them.
-"""
+"""Lines of results tables from runs: unique names, means, and the remarks that readers need before comparing them."""
 
 from __future__ import annotations
 
@@ -26,6 +24,8 @@ if TYPE_CHECKING:
 
 AnyRun = TypeVar("AnyRun", bound="Run")
 
+OWN_SETTING = "own"
+"""The setting of a run whose model does not declare what it was trained on."""
 _MOST_NAMED = 3
 _LONGEST_VALUE = 24
 _DIGITS = 8
@@ -121,12 +121,6 @@ def _named(names: Sequence[str], noun: str) -> str:
     return "+".join(plain(str(name), _LONGEST_VALUE) for name in names) or "nothing"
 
 
-OWN_SETTING = "own"
-"""The setting of a run whose model does not declare what it was trained on."""
-
-_MOST_NAMED_RUN_RESULTS = 3
-
-
 def run_results(
     runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None, detailed: bool = True
 ) -> list[ModelResult]:
@@ -185,7 +179,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         remarks.append(f"average over the paper's {len(run.measured.paper_over)} of {len(averaged)} corruptions")
     elif set(averaged) != set(facts.paper_corruptions):
         names = [inside(long_label(name)) for name in averaged]
-        what = joined(names) if 0 < len(names) <= _MOST_NAMED_RUN_RESULTS else counted(len(names), "corruption")
+        what = joined(names) if 0 < len(names) <= _MOST_NAMED else counted(len(names), "corruption")
         papers = f", not the paper's {len(facts.paper_corruptions)}" if facts.published else ""
         remarks.append(f"average over {what}{papers}")
     levels = run.manifest.severities

@@ -76,10 +76,9 @@ def whole_content(
     files: Sequence[tuple[str, Sequence[ModelResult]]] = (),
     *,
     published: bool = True,
-    only_own: bool = False,
 ) -> Content:
     """Return the content of a leaderboard."""
-    return _content("Robustness of optical flow", runs, files, published, alone=only_own)
+    return _content("Robustness of optical flow", runs, files, published, alone=False)
 
 
 def _content(
