@@ -121,7 +121,7 @@ def digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
     return digest.hexdigest()
 
 
-def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
+def quick_digest_of_bytes(*parts: bytes | memoryview) -> str:
     """Return the BLAKE3 hash of the concatenated parts. For large data: a KITTI pair takes 0.8 ms instead of 4.5 ms
     with BLAKE2b.
 
@@ -131,7 +131,7 @@ def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
     digest = blake3()
     for part in parts:
         digest.update(part)
-    return digest.hexdigest(length=size)
+    return digest.hexdigest(length=16)
 
 
 def quick_digest_of_file(path: Path) -> str:

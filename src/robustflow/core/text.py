@@ -41,14 +41,14 @@ def joined(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def first_of(parts: Sequence[str], most: int, separator: str = ", ") -> str:
+def first_of(parts: Sequence[str], most: int) -> str:
     """Join the first `most` parts and count the others.
 
     >>> first_of(["fog", "snow", "frost"], 2), first_of(["fog"], 2)
     ('fog, snow and 1 more', 'fog')
     """
     more = len(parts) - most
-    return separator.join(parts[:most]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def name_text(name: str) -> str:

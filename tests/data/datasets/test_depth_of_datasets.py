@@ -279,11 +279,3 @@ def test_spring_has_the_depth_of_its_disparity_and_a_fitted_camera(tmp_path, dir
     np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]] * 2)
     damaged.write_bytes(b"no HDF5")
     refusal(lambda: data.depth(data.load(data.keys()[0])), DataError, damaged)
-
-
-def test_a_folder_without_the_files_of_depth_is_refused_by_the_first_of_them(tmp_path):
-    training = kitti(tmp_path, world(*MOTION))
-    (training / "disp_occ_0").rename(tmp_path / "elsewhere")
-    data = load_dataset("kitti2015", tmp_path)
-    data.load("000010")
-    refusal(lambda: data.depth_files("000010"), DataError, training / "disp_occ_0" / "000010_10.png")

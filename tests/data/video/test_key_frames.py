@@ -82,13 +82,6 @@ def test_each_row_is_from_the_frame_nearest_to_its_time(seed, height, readouts):
             assert any((row == clip[6 + offset, y]).all() for offset in nearest)
 
 
-def test_zero_readout_time_and_static_scenes_leave_frames_unchanged():
-    clip = np.random.default_rng(0).integers(0, 256, (31, 20, 30, 3), np.uint8)
-    np.testing.assert_array_equal(rolling_frames(clip.__getitem__, 15, [0])[0], clip[15])
-    for frame in rolling_frames(lambda index: clip[7], 15, READOUTS).values():
-        np.testing.assert_array_equal(frame, clip[7])
-
-
 @pytest.mark.parametrize("height", [1, 16, 375, 2160])
 def test_the_longest_readout_stays_within_the_frames_around_a_key_frame(height):
     offsets = row_offsets(height, READOUTS[-1])

@@ -57,14 +57,14 @@ rounding errors of a few 1e-5 (e.g. 254.99998 in a white area) do not reduce the
 
 
 @lru_cache(maxsize=64)
-def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.float32]:
+def gaussian_weights(sigma: float) -> npt.NDArray[np.float32]:
     """Return one half of a normalised Gaussian kernel, starting at the centre.
 
     >>> half = gaussian_weights(1.0)
     >>> len(half), round(float(half[0] + 2 * half[1:].sum()), 6)
     (5, 1.0)
     """
-    radius = int(truncate * sigma + 0.5)
+    radius = int(4.0 * sigma + 0.5)
     half = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)
     half /= half[0] + 2.0 * half[1:].sum()
     weights = half.astype(np.float32)

@@ -116,10 +116,10 @@ def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
     return np.abs(stack.sum(3) @ waves), np.abs(stack.sum(2) @ waves)
 
 
-def nominal_rms(lens: Lens, fields: int = FIELDS) -> float:
+def nominal_rms(lens: Lens) -> float:
     """Return the mean RMS radius in mm over evenly spaced field points and the three colours, including all rays."""
     radii = []
-    for place in np.linspace(0.0, 1.0, fields):
+    for place in np.linspace(0.0, 1.0, FIELDS):
         for x, y, weight in field_rays(lens, np.array([place]), 48, 96)[0]:
             mean = (weight * y).sum() / weight.sum()
             radii.append(np.sqrt((weight * (x * x + (y - mean) ** 2)).sum() / weight.sum()))

@@ -15,8 +15,8 @@ import numpy as np
 
 from ...core.errors import DataError, RunError
 from ...core.files import make_folder, write_json
-from ...core.types import Frame, Sample, SceneDepth
-from ...corruptions import Corruption, corrupt_clip, load_corruption
+from ...core.types import Frame, Sample
+from ...corruptions import corrupt_clip, load_corruption
 from ...corruptions.api import STREAM_VERSION, user_sources
 from ...corruptions.scale import calibration_digest
 from ...corruptions.stack import levels_of
@@ -58,31 +58,24 @@ def export(
     _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
-        fresh = _write_frames(output / "clean" / "val", key, partial(tuple, sample.frames))
+        fresh = _write_frames(output / "clean" / "val", key, partial(iter, sample.frames))
         scene = depths.depth(sample) if depths is not None else None
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)
         for corruption in corruptions:
             for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
                 condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
-                make = partial(_corrupted, sample, corruption, severity, seed, common_draws, scene)
+                clip = partial(corrupt_clip, sample.frames, corruption, severity, seed, key)
+                make = partial(clip, common_draws=common_draws, depth=scene)
                 fresh = _write_frames(output / condition / "val", key, make)
                 yield Written(key, condition, fresh)
-
-
-def _corrupted(
-    sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool, depth: SceneDepth | None
-) -> tuple[Frame, ...]:
-    return tuple(
-        corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common_draws, depth=depth)
-    )
 
 
 def _frame_paths(folder: Path, key: str) -> list[Path]:
     return [folder / "image_2" / f"{key}_{10 + index}.png" for index in range(2)]
 
 
-def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:
+def _write_frames(folder: Path, key: str, make: Callable[[], Iterator[Frame]]) -> bool:
     paths = _frame_paths(folder, key)
     if all(path.exists() for path in paths):
         return False
