@@ -29,8 +29,6 @@ _Number = bool | int | float
 
 
 class Level(FrozenFinite):
-    """One severity of one corruption."""
-
     parameter: _Number | tuple[_Number, ...] | None
     ssim: Similarity
 
@@ -66,7 +64,6 @@ class CalibrationTable(FrozenFinite):
 
 
 def read_table(path: Path) -> CalibrationTable:
-    """Read a calibration table from a file."""
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:
@@ -92,7 +89,6 @@ def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTa
 
 
 def shipped() -> CalibrationTable:
-    """Return the table shipped with the package."""
     return _cached(Path(str(resources.files(__package__))) / "data" / "calibrated.json")
 
 

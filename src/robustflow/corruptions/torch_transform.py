@@ -72,7 +72,6 @@ class TorchCorruption(torch.nn.Module):
         return tree_unflatten(leaves, structure)
 
     def extra_repr(self) -> str:
-        """Return the arguments that `print` shows in parentheses."""
         return repr(self._transform).partition("(")[2].removesuffix(")")
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:

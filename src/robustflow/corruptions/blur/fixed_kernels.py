@@ -32,8 +32,6 @@ class GaussianBlur(Corruption):
 
 
 class Disk(NamedTuple):
-    """Parameters for one severity."""
-
     radius: float  # radius of the disk, in pixels
     smoothing: float  # standard deviation of the anti-aliasing, in pixels
 
@@ -62,8 +60,6 @@ class DefocusBlur(Corruption):
 
 
 class Shake(NamedTuple):
-    """Parameters for one severity."""
-
     radius: int  # radius alpha in pixels; the kernel has 2 * radius + 1 taps
     sigma: float  # standard deviation of the tap weights, in pixels
 

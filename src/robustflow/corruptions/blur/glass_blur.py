@@ -18,8 +18,6 @@ SourceIndex = npt.NDArray[np.int32]
 
 
 class Glass(NamedTuple):
-    """Parameters for one severity."""
-
     sigma: float  # standard deviation of both blurs, in pixels
     reach: int  # maximum distance alpha between swapped pixels, in pixels
     iterations: int  # number of shuffle passes beta

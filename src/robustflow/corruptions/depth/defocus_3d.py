@@ -33,8 +33,6 @@ class ThinLens(NamedTuple):
 
 
 class DefocusState(NamedTuple):
-    """State for a pair: the lens and the depth of the scene."""
-
     lens: ThinLens
     depth: tuple[DepthMap, DepthMap]  # depth maps of both frames, in metres
 

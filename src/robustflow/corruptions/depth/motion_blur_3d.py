@@ -42,8 +42,6 @@ _SAME = np.float32(0.9)
 
 
 class MotionBlurState(NamedTuple):
-    """State for a pair: the camera path and the depth of the scene."""
-
     path: Motion
     """Camera motion between the frames: a point X in camera coordinates becomes `rotation @ X + translation`."""
     share: float  # exposure time as a fraction of the time between the frames
@@ -197,7 +195,6 @@ def _place(x: Any, y: Any, width: int, height: int) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def _fixed(value: Any) -> Any:
-    """Convert a distance in pixels to fixed point."""
     return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << FRACTION)))
 
 

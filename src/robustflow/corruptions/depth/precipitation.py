@@ -52,8 +52,6 @@ class Sizes(NamedTuple):
 
 
 class Fall(NamedTuple):
-    """Parameters of the particles' motion."""
-
     slowest: float
     """Minimum speed in m/s; the terminal speed is `slowest + spread * u + root * sqrt(D)`, u in (0, 1], D in mm."""
     spread: float  # range of the random part of the speed, in m/s
@@ -216,8 +214,6 @@ def _project(
 
 
 class PrecipitationState(NamedTuple):
-    """State for a pair: the particles, their veil, and the depth of the scene."""
-
     particles: Particles
     depth: tuple[DepthMap, DepthMap]  # depth maps of both frames, in metres
     veil: tuple[float, float]

@@ -28,8 +28,6 @@ _FULL = 32767
 
 
 class SmoothField(NamedTuple):
-    """A smooth field on a coarse grid."""
-
     samples: npt.NDArray[np.float32]
     """Samples of the field, float32; sample (i, j) is at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
     steps: tuple[int, int]  # spacing of the samples in rows and columns, in pixels

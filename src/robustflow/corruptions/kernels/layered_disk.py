@@ -176,7 +176,6 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) 
 
 @inner
 def _unpack(word: Any, total: Any) -> None:
-    """Add the packed values to `total` and set them to zero."""
     mask = _U((1 << _FIELD) - 1)
     red, green, blue, cover = total[0], total[1], total[2], total[3]
     for i in range(word.size):

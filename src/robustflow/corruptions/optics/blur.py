@@ -231,8 +231,6 @@ _REACH = SUPPORT // 2
 
 
 class Kernels(NamedTuple):
-    """The kernels of a PSF field for one image size."""
-
     spectra: npt.NDArray[np.float32]
     firsts: npt.NDArray[np.int64]
     weights: npt.NDArray[np.float32]

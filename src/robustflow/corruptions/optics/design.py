@@ -284,7 +284,6 @@ def goal_of(severity: int) -> tuple[Specification, Goal]:
 
 
 def shipped_lens(severity: int) -> Lens:
-    """Return the prescription of the shipped lens for a severity."""
     lens = read_lens(shipped_psfs.DATA / f"lens_s{check_severity(severity)}.json")
     check_digest(f"lens_s{severity}", lens_digest(lens))
     return lens

@@ -133,7 +133,6 @@ class Lens(Frozen):
 
     @property
     def elements(self) -> int:
-        """Number of glass elements."""
         return sum(surface.glass != AIR for surface in self.surfaces)
 
     @property
@@ -143,7 +142,6 @@ class Lens(Frozen):
 
     @property
     def field_tangent(self) -> float:
-        """Tangent of the half field angle."""
         return tangent_of(self.half_field)
 
     def column(self, name: str) -> npt.NDArray[np.float64]:
@@ -159,7 +157,6 @@ class Lens(Frozen):
 
 
 def read_lens(path: str | Path) -> Lens:
-    """Read a prescription."""
     path = Path(path)
     try:
         return Lens.model_validate_json(path.read_bytes())
@@ -213,7 +210,6 @@ def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[
 
 
 def first_order_of(lens: Lens, wavelength: float = DESIGN_WAVELENGTH) -> FirstOrder:
-    """Return the first-order properties of a lens."""
     values = first_order(lens.column("curvature"), lens.column("thickness"), lens.indices(wavelength), lens.stop)
     return FirstOrder(*(float(value) for value in values))
 

@@ -41,8 +41,6 @@ MECHANICAL_WEIGHT = 3.0
 
 
 class Goal(NamedTuple):
-    """The target blur of a lens."""
-
     focal_length: float
     f_number: float
     field_tangent: float

@@ -167,6 +167,5 @@ def manifest() -> dict[str, str]:
 
 
 def check_digest(name: str, digest: str) -> None:
-    """Check that a digest matches the manifest."""
     if manifest().get(name) != digest:
         raise DataError(name, f"differs from the shipped file (SHA-256) in {DATA}; reinstall robustflow")

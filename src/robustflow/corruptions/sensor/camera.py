@@ -121,8 +121,6 @@ EXACT = 64
 
 
 class Sensor(NamedTuple):
-    """Noise parameters of a sensor."""
-
     shot: float
     read: float
 
@@ -169,7 +167,6 @@ def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
 def _expose(
     light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
 ) -> None:
-    """Expose the pixels."""
     words = np.empty(_BLOCK, np.uint64)
     counts, read_out = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     photons, columns, rest_columns = (

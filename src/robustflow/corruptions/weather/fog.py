@@ -18,8 +18,6 @@ FogMap = npt.NDArray[np.float32]
 
 
 class FogLevel(NamedTuple):
-    """Parameters for one severity."""
-
     strength: float  # strength c of the fog
     decay: float  # decay of the fractal; higher values result in smoother fog
 

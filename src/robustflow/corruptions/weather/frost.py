@@ -266,7 +266,6 @@ def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
 
 
 def _turned(ray: npt.NDArray[np.float64], sixths: int) -> npt.NDArray[np.float64]:
-    """Rotate vectors by multiples of 60 degrees."""
     cosine, sine = _SIXTIETH
     for _ in range(sixths % _STEMS):
         ray = np.stack([cosine * ray[:, 0] - sine * ray[:, 1], sine * ray[:, 0] + cosine * ray[:, 1]], axis=1)

@@ -16,16 +16,12 @@ from ..kernels.line_motion import LineKernel, line_kernel, move_plane
 
 
 class SnowState(NamedTuple):
-    """State shared by the frames."""
-
     flakes: Rng  # parent of the random streams for the flakes in each frame
     motion: LineKernel  # motion kernel of the flakes
     severity: int
 
 
 class SnowLevel(NamedTuple):
-    """Parameters for one severity."""
-
     mean: float  # mean of the noise that is thresholded into flakes, on [0, 1]
     deviation: float  # standard deviation of the noise
     zoom: float  # zoom factor of the noise, which sets the flake size
@@ -112,7 +108,6 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(rows: Any, layer: Any, share: Any, out: Any) -> None:
-    """Add the veil and the flakes."""
     height, width = rows.shape[0], rows.shape[1] // 3
     rest, top = np.float32(1) - share, np.float32(255)
     veil, snow = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)

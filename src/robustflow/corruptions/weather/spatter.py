@@ -33,8 +33,6 @@ class SpatterLayer(NamedTuple):
 
 
 class SpatterLevel(NamedTuple):
-    """Parameters for one severity."""
-
     mean: float  # mean of the noise that is thresholded into drops, on [0, 1]
     deviation: float  # standard deviation of the noise
     sigma: float  # standard deviation of the blur that turns noise into drops, in pixels

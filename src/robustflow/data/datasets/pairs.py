@@ -51,8 +51,6 @@ class Samples:
 
 @dataclass(frozen=True)
 class PairFiles:
-    """The files of one sample."""
-
     frames: tuple[Path, Path]
     flow: Path | None = None
     occlusion: Path | None = None

@@ -27,8 +27,6 @@ FLAVR.
 
 
 class Interpolator(Protocol):
-    """Interpolates frames between two frames."""
-
     name: str
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:

@@ -49,8 +49,6 @@ Progress = Callable[[str, str, int, int], None]
 
 @dataclass(frozen=True)
 class Preparation:
-    """Settings for preparing clips."""
-
     fps: Fraction | None = None
     factor: int = 4
     step: int | None = None

@@ -159,8 +159,6 @@ R = TypeVar("R", ClipManifest, FolderManifest)
 
 
 class PreparedClip:
-    """A finished clip in a prepared folder."""
-
     def __init__(self, folder: Path, manifest: ClipManifest) -> None:
         self.folder = folder
         self.manifest = manifest
