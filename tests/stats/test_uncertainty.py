@@ -315,15 +315,6 @@ def test_averages_alone_and_a_family_of_one_corruption_have_the_intervals_of_the
     assert made.filter(corruption="noise").is_empty()
 
 
-def test_interval_of_a_length_is_never_negative():
-    clean = np.full(6, 1e-3)
-    corrupted = np.outer([0.1, 0.2, 0.3, 0.15, 0.3, 1.0], np.ones(3))
-    found = intervals(rows_of(clean, corrupted, corrupted)).filter(corruption="average")
-    lows = dict(found.select("metric", "low").iter_rows())
-    assert 0 < lows["epe"] < 0.2
-    assert 0 < lows["rcre"] < 0.2
-
-
 @pytest.mark.parametrize("clusters", [1, 2, 3, 4, FEW - 1, FEW])
 def test_an_interval_exists_where_resamples_without_spread_are_rarer_than_the_tail(clusters):
     """With G clusters, G of the G ** G resamples consist of a single cluster."""

@@ -3,7 +3,6 @@ ranking with ties, the spread over seeds, and the pairs required for a compariso
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,8 +115,10 @@ class Comparison:
                 Line(long_label(row["corruption"]), _cells(row, level, metric, blow_ups)) for row in each
             ],
         }
+        columns = (first, second, *_DIFFERENCE, *["blow-ups"] * blow_ups)
         remarks = (self._sentence(metric), _BLOW_UPS * blow_ups, self.remark)
-        return _table("comparison", f"{first} against {second}", (first, second), blow_ups, sections, remarks, "Mean")
+        title = f"{first} against {second}"
+        return Table.of("comparison", title, columns, sections, remarks, "Mean", keep_empty=True)
 
     def __repr__(self) -> str:
         return render(self.table(), "terminal").rstrip()
@@ -184,20 +185,8 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
         note,
     )
     sections = {f"Average {metric_label(metric)}": lines}
-    return _table("pairs", "Every two models", ("first", "second"), blow_ups, sections, remarks, "Models")
-
-
-def _table(
-    name: str,
-    title: str,
-    names: tuple[str, str],
-    blow_ups: bool,
-    sections: dict[str, list[Line]],
-    remarks: Iterable[str],
-    header: str,
-) -> Table:
-    columns = (*names, *_DIFFERENCE, *["blow-ups"] * blow_ups)
-    return Table.of(name, title, columns, sections, remarks, header, keep_empty=True)
+    columns = ("first", "second", *_DIFFERENCE, *["blow-ups"] * blow_ups)
+    return Table.of("pairs", "Every two models", columns, sections, remarks, "Models", keep_empty=True)
 
 
 def _has_blow_ups(frame: pl.DataFrame) -> bool:

@@ -1,7 +1,4 @@
-"""Write figures to files deterministically. Meaning of each mark in a figure, so that a page can label the mark and
-link it to its model. Shared helpers for the figures: creation without global state, comparable axes, and
-placement of names.
-"""
+"""Create figures without global state, with comparable axes, placed names and labelled marks; write them to files."""
 
 from __future__ import annotations
 

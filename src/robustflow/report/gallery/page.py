@@ -1,6 +1,4 @@
-"""The gallery as a figure like the paper's: all corruptions at one severity, as PNG or PDF. The gallery as one
-self-contained HTML file with a slider.
-"""
+"""The gallery as a figure like the paper's (PNG or PDF), and as a self-contained HTML file with a slider."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Pictures for a gallery: one frame of a pair under each corruption at each severity. The gallery of a clip: a few
-consecutive frames under each corruption, which shows how it changes over time.
-"""
+"""Pictures of a gallery: a frame of a pair, or consecutive frames of a clip, under each corruption and severity."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Pictures for a slider: frames as `data:` URLs, small enough that one page can contain hundreds of them. HTML of
-the slider, with its style and script, for inclusion in any page.
-"""
+"""A slider over severities: its pictures as small `data:` URLs, and its HTML, style and script for any page."""
 
 from __future__ import annotations
 

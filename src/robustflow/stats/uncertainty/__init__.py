@@ -9,11 +9,4 @@ from .intervals import intervals
 from .paired import compare_all, compare_rows, difference_sentence, standings
 from .variance import variance_split
 
-__all__ = [
-    "compare_all",
-    "compare_rows",
-    "difference_sentence",
-    "intervals",
-    "standings",
-    "variance_split",
-]
+__all__ = ["compare_all", "compare_rows", "difference_sentence", "intervals", "standings", "variance_split"]

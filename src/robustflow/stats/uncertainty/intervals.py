@@ -1,6 +1,4 @@
-"""Confidence intervals of a run's means. The intervals of a run that appear in reports, computed once and stored
-with the run.
-"""
+"""Confidence intervals of means; those of a run in reports are computed once and stored with the run."""
 
 from __future__ import annotations
 
