@@ -247,7 +247,7 @@ def test_family_figure_shows_at_most_as_many_models_as_styles():
     """The models with the lowest error are shown, in the colours of the other figures."""
     results = _own(*["OOD"] * 10, weather=True)[::-1]
     styles = {line: MODEL_STYLES[int(line.name[1:])] for line in results[2:]}
-    figure = crer_by_family(results, None, FigureStyles(styles))
+    figure = crer_by_family(results, FigureStyles(styles))
     assert {(mark.model) for marks in figure.marks.values() for mark in marks} == {f"M{index}" for index in range(8)}
     key = {line.name: replace(style, marker="s") for line, style in styles.items()}
     assert dict(entry[:2] for entry in figure.key) == key
@@ -298,7 +298,8 @@ def test_names_with_markup_are_drawn_as_text():
     rows = _rows(count=3)
     figures = [clean_against_cre(results)]
     for part in (HOSTILE[:8], HOSTILE[8:]):
-        figures += [crer_by_family(results, tuple(part)), severity_curves(dict.fromkeys(part, rows))]
+        of_part = [line for line in results if line.name in part]
+        figures += [crer_by_family(of_part), severity_curves(dict.fromkeys(part, rows))]
     for figure in figures:
         ElementTree.fromstring(figure_bytes(figure, "svg"))
     shown = _texts(figures[0])

@@ -1,6 +1,4 @@
-"""Stop a command on Ctrl-C or on a request to terminate, with one line that says what was saved. Shell completion
-for names of models, corruptions, benchmarks and datasets.
-"""
+"""Shell completion of names, and the end of a command on Ctrl-C, with one line that says what was saved."""
 
 from __future__ import annotations
 

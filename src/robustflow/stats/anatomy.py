@@ -1,5 +1,4 @@
-"""Break down a run's error by image region, corruption family and severity. Collect the flow-magnitude histograms
-stored with runs, one per sample set, and label them for a figure.
+"""Break down a run's error by image region, corruption family and severity; collect the flow histograms of runs.
 
 A mean error can grow because every pixel is slightly worse or because a few pixels fail completely. Fl, the share of
 outlier pixels (error above 3 px and 5 %), distinguishes the two cases. Rows contain counts, not individual pixels, so a

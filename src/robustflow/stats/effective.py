@@ -34,13 +34,13 @@ class EffectiveRobustness:
 
 
 def effective_robustness(
-    results: Sequence[ModelResult], *, by_setting: bool = True, without: tuple[str, ...] = ()
+    results: Sequence[ModelResult], *, by_setting: bool = True
 ) -> dict[str, list[EffectiveRobustness]]:
     """Compare each model's corrupted EPE with the prediction from its clean EPE."""
     groups: dict[str, list[tuple[ModelResult, float, float]]] = {}
     for line in results:
         clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", AVERAGE) or 0.0
-        if line.name not in without and clean > 0 and corrupted > 0:
+        if clean > 0 and corrupted > 0:
             groups.setdefault(line.setting if by_setting else "", []).append((line, clean, corrupted))
     of_setting = {
         setting: sorted(_against_trend(group), key=lambda one: one.factor)

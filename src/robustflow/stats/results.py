@@ -1,6 +1,4 @@
-"""Names of the metrics and conditions of result values. Labels of metrics, corruptions and settings in tables and
-figures.
-"""
+"""Names and labels of metrics, conditions, corruptions and settings in results, tables and figures."""
 
 from __future__ import annotations
 
@@ -17,8 +15,6 @@ __all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS", "UNITS"]
 
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 """Metrics of results, in pixels except the last, which has no unit."""
-
-
 METRIC_LABELS = {metric: LABELS[metric] for metric in (*RESULT_METRICS, "photometric")}
 OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 """The overall means of a model, as (metric, condition)."""

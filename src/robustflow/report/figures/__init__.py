@@ -34,7 +34,7 @@ __all__ = [
 
 _DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles, bool], MarkedFigure]] = {
     "clean_against_cre": lambda results, styling, together: clean_against_cre(results, styling, together=together),
-    "crer_by_family": lambda results, styling, together: crer_by_family(results, None, styling),
+    "crer_by_family": lambda results, styling, together: crer_by_family(results, styling),
     "relations": lambda results, styling, together: relations(results, styling, together=together),
     "effective_trend": lambda results, styling, together: effective_trend(results, styling, together=together),
 }

@@ -24,14 +24,11 @@ LEAST_CRER = 0.5
 
 
 @default_style()
-def crer_by_family(
-    results: Sequence[ModelResult], models: tuple[str, ...] | None = None, styling: FigureStyles | None = None
-) -> MarkedFigure:
+def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
     """Draw bars of CREr per family, on one axis."""
     styling, crer = styling or FigureStyles(), {line: line.family_crer for line in results if line.family_crer}
     published = of_paper(results)
-    if models is None:
-        models = REPRESENTATIVE if published else tuple(line.name for line in crer)
+    models = REPRESENTATIVE if published else tuple(line.name for line in crer)
     lowest = [name for name in dict.fromkeys(line.name for line in sorted(crer, key=by_error)) if name in models]
     shown = [name for name in dict.fromkeys(models) if name in lowest[: len(MODEL_STYLES)]]
     if not shown:

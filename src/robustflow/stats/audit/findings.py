@@ -4,8 +4,6 @@ numbers are compared up to rounding.
 
 from __future__ import annotations
 
-from collections import Counter
-
 from ...core.types import Frozen, FrozenFinite
 
 AUDIT_CHECKS = {
@@ -49,19 +47,6 @@ class Audit(Frozen):
     def fits(self) -> bool:
         """Whether all numbers are consistent within rounding."""
         return not self.findings
-
-    def counts(self) -> dict[str, int]:
-        """Return the number of findings per check."""
-        return dict(Counter(finding.check for finding in self.findings))
-
-
-def merged_audit(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
-    """Merge the (check, number of values compared, findings) of several checks into one audit."""
-    return Audit(
-        audited=audited,
-        checked={check: count for check, count, _ in parts if count},
-        findings=[finding for _, _, findings in parts for finding in findings],
-    )
 
 
 _FLOAT = 1e-9
