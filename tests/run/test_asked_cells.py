@@ -99,15 +99,6 @@ OTHER = ("run", "--model", "dis", "-c", "contrast", "-s", "1", "-o", "run")
 
 
 @pytest.mark.usefixtures("demo_is_small")
-def test_a_command_prints_the_same_before_and_after_a_different_call_into_its_folder(robustflow):
-    before = [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")]
-    robustflow.prints(*OTHER)
-    assert [robustflow.prints(*ONE), robustflow.prints(*ONE, "--json")] == before
-    robustflow.prints("record", "pack", "run", "-o", "run.robustflow")
-    robustflow.prints("record", "verify", "run.robustflow")
-
-
-@pytest.mark.usefixtures("demo_is_small")
 def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robustflow, tmp_path, real_pictures):
     page = tmp_path / "run" / "report.html"
     with real_pictures():

@@ -151,13 +151,6 @@ def test_one_benchmark_under_two_names_is_compared_where_the_frames_are_equal(ba
     assert "KITTI flow 2015" in common.remark
 
 
-def test_comparison_states_the_rows_it_leaves_out(base):
-    first, second = made_run(base, rows(), "A"), made_run(base, rows(1.0, pairs=5), "B")
-    comparison = compare(first, second)
-    assert set(comparison.frame["images"]) == {5}
-    assert all(part in comparison.remark for part in ("A has 6", "B has 5"))
-
-
 def test_seeds_are_split_only_where_nothing_else_differs(base):
     runs = [made_run(base, rows(seed=seed), seed=seed) for seed in (0, 1, 2)]
     assert list(seeds_of(runs).rows) == [0, 1, 2]

@@ -1,8 +1,6 @@
 """A run is never resumed with a different model or different data of the same name."""
 
-import importlib
 import signal
-import sys
 from dataclasses import replace
 from functools import partial
 
@@ -112,24 +110,6 @@ def test_weights_at_a_fixed_path_that_changed_stop_a_run(tmp_path, frames, monke
     np.save(tmp_path / "weights.npy", 1.0)
     after = _run(tmp_path, frames, [1, 2], "model_with_weights_for_test:Model")
     assert after.rows.filter(after.rows["severity"] < 2).equals(before)
-
-
-def test_an_edited_module_that_the_model_imports_stops_a_run(tmp_path, frames, monkeypatch):
-    (tmp_path / "model_that_imports_for_test.py").write_text(
-        "import numpy as np\nfrom imported_for_test import VALUE\n"
-        "def flow(a, b): return np.full((*a.shape[:2], 2), VALUE, np.float32)\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    for value, refused in ((1, False), (25, True), (1, False)):
-        (tmp_path / "imported_for_test.py").write_text(f"VALUE = {value}\n{'#' * value}\n")
-        for name in ("model_that_imports_for_test", "imported_for_test"):
-            sys.modules.pop(name, None)
-        importlib.invalidate_caches()
-        if refused:
-            run = partial(_run, tmp_path, frames, [1, 2], "model_that_imports_for_test:flow")
-            refusal(run, RunError, "0001")
-        else:
-            _run(tmp_path, frames, [1], "model_that_imports_for_test:flow")
 
 
 def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, request):

@@ -20,7 +20,6 @@ from .identity import Text
 Cell = tuple[str, str, int]
 """The sample key, corruption and severity of a row."""
 
-
 UNEVEN = "not all at the same severities and on the same pairs"
 """Remark about a mean over corruptions, see `Manifest.uneven`."""
 

@@ -223,7 +223,7 @@ def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
     """Describe how a run's frames were chosen and made, field by field, from its manifest."""
     frames = run.manifest.identity.frames
     protocol, fields = dict(frames.protocol), dict(frames)
-    yield "benchmark", f"benchmark {_title(run)}"
+    yield "benchmark", f"benchmark {plain(benchmark_facts(run.benchmark).title, 40)}"
     yield "ground_truth", truth_remark(protocol) or "the usual ground truth"
     for name, value in sorted(protocol.items()):
         if name != "ground_truth":
@@ -240,10 +240,6 @@ def _short(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name}={_short(each)}" for name, each in sorted(value.items()))
     return plain(str(value), _LONGEST_VALUE)
-
-
-def _title(run: Run) -> str:
-    return plain(benchmark_facts(run.benchmark).title, 40)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -35,9 +35,7 @@ _COMMANDS = {PROFILE: "profile MODEL --into RUN", DISPLACEMENT: "reproduce displ
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
-_NOT_COMPARED = {
-    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
-}
+_NOT_COMPARED = {"checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"}
 """Parts of a model's identity that do not affect its cost, or that follow from its name."""
 
 _Count = Annotated[int, Field(ge=0, le=10**18)]

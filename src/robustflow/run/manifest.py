@@ -102,7 +102,10 @@ class Manifest(Untrusted):
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
-        planned = union(part.model_copy(update={"attacks": _shipped(part.attacks)}) for part in self.planned)
+        planned = union(
+            part.model_copy(update={"attacks": {k: v for k, v in part.attacks.items() if split_name(k)[0] in SHIPPED}})
+            for part in self.planned
+        )
         return self.model_copy(update={"environment": environment, "places": {}, "planned": planned})
 
     def without(self, keys: Collection[str]) -> Manifest:
@@ -126,10 +129,6 @@ class Manifest(Untrusted):
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
         return self.model_copy(update={"provenance": provenance})
-
-
-def _shipped(attacks: Mapping[str, Levels]) -> dict[str, Levels]:
-    return {name: levels for name, levels in attacks.items() if split_name(name)[0] in SHIPPED}
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:

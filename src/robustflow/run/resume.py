@@ -63,7 +63,9 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     paths = _files(plan, [*plan.benchmark.keys, *_samples_to_recognise(folder, plan, old)], _depths_read(plan, old))
     digests = file_digests(paths)
     _compare_with_list(plan, {path: digests[key][i] for key in paths for i, path in enumerate(paths[key])})
-    samples = {key: _named(paths[key], digests[key]) for key in paths}
+    samples = {
+        key: tuple((path.name, digest) for path, digest in zip(paths[key], digests[key], strict=True)) for key in paths
+    }
     if changed := _changed(plan, old, samples):
         more = f" and of {len(changed) - 1} more" if len(changed) > 1 else ""
         raise RunError(folder.path, f"was made from different files of sample '{changed[0]}'{more}; {_ELSEWHERE}")
@@ -78,10 +80,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "environment": environment(),
         }
     ).judged()
-
-
-def _named(paths: list[Path], digests: list[str]) -> tuple[tuple[str, str], ...]:
-    return tuple((path.name, digest) for path, digest in zip(paths, digests, strict=True))
 
 
 def _changed(plan: Plan, old: Manifest, samples: Mapping[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The class `Run`: the contents of a run folder. Write a run's rows as one file for other programs."""
+"""The class `Run`, the contents of a run folder, and its rows as one file for other programs."""
 
 from __future__ import annotations
 
@@ -86,10 +86,10 @@ class Run:
     @cached_property
     def averages(self) -> Averages:
         """Return the means over the corruptions of this run, and what they cover."""
-        stored = self.cached_value("means", list[tuple[str, str, int | None, float]], self._means_as_list)
-        measured = Measured.model_validate(
-            self.cached_value("measured", dict[str, Any], lambda: self._computed.measured.model_dump())
-        )
+        kind = list[tuple[str, str, int | None, float]]
+        stored = self.cached_value("means", kind, lambda: [(*key, one) for key, one in self._computed.means.items()])
+        covered = self.cached_value("measured", dict[str, Any], lambda: self._computed.measured.model_dump())
+        measured = Measured.model_validate(covered)
         in_order = {name: measured.corruptions[name] for name in ordered(measured.corruptions)}  # JSON sorts keys
         means = {(measure, condition, severity): value for measure, condition, severity, value in stored}
         return Averages(means, measured.model_copy(update={"corruptions": in_order}))
@@ -258,9 +258,6 @@ class Run:
     @cached_property
     def _computed(self) -> Averages:
         return self.average()
-
-    def _means_as_list(self) -> list[tuple[str, str, int | None, float]]:
-        return [(*key, value) for key, value in self._computed.means.items()]
 
     @cached_property
     def _source(self) -> str:

@@ -42,12 +42,10 @@ class Setup:
 
     @property
     def dataset(self) -> Dataset:
-        """Return the dataset of the plan's benchmark."""
         return self.plan.benchmark.dataset
 
     @property
     def options(self) -> RunOptions:
-        """Return the plan's options."""
         return self.plan.options
 
 
@@ -68,7 +66,10 @@ def set_up(
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("--still", "flow files cannot be used with it; choose a model that predicts")
     check_confidence(measuring.confidence, named.model)
-    _check_draws(measuring, benchmark)
+    if measuring.draws > 1 and benchmark.closed:
+        raise UsageError("--seeds", "these frames were corrupted beforehand, with one draw; omit it")
+    if measuring.draws > 1 and measuring.confidence is not None:
+        raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
     attack_sources = check_attacks(benchmark, frames.seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
@@ -89,13 +90,6 @@ def set_up(
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError("--severity-scale", f"nothing to run: {left_out_sentence(plan.left_out())}")
     return Setup(plan, named)
-
-
-def _check_draws(measuring: MeasuringOptions, benchmark: Benchmark) -> None:
-    if measuring.draws > 1 and benchmark.closed:
-        raise UsageError("--seeds", "these frames were corrupted beforehand, with one draw; omit it")
-    if measuring.draws > 1 and measuring.confidence is not None:
-        raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:

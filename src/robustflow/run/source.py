@@ -1,5 +1,5 @@
-"""Store the location of a run's model and data, which `report --examples` needs to repeat cells of a finished run.
-Determine the default folder of a run.
+"""Where a run's model and data are, which `report --examples` needs to repeat cells of a finished run, and where a run
+is stored by default.
 
 The file is stored next to the manifest, not in it: paths on one machine are not part of a result and are not shared
 with it.
@@ -45,7 +45,6 @@ class RunSource:
     data_options: dict[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Write the source into a run's folder."""
         model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
         data = None if self.data is None else str(user_path(self.data).absolute())
         options = _plain(self.data_options.items())
@@ -71,23 +70,21 @@ class RunSource:
         if self.model is None:
             return None
         options = {key: value for key, value in self.model.options if key not in given}
-        if self.model.name in _OF_FILES or not _registered(self.model.name):
-            raise RunError(plain(self.model.name), f"{FILE} names code or a file, which is not loaded; give --model")
+        name = self.model.name
+        registered = name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
+        if name in _OF_FILES or not registered:
+            raise RunError(plain(name), f"{FILE} names code or a file, which is not loaded; give --model")
         for key, value in options.items():
             if isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
                     plain(value, 200), f"{FILE} names a file, which is not opened; give -O {plain(key)}=VALUE"
                 )
-        return ModelSpec(self.model.name, tuple((options | dict(given)).items()))
+        return ModelSpec(name, tuple((options | dict(given)).items()))
 
 
 _OF_FILES = ("precomputed", "onnx")
 """Registered models that consist entirely of the user's files."""
 _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
-
-
-def _registered(name: str) -> bool:
-    return name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
 
 
 def _scalars(options: dict[str, Any]) -> dict[str, Any]:

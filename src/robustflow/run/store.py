@@ -91,7 +91,6 @@ class RunFolder:
                 path.unlink(missing_ok=True)
 
     def unlock(self) -> None:
-        """Release the folder."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None

@@ -59,6 +59,7 @@ class MeasureStage:
         seconds: Seconds,
     ) -> None:
         self._truths = dict.fromkeys((CLEAN, *options.attacks), "unchanged")
+        """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
         self._options = options.measuring
         self._clean_path = clean_path
         self._kept = kept
@@ -80,7 +81,9 @@ class MeasureStage:
     def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
         assert opened.clean is not None
         _, corruption, severity = cell
-        truth = self.truth(corruption)
+        if corruption not in self._truths:
+            self._truths[corruption] = truth_under(corruption)
+        truth = self._truths[corruption]
         sample, regions = opened.sample, opened.regions
         if truth != "unchanged":
             sample, regions = sample.without_truth(), None
@@ -103,12 +106,6 @@ class MeasureStage:
         if row["n_invalid"] and not self._options.allow_invalid:
             raise _invalid(f"{row['n_invalid']} pixels", cell, "use --allow-invalid to exclude and count such pixels")
         return row
-
-    def truth(self, name: str) -> str:
-        """Return what a corruption or an attack leaves of the ground truth (`Corruption.truth`)."""
-        if name not in self._truths:
-            self._truths[name] = truth_under(name)
-        return self._truths[name]
 
     def digest(self, frames: tuple[Frame, ...]) -> str:
         with timed(self._seconds, "measure"):

@@ -51,7 +51,9 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
         yield ray
         return
     handler = signal.getsignal(signal.SIGTERM)
-    folder = None if address else _new_folder()
+    usual = tempfile.gettempdir()
+    parent = usual if len(usual) <= _LONGEST_TMP else "/tmp"
+    folder = None if address else tempfile.mkdtemp(prefix="rf-ray-", dir=parent)
     _show_messages(ray, False)
     try:
         # by default, actors yield to every other process (nice 15)
@@ -157,11 +159,6 @@ def _check_answers(address: str, cluster: str) -> None:
 
 def _other_service(cluster: str) -> RunError:
     return RunError("--address", f"{cluster} does not respond like one; check host and port")
-
-
-def _new_folder() -> str:
-    usual = tempfile.gettempdir()
-    return tempfile.mkdtemp(prefix="rf-ray-", dir=usual if len(usual) <= _LONGEST_TMP else "/tmp")
 
 
 @contextmanager
