@@ -69,9 +69,7 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
 
 
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
-    """Return the trained perturbations that the given units need. Each one is read from the run folder and verified
-    against its digest, or else trained in batches of `batch_size` pairs and stored there.
-    """
+    """Return the perturbations that the units need, read from the run folder if intact, else trained and stored."""
     options = plan.options
     attacks = attacks_in_run(options.attacks, options.frames.variant)
     trained = {name: one.training(model) for name, one in attacks.items()}
@@ -121,9 +119,7 @@ class AttackStage:
         self._warnings: frozenset[str] | None = None
 
     def attack(self, targets: Sequence[tuple[Sample, Flow, Cell]]) -> list[Attacked]:
-        """Return the attacked pairs for the cells of one attack, as computed by `robustflow.attack` with the run's seed
-        and the sample's key.
-        """
+        """Return the attacked pairs for the cells of one attack, the same as those of `robustflow.attack`."""
         cells = [cell for _, _, cell in targets]
         name = cells[0][1]
         attack, seed = self._attacks[name], self._options.frames.seed

@@ -36,9 +36,7 @@ _DIGITS = 6
 
 
 def sample_set(run: Run) -> str:
-    """Return a name that identifies what a run measured, regardless of its model: the means of runs with the same name
-    may be compared.
-    """
+    """Name what a run measured, whatever its model: means of runs with the same name may be compared."""
 
     def made() -> str:
         _clean_cells(run)  # cached now, from the same rows, because describing a difference needs these values
@@ -64,9 +62,7 @@ def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
 
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
-    """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
-    rows ("" if there are none); raise a RunError if there are no such rows.
-    """
+    """Return the rows that several runs have in common on the same data, and a remark about omitted rows (or "")."""
     parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
     shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
     every = joined(list(names))
@@ -146,8 +142,7 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
 
 
 def conditions_of(runs: Sequence[Run], parts: Sequence[str] = ()) -> list[str]:
-    """Return a short name for what each run measured, based on the differences between the runs; "" for all if there
-    are none."""
+    """Name briefly what each run measured, by the differences between the runs; "" for all if there are none."""
     measured = measured_in_words(runs)
     names = dict.fromkeys(name for one in measured for name in one)
     differing = [name for name in names if len({one.get(name, "") for one in measured}) > 1]

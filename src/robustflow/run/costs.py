@@ -155,17 +155,14 @@ class DisplacementFile(RunAttachment):
 
     @property
     def table(self) -> pl.DataFrame:
-        """Return a table with the columns `low`, `high` (pixels, the last infinite) and `share` (of all counted
-        pixels)."""
+        """Return the columns `low`, `high` (pixels, the last infinite) and `share` (of all counted pixels)."""
         total = max(1, sum(self.pixels))
         share = [count / total for count in self.pixels]
         return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
 
 
 def read_displacement(run: Run) -> DisplacementFile | None:
-    """Return the histogram stored in a run's folder; None if it does not exist, or if the run now has different
-    samples.
-    """
+    """Return the histogram of a run; None if there is none, or if the run now has different samples."""
     displacement = _read(DisplacementFile, run, DISPLACEMENT)
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 

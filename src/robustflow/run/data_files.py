@@ -35,8 +35,7 @@ _REWRITE = "write it again with robustflow prepare digests --data FOLDER --overw
 
 
 def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
-    """Return the files from which a sample is read: those of the pair, of the frames around it, and, last, those only
-    of its depth."""
+    """Return the files of a sample: of the pair, of the frames around it and, last, those only of its depth."""
     files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
     if window is not None:
         assert isinstance(dataset, Clips)
@@ -87,9 +86,7 @@ def check_listed(known: Mapping[Path, str], more: Iterable[Path] = ()) -> None:
 
 
 def listed_files(folder: Path) -> list[str]:
-    """Return the relative names of all files in a folder and its subfolders, sorted, without hidden files and the list
-    itself.
-    """
+    """Return the relative names of all files below a folder, sorted, without hidden files and the list itself."""
     names = [path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))]
     for name in names:
         if "\n" in name or "\\" in name:

@@ -56,9 +56,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
-    """Store the histogram of a run's ground truth in the run folder for its pages, unless it exists already or there is
-    no ground truth.
-    """
+    """Store the histogram of a run's ground truth for its pages, unless it exists or there is no ground truth."""
     if not benchmark.dataset.has_flow:
         return
     try:

@@ -40,8 +40,7 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 
 class CellScores(NamedTuple):
-    """The scores of one cell, in pixels. EPE and CRE are None without ground truth; RCRE is None if no pixel can be
-    compared."""
+    """The scores of a cell in pixels: only RCRE without ground truth, None if no pixel can be compared."""
 
     epe: float | None
     cre: float | None

@@ -41,9 +41,7 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 
 @contextmanager
 def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
-    """Yield a setup whose workers store the slider's pictures in a run's folder until the block ends, if the sample to
-    show is already known.
-    """
+    """Yield a setup whose workers store the slider's pictures until the block ends, if its sample is known."""
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
         return

@@ -42,9 +42,7 @@ class _IdentityPart(Untrusted):
 
 
 class FrameIdentity(FrameOptions, _IdentityPart):
-    """Everything that determines the frames and the ground truth, except the choice of samples, corruptions and
-    severities: the options, and what they are applied to.
-    """
+    """Everything that determines frames and ground truth, except which samples, corruptions and severities."""
 
     benchmark: Text
     dataset: Text

@@ -124,8 +124,7 @@ class Manifest(Untrusted):
         return self.model_copy(update=update).judged()
 
     def judged(self) -> Manifest:
-        """Return the manifest with its provenance updated for all samples of the run, including those added by a later
-        call."""
+        """Return the manifest with the provenance for all its samples, including those of later calls."""
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
         return self.model_copy(update={"provenance": provenance})

@@ -35,8 +35,7 @@ from .manifest import Manifest
 
 @dataclass(frozen=True)
 class Unit:
-    """The smallest unit of work that is computed and written: one corruption of one sample, at all missing
-    severities."""
+    """One corruption of one sample, at all missing severities: what is computed and written as a whole."""
 
     key: str
     corruption: str

@@ -90,8 +90,7 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
-    """Write a colour image of each flow next to its flow file, KEY.colours.png; equal colours mean equal flow in
-    all images."""
+    """Write a colour image of each flow beside its file, KEY.colours.png, all with the same colours."""
     for one in predicted:
         flow, valid = read_flow(one.flow)
         path = one.flow.with_suffix(".colours.png")

@@ -40,9 +40,7 @@ def recheck(
     count: int = 20,
     seed: int | None = None,
 ) -> str:
-    """Measure some rows of a run again, and compare their frames, the columns that depend on ground truth and, if a
-    model is given, its mean errors.
-    """
+    """Measure some rows of a run again, and compare frames, ground truth and, with a model, mean errors."""
     if count < 1:
         raise UsageError("--check-frames", f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed

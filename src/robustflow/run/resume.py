@@ -102,8 +102,7 @@ def _samples_to_recognise(folder: RunFolder, plan: Plan, old: Manifest) -> list[
 
 
 def _compare_with_list(plan: Plan, digests: dict[Path, str]) -> None:
-    """Compare the files that a run reads, including corrupted frames, with the list of digests next to its data, if
-    available."""
+    """Compare the files that a run reads, including corrupted frames, with the list of digests beside them."""
     dataset = plan.benchmark.dataset
     if not isinstance(dataset, PreCorrupted) or isinstance(dataset, FromClips):
         check_listed(digests)
@@ -159,9 +158,7 @@ def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[
 
 
 def is_named_by_content(identity: dict[str, Any]) -> bool:
-    """Return whether a model's identity includes the SHA-256 of its weights or files, and the model has no user
-    code.
-    """
+    """Return whether a model is identified by the SHA-256 of its weights or files, and has no user code."""
     users = "source" in identity or "object" in identity
     return not users and any(isinstance(value, str) and _HASH.fullmatch(value) for value in identity.values())
 

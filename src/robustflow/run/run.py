@@ -231,9 +231,7 @@ class Run:
             self._cached.write()
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """Return a value that is costly to compute, from the cache if the cached value was computed from the same
-        rows.
-        """
+        """Return a value that is costly to compute, from the cache if it was computed from the same rows."""
         return self._cached.get(name, kind, make)
 
     def has_cached_value(self, name: str) -> bool:

@@ -154,9 +154,7 @@ def open_benchmark(
     variant: str = "default",
     still: bool = False,
 ) -> Benchmark:
-    """Open a benchmark by name, or use a benchmark object. Optionally, set the variant of corruptions that are applied
-    to clips, or use the frames without motion (`Benchmark.still`).
-    """
+    """Open a benchmark by name, or check a given one; clips in a variant, or without motion (`Benchmark.still`)."""
     if still and isinstance(benchmark, str):
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
     if isinstance(benchmark, str):

@@ -102,9 +102,7 @@ def read_shards(
 
 
 def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
-    """Scan the rows of some shards lazily, a few columns at a time. Rows that are in two shards occur twice; the order
-    is that of the shards.
-    """
+    """Scan rows lazily, in the order of the shards; rows that are in two shards occur twice."""
     for path in paths:
         _check_schema(path, pl.read_parquet_schema(io.BytesIO(_checked_bytes(path))))
     return pl.scan_parquet(list(paths)) if paths else rows_frame([]).lazy()
@@ -134,9 +132,7 @@ def merge_shards(paths: Sequence[Path]) -> None:
 
 
 def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
-    """Return the cells of some shards, and the shards that share a cell with another shard after a crash during
-    merging.
-    """
+    """Return the cells of some shards, and the shards that share a cell after a crash during merging."""
     if not paths:
         return set(), []
     rows = pl.concat(read_shard(path, ROW_KEY).with_columns(shard=pl.lit(i)) for i, path in enumerate(paths))

@@ -64,9 +64,7 @@ class RunSource:
             raise RunError(folder / FILE, "damaged; delete it, and give --model and --data instead") from error
 
     def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
-        """Return the recorded model with the options that the user gives now; None for a Python object, which has no
-        name.
-        """
+        """Return the recorded model with the options that the user gives now; None for a Python object."""
         if self.model is None:
             return None
         options = {key: value for key, value in self.model.options if key not in given}

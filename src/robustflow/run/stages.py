@@ -255,8 +255,7 @@ class PredictStage:
             return predict_with_confidence_checked(self._model, request.frames, describe_cell(*request.cell))
 
     def _predict_draws(self, request: PredictionRequest) -> Answer:
-        """Return the flow of the first draw, with the spread over all draws; draws with the same frames as the first
-        are not predicted again."""
+        """Return the flow of the first draw, with the spread over all; draws with equal frames are predicted once."""
         count = len(request.frames) // request.draws
         draws = [request.frames[start : start + count] for start in range(0, len(request.frames), count)]
         first = self._predict_once(replace(request, frames=draws[0]))

@@ -67,9 +67,7 @@ class RunFolder:
         self._lock_inode: tuple[int, int] | None = None
 
     def lock(self) -> None:
-        """Create the folder and lock it until this process ends, even if it is killed; remove half-written files of a
-        killed run.
-        """
+        """Create the folder, lock it until this process ends, and remove half-written files of a killed run."""
         refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
@@ -139,17 +137,14 @@ class RunFolder:
             self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
-        """Merge small shards into one, if there are `at_least` of them; raise a RunError if the folder is no longer
-        locked."""
+        """Merge small shards into one, if there are `at_least` of them."""
         self._check_lock()
         small = [path for path in list_shards(self.rows_folder) if path.stat().st_size < _SMALL_SHARD]
         if len(small) >= at_least:
             merge_shards(small)
 
     def tidy(self) -> set[Cell]:
-        """Return the existing cells. Remove rows that occur twice because a run was killed between merging shards and
-        removing the parts.
-        """
+        """Return the existing cells; remove rows that occur twice after a crash between merging and removing."""
         cells, twice = cells_of(list_shards(self.rows_folder))
         if twice:
             merge_shards(twice)

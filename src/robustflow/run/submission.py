@@ -91,9 +91,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
 def write_submission(
     run: Run, model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path
 ) -> Iterator[Submitted]:
-    """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; the model's existing
-    files are kept.
-    """
+    """Write FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc., except existing files."""
     _claim(folder, run.manifest.identity.model.settings)
     for each in conditions:
         targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}

@@ -65,8 +65,7 @@ def _needs_gpu(job: Job) -> bool:
 
 
 def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
-    """Return paths and sizes of the files that a node needs for a unit; depth files are included only if its corruption
-    needs depth."""
+    """Return paths and sizes of the files a node needs for a unit; of depth only if its corruption needs it."""
     options, attacked = job.options, unit.corruption in job.options.attacks
     depths = None if attacked or not needs_depth(unit.corruption) else options.depth
     files = files_of_sample(job.dataset, unit.key, options.window, depths)

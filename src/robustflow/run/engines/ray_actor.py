@@ -34,8 +34,7 @@ Files = Sequence[tuple[str, int]]
 
 
 def installed() -> dict[str, str]:
-    """Return the versions, by name, of all installed software that can affect results: this package with a hash of its
-    code, and the libraries that it uses."""
+    """Return the versions of all software that can affect results: this package (with a hash) and its libraries."""
     from ...core.files import digest_of_bytes
     from ..identity import environment
 

@@ -25,9 +25,7 @@ _MOST_SHARED = 0.5
 
 
 def check_training(reader: Reader) -> str:
-    """Check that the setting (OOD, ID, LEAKED, ...) follows from the declared or catalogued training sets. A user's
-    declaration is accepted, but cannot override the catalogue entry of a checkpoint's hash.
-    """
+    """Check that the setting follows from the training sets; a declaration cannot override a checkpoint's hash."""
     plan = reader.plan
     declared, frames = plan.provenance, plan.identity.frames
     known = training_of(plan.identity.model.settings)

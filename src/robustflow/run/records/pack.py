@@ -124,9 +124,7 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
 
 
 def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
-    """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, sorted by
-    name.
-    """
+    """Return paths of runs and records; a folder of runs is replaced by those in it, sorted by name."""
     found = []
     for path in (user_path(each) for each in paths):
         if not path.is_dir() or (path / "manifest.json").exists():
