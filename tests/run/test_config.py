@@ -16,8 +16,8 @@ import typer.main
 import robustflow as rf
 from robustflow.cli.main import app
 from robustflow.core.errors import UsageError
-from robustflow.run.config import FIELDS, FrameOptions, RunConfig, option_of
-from robustflow.run.identity import FrameIdentity, Measuring, difference
+from robustflow.run.config import FIELDS, RunConfig, option_of
+from robustflow.run.identity import FrameIdentity, Measuring
 from tests.refusals import refusal
 
 SOURCE = Path(rf.__file__).parent
@@ -91,9 +91,3 @@ def test_the_identity_has_every_option_that_changes_rows():
 @pytest.mark.parametrize(("name", "value"), [("seed", "1"), ("draws", 0), ("common_draws", 1), ("allow_invalid", "no")])
 def test_an_invalid_value_is_refused(name, value):
     refusal(lambda: RunConfig.of({name: value}), UsageError, name)
-
-
-def test_difference_names_fields_and_their_entries():
-    one, other = FrameOptions(seed=1), FrameOptions(common_draws=True)
-    assert difference(dict(one), dict(other)) == "common_draws, seed"
-    assert difference({"own": {"rain": "a"}}, {"own": {"rain": "b", "hail": "c"}}) == "own (hail, rain)"

@@ -109,29 +109,6 @@ def test_a_model_object_on_a_device_is_sent_there(tmp_path, quick_workers):
     assert _run(tmp_path / "run", Accelerated("gpu:3"), workers=1).rows.height == 27
 
 
-def _add_one(pipe, batch):
-    begin, shape = pipe.recv()
-    frames = batch.array(begin, shape, np.uint8)
-    batch.array(begin, (*shape[1:3], 2), np.float32)[:] = frames[0, ..., :2].astype(np.float32) + 1
-    pipe.send(None)
-
-
-def test_frames_and_flows_pass_through_shared_memory_unchanged():
-    batch, (ours, theirs) = SharedBatch(), multiprocessing.Pipe()
-    child = multiprocessing.get_context("spawn").Process(target=_add_one, args=(theirs, batch))
-    child.start()
-    shape, begin = (2, 30, 40, 3), 30 * 40 * 8
-    batch.reserve(2 * begin)
-    frames = batch.array(begin, shape, np.uint8)
-    frames[:] = np.random.default_rng(0).integers(0, 256, shape)
-    expected = frames[0, ..., :2].astype(np.float32) + 1
-    ours.send((begin, shape))
-    assert ours.poll(60)
-    np.testing.assert_array_equal(batch.array(begin, (30, 40, 2), np.float32), expected)
-    child.join()
-    batch.close()
-
-
 def test_an_array_outlives_the_enlargement_of_its_memory():
     batch = SharedBatch()
     batch.reserve(4096)
