@@ -3,9 +3,8 @@ ground truth or from a model's flow on the clean frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import polars as pl
@@ -39,19 +38,16 @@ def displacement_histogram(
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
 
 
-def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
+def histogram(flows: Iterable[tuple[Flow, Mask]]) -> pl.DataFrame:
     """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks."""
-    if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
-        raise UsageError("edges", f"must be ascending and start at 0; got {list(edges)[:5]}...")
-    counts = np.zeros(len(edges) - 1, np.int64)
+    counts = np.zeros(len(EDGES) - 1, np.int64)
     valid_pixels = 0
     for flow, valid in flows:
         amplitude = np.hypot(flow[..., 0], flow[..., 1], dtype=np.float64)[valid]
         amplitude = amplitude[np.isfinite(amplitude)]
-        counts += np.histogram(amplitude, np.minimum(edges, np.finfo(np.float64).max))[0]
-        counts[-1] -= int((amplitude == edges[-1]).sum())  # np.histogram includes the upper edge of the last bin
+        counts += np.histogram(amplitude, np.minimum(EDGES, np.finfo(np.float64).max))[0]
         valid_pixels += amplitude.size
-    low, high = np.asarray(edges[:-1], np.float64), np.asarray(edges[1:], np.float64)
+    low, high = np.asarray(EDGES[:-1], np.float64), np.asarray(EDGES[1:], np.float64)
     return pl.DataFrame({"low": low, "high": high, "pixels": counts, "share": counts / max(1, valid_pixels)})
 
 
