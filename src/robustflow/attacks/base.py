@@ -183,12 +183,10 @@ class Attack(ABC):
             if self.reference == "truth":
                 raise UsageError("reference", "the pair has no ground truth; pass flow=, or omit reference=truth")
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
-        if (
-            self.variant != "flowbench"
-        ):  # FlowBench's code includes all pixels, with flow 0 where there is no ground truth
-            return Loss(pair.truth, pair.valid, self.loss, agreeing=self.agreeing), False
-        filled = pair.truth if pair.valid is None else np.where(pair.valid[..., None], pair.truth, np.float32(0))
-        return Loss(filled, None, self.loss, agreeing=self.agreeing), False
+        truth, valid = pair.truth, pair.valid
+        if self.variant == "flowbench" and valid is not None:  # its code counts unknown pixels, with flow 0
+            truth, valid = np.where(valid[..., None], truth, np.float32(0)), None
+        return Loss(truth, valid, self.loss, agreeing=self.agreeing), False
 
     @abstractmethod
     def run(self, problem: Problem, rng: Rng) -> Images:

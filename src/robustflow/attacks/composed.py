@@ -51,9 +51,7 @@ class Transfer(Attack):
         known = load_attack(name).known_options()
         inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
         if isinstance(inner, Transfer | WorstOf):
-            raise UsageError(
-                "attack", f"transfer cannot contain {inner.name}; combine attacks as worst_of:transfer+..."
-            )
+            raise UsageError("attack", f"transfer cannot contain {inner.name}; use worst_of:transfer+...")
         rest = tuple((option, value) for option, value in options.items() if option not in known)
         if rest and not isinstance(on, str):
             raise UsageError(rest[0][0], f"not an option of {inner.name}, and the model of transfer is already built")
@@ -145,14 +143,11 @@ class WorstOf(Attack):
         norms = {part.norm for part in parts}
         if len(norms) != 1:
             of_each = ", ".join(f"{part.name} has norm {part.norm}" for part in parts)
-            raise UsageError(
-                "norm", f"all parts of worst_of share a budget, so they must have the same norm: {of_each}"
-            )
+            raise UsageError("norm", f"the parts of worst_of share a budget and need the same norm: {of_each}")
         every = {option: value for part in parts for option, value in part.options().items()}
         for part in parts:
             if (same := _part(part.name, every).label) != part.label:
-                message = f"it would have to be {same}, because options apply to every part of worst_of that has them"
-                raise UsageError(part.label, f"{message}; list these attacks separately")
+                raise UsageError(part.label, f"in worst_of it would be {same}; list these attacks separately")
         shared = {each.name for each in fields(Attack)} - {"norm"}
         chosen = {option: value for option, value in (options | every).items() if option in shared}
         return cls(parts=tuple(parts), norm=norms.pop(), **chosen)

@@ -48,8 +48,11 @@ class OwnAttack(Attack):
             if isinstance(takes[option], int) and isinstance(value, str) and value.isdecimal():
                 options[option] = int(value)
         common.setdefault("norm", str(getattr(attack, "norm", "linf")))
-        given = tuple(options.items())
-        return cls(made_by_user=_build(attack, registered, options), given=given, **common)
+        made = attack
+        if inspect.isclass(attack):
+            advice = "give every argument a default value, or pass an object"
+            made = called(f"attack '{registered}' cannot be built", lambda: attack(**options), advice)
+        return cls(made_by_user=made, given=tuple(options.items()), **common)
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -92,9 +95,7 @@ _COMMON = tuple(each.name for each in fields(Attack))
 def register_attack(made: Made) -> str:
     """Register a class or an object under its name, which replaces an earlier one of that name; return the name."""
     if not callable(getattr(made, "run", None)):
-        raise UsageError(
-            described(made), "it has no method run, so it is not an attack; see the guide 'add your attack'"
-        )
+        raise UsageError(described(made), "an attack needs a method run; see the guide 'add your attack'")
     name = checked_name(made, "attack", ATTACKS.__contains__)
     _own[name] = made
     return name
@@ -130,10 +131,3 @@ def _parameters(made: Made) -> dict[str, Any]:
     if not inspect.isclass(made):
         return {}
     return {name: one.default for name, one in inspect.signature(made).parameters.items()}
-
-
-def _build(made: Made, name: str, options: dict[str, Any]) -> Any:
-    if not inspect.isclass(made):
-        return made
-    advice = "give every argument a default value, or pass an object"
-    return called(f"attack '{name}' cannot be built", lambda: made(**options), advice)

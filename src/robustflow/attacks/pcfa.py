@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -75,12 +75,10 @@ class _Search:
         if attack.moved == "joint":
             self.variables = [torch.zeros_like(frames[0])]
             self._pair: Callable[[], tuple[Tensor, Tensor]] = self._joint
-        elif attack.box == "clipping":
-            self.variables, self._pair = frames, self._clipped
         else:
-            scale = 1 - _INSIDE
-            self.variables = [torch.atanh(2 * scale * frame - scale) for frame in frames]
-            self._pair = self._changed
+            self._tanh, scale = attack.box == "change", 1 - _INSIDE
+            self.variables = [torch.atanh(2 * scale * frame - scale) for frame in frames] if self._tanh else frames
+            self._pair = self._separate
         for variable in self.variables:
             variable.requires_grad_()
         self.kept: Images = problem.ball.clean
@@ -126,21 +124,18 @@ class _Search:
         if better:
             self.kept, self._kept_size, self._kept_loss = images, size, loss
 
-    def _changed(self) -> tuple[Tensor, Tensor]:
-        """Compute the pair and its change from the tanh variables."""
+    def _separate(self) -> tuple[Tensor, Tensor]:
+        """Compute the pair and its change from one variable per perturbed frame; the other frame stays clean."""
         import torch
 
         scale = 1 - _INSIDE
-        frames = [(torch.tanh(variable) + scale) / (2 * scale) for variable in self.variables]
-        change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
-        return self._both_frames([frame.clamp(0, 1) for frame in frames]), change
-
-    def _clipped(self) -> tuple[Tensor, Tensor]:
-        import torch
-
-        frames = [variable.clamp(0, 1) for variable in self.variables]
-        change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
-        return self._both_frames(frames), change
+        frames = [
+            (torch.tanh(each) + scale) / (2 * scale) if self._tanh else each.clamp(0, 1) for each in self.variables
+        ]
+        every = dict(zip(self._moved, frames, strict=True))
+        change = torch.stack([frame - self._clean[place] for place, frame in every.items()])
+        images = [every[place].clamp(0, 1) if place in every else self._clean[place] for place in (0, 1)]
+        return torch.stack(images), change
 
     def _joint(self) -> tuple[Tensor, Tensor]:
         import torch
@@ -150,13 +145,6 @@ class _Search:
         low, high = self._clean.amin(dim=0), self._clean.amax(dim=0)
         change = ((field + high).clamp(0, 1) - high + low).clamp(0, 1) - low
         return images, torch.stack([change, change])
-
-    def _both_frames(self, frames: list[Any]) -> Tensor:
-        """Stack both frames; frames that are not perturbed stay clean."""
-        import torch
-
-        every = dict(zip(self._moved, frames, strict=True))
-        return torch.stack([every.get(place, self._clean[place]) for place in (0, 1)])
 
 
 def _saturated(clean: Images) -> float:

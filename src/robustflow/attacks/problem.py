@@ -185,11 +185,8 @@ def _finite(value: float) -> float | None:
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:
     """Check that a model provides the gradients that an attack needs."""
     if not isinstance(model, Differentiable):
-        raise ModelError(
-            _name_of(model),
-            f"the model provides no gradient, which attack {attack} needs; use square, or add a method "
-            "differentiable(images1, images2) to the model (for tiny, install the extra torch)",
-        )
+        remedy = "use square, or add a method differentiable(images1, images2) (for tiny, install the extra torch)"
+        raise ModelError(_name_of(model), f"it provides no gradient, which attack {attack} needs; {remedy}")
 
 
 def _name_of(model: object) -> str:
@@ -212,11 +209,8 @@ def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where:
     lengths = np.linalg.norm(predicted[usable].astype(np.float64), axis=-1)
     apart = np.linalg.norm(differentiable[usable].astype(np.float64) - predicted[usable], axis=-1).mean()
     if not apart <= _APART * lengths.mean() + _ROUNDING:
-        raise ModelError(
-            _name_of(model),
-            f"{where}, the flow of the model's method differentiable is {apart:.3g} px from the flow of predict on "
-            f"average (mean length {lengths.mean():.3g} px); both must return the same flow",
-        )
+        message = f"{where}, differentiable and predict differ by {apart:.3g} px on average"
+        raise ModelError(_name_of(model), f"{message} (mean length {lengths.mean():.3g} px); return the same flow")
 
 
 def check_gradient(problem: Problem, rng: Rng) -> None:

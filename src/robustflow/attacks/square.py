@@ -19,6 +19,7 @@ _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 """Numbers of queries, out of 10,000, after which the area of a square is halved."""
 _FEW = 50
 """Number of queries of the short run beside every white-box attack."""
+_Levels = np.typing.NDArray[np.int16]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +56,7 @@ class Square(Attack):
         return problem.best
 
     @staticmethod
-    def _inside(
-        clean: np.typing.NDArray[np.int16], change: np.typing.NDArray[np.int16], joint: bool
-    ) -> np.typing.NDArray[np.int16]:
+    def _inside(clean: _Levels, change: _Levels, joint: bool) -> _Levels:
         if joint:
             change = np.clip(change, -clean.min(axis=0), WHITE - clean.max(axis=0))
         return np.clip(clean + change, 0, WHITE)
@@ -74,6 +73,6 @@ def quick_score(problem: Problem, moved: str) -> float:
     return inner.best_score
 
 
-def _signs(rng: Rng, count: int) -> np.typing.NDArray[np.int16]:
+def _signs(rng: Rng, count: int) -> _Levels:
     """Draw -1 or 1 at random, int16 (count,)."""
     return 2 * (rng.bits(count) & np.uint64(1)).astype(np.int16) - 1

@@ -196,9 +196,7 @@ class Universal(Trained):
     def check(self, model: AnyModel) -> None:
         if not self.train and not self.file:
             raise UsageError(
-                "universal",
-                "the attack needs training samples (universal:train=8 or universal:train=KEYS.txt) or a stored "
-                "perturbation (universal:file=PERTURBATION.npy)",
+                "universal", "give training samples (universal:train=8) or a perturbation (universal:file=D.npy)"
             )
         super().check(model)
 
@@ -242,11 +240,8 @@ class Universal(Trained):
                 raise DataError(self.second, f"{self.file} and it are not perturbations of two frames of equal size")
         shape, frames = first.shape[2:], problem.ball.clean.shape[2:]
         if shape != frames:
-            raise DataError(
-                self.file,
-                f"it is for frames of {shape[0]}x{shape[1]} pixels, but the frames of sample '{problem.pair.key}' are "
-                f"{frames[0]}x{frames[1]}; give a file for this size",
-            )
+            sizes = f"{shape[0]}x{shape[1]} pixels, but sample '{problem.pair.key}' has {frames[0]}x{frames[1]}"
+            raise DataError(self.file, f"it is for frames of {sizes}; give a file for this size")
         return np.concatenate([first, first if second is None else second]) if len(first) == 1 else first
 
     @staticmethod
