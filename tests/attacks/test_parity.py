@@ -23,7 +23,6 @@ from ..parity.pack import Pack
 from ..shared_data import shared_root
 from .smooth_net import SmoothNet
 
-"""Ignore the warning of the input check, which detects that the networks have untrained weights."""
 SIGN, PCFA = "attack_fgsm_bim_pgd_cospgd", "attack_pcfa"
 
 

@@ -173,13 +173,6 @@ def test_an_attack_is_one_file_and_a_line_of_the_registry(tmp_path, monkeypatch)
     assert "planted:amount=2 3" in lines
 
 
-def test_square_attacks_any_model_in_a_run(tmp_path):
-    done = run(tmp_path / "run", still, attacks="square", severities=3, count=1)
-    square, noise = (done.attack_rows.filter(corruption=name)["epe_sum"][0] for name in ("square", "random_sign"))
-    assert square > noise
-    assert done.attack_rows.filter(corruption="square")["attack_evaluations"].to_list() == [1000]
-
-
 def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
     """SIGKILL arrives during an attack on the first pair, then during one on the second; the last run is not
     interrupted."""

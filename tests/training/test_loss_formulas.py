@@ -303,6 +303,7 @@ def test_offsets_are_added_inside_each_crop():
         expected[number, :, y : y + 5, x : x + 9] += offsets[number]
 
     close(brightflow.with_offsets(tensor(whole), tensor(offsets), tensor([[4.0, 1.0], [0.0, 5.0]])), expected)
+    assert not np.array_equal(whole, expected), "the argument was changed"
 
 
 def test_offsets_are_kept_where_pixels_that_they_improve_land():

@@ -7,14 +7,6 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.core.errors import UsageError  # noqa: E402
 from robustflow.training.losses.supervised import end_point_error, sequence_loss  # noqa: E402
-from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
-    census_distance,
-    coverage,
-    seen_by_check,
-    seen_by_splat,
-    smoothness,
-    ssim_distance,
-)
 from robustflow.training.schedules import SCHEDULES, one_cycle  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -75,49 +67,6 @@ def test_every_schedule_begins_positive_and_never_exceeds_its_rate():
         rates = [schedule(update, 500, 1e-3) for update in range(500)]
         assert min(rates) > 0
         assert max(rates) <= 1e-3 * (1 + 1e-12)
-
-
-def test_coverage_equals_the_naive_splat():
-    rng = np.random.default_rng(1)
-    flow = rng.normal(size=(1, 2, 7, 9)).astype(np.float64) * 2
-    expected = np.zeros((7, 9))
-    for y in range(7):
-        for x in range(9):
-            u, v = x + flow[0, 0, y, x], y + flow[0, 1, y, x]
-            for column in (int(np.floor(u)), int(np.floor(u)) + 1):
-                for row in (int(np.floor(v)), int(np.floor(v)) + 1):
-                    if 0 <= column < 9 and 0 <= row < 7:
-                        expected[row, column] += (1 - abs(u - column)) * (1 - abs(v - row))
-    np.testing.assert_allclose(coverage(torch.from_numpy(flow))[0, 0].numpy(), expected, atol=1e-9)
-
-
-def test_pixels_that_leave_the_frame_are_occluded():
-    forward = torch.zeros(1, 2, 8, 10)
-    forward[:, 0] = 3
-    for seen in (seen_by_splat(-forward), seen_by_check(forward, -forward)):
-        assert seen[0, 0, :, :7].all()
-        assert not seen[0, 0, :, 8:].any()
-
-
-def test_photometric_distance_of_equal_images_is_zero_and_census_tolerates_brightness():
-    generator = torch.Generator().manual_seed(0)
-    image = torch.rand(1, 3, 20, 24, generator=generator)
-    assert ssim_distance(image, image).max() < 1e-6
-    assert census_distance(image, image).max() == 0
-    brighter, other = image * 0.9 + 0.05, torch.rand(1, 3, 20, 24, generator=generator)
-    assert census_distance(image, brighter).mean() < 0.3 * census_distance(image, other).mean()
-
-
-@pytest.mark.parametrize("second_order", [False, True])
-def test_smoothness_is_zero_for_motion_of_its_order(second_order):
-    y, x = torch.meshgrid(torch.arange(9.0), torch.arange(11.0), indexing="ij")
-    image = torch.rand(1, 3, 9, 11, generator=torch.Generator().manual_seed(1))
-    constant = torch.ones(1, 2, 9, 11)
-    affine = torch.stack([2 * x + y, x - 3 * y])[None]
-    assert smoothness(constant, image, 10, second_order) == 0
-    assert (smoothness(affine, image, 10, second_order) < 1e-9) == second_order
-    flat = torch.full_like(image, 0.5)
-    assert smoothness(affine, flat, 10, False) > smoothness(affine, image, 10, False)
 
 
 def test_shares_of_a_batch_are_normalised_separately_and_the_first_updates_the_statistics():
