@@ -220,10 +220,8 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
         array = np.asarray(unmasked(flow))
     except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
-        message = (
-            f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy"
-        )
-        raise _fault(where, f"{message} array (for a tensor: flow.detach().cpu().numpy())") from error
+        message = f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason})"
+        raise _fault(where, f"{message}; for a tensor, return flow.detach().cpu().numpy()") from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"
         wanted = f"expected a float array of shape {expected}, (u right, v down) in pixels"
@@ -268,11 +266,9 @@ def window_of(model: Any) -> Window:
     counts, ends = parts[:2], parts[2:]
     counts_valid = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
     if not (counts_valid and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
-        raise ModelError(
-            "window",
-            f"it is {declared!r}; declare (before, after), the numbers of frames before frame 1 and after frame 2, at "
-            f"least one in total, and optionally the behaviour at the ends: {', '.join(get_args(Ends))}",
-        )
+        wanted = "(before, after), the numbers of frames before frame 1 and after frame 2, at least one in total"
+        ends_text = f"and optionally the behaviour at the ends: {', '.join(get_args(Ends))}"
+        raise ModelError("window", f"it is {declared!r}; declare {wanted}, {ends_text}")
     return Window(*parts)
 
 

@@ -14,12 +14,8 @@ MOST_THREADS = 1024
 
 def check_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
     """Raise a UsageError unless a value is an integer of at least `least` and at most `most`."""
-    if (
-        not isinstance(value, Integral)
-        or isinstance(value, bool)
-        or value < least
-        or (most is not None and value > most)
-    ):
+    number = isinstance(value, Integral) and not isinstance(value, bool)
+    if not number or value < least or (most is not None and value > most):
         allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise UsageError(name, f"must be an integer {allowed}, not {value!r}")
 

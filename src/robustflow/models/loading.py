@@ -71,11 +71,7 @@ def as_model(candidate: Any, what: str) -> AnyModel:
         return TorchModel(candidate)
     if callable(candidate):
         return FunctionModel(candidate)
-    raise ModelError(
-        what,
-        "it has neither a method predict(frame1, frame2) nor a window with predict_clip(frames, index), and it is not "
-        "callable; see the guide 'add your model'",
-    )
+    raise ModelError(what, "it has no method predict(frame1, frame2) or predict_clip; see the guide 'add your model'")
 
 
 def is_module(thing: Any) -> bool:
@@ -172,15 +168,11 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
     registered = name in MODELS.names()
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
-        raise UsageError(
-            name,
-            "TorchScript is not supported, because reading such a file can run code in it; export the network to ONNX, "
-            "or pass the module as package.module:Class",
-        )
+        message = "TorchScript is not supported, because such a file can run code; export the network to ONNX"
+        raise UsageError(name, f"{message}, or pass package.module:Class")
     if exported is not None:
         if "checkpoint" in options:
-            message = f"'{name}' is itself the network; omit the checkpoint, or pass it to model '{exported}'"
-            raise UsageError("checkpoint", message)
+            raise UsageError("checkpoint", f"'{name}' is itself the network; omit the checkpoint")
         return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")
@@ -195,7 +187,10 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
     if not registered and user_path(name).is_dir():
         return construct(MODELS.get("precomputed"), name, {"folder": name, **options})
     if not registered and ("/" in name or Path(name).suffix):
-        raise _no_such_path(name)
+        reason = "no file, folder or model with this name exists (see 'robustflow list models')"
+        if user_path(name).exists():
+            reason = f"a file but not an exported network ({', '.join(EXPORTED)}); pass --model NAME --checkpoint FILE"
+        raise UsageError(name, reason)
     if not registered and name.isidentifier():
         from .ptlflow.models import is_of_ptlflow
 
@@ -259,13 +254,6 @@ def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) ->
     return construct(ptlflow_factory(name, architecture), name, options)
 
 
-def _no_such_path(name: str) -> UsageError:
-    if user_path(name).exists():
-        what = f"a file but not an exported network ({', '.join(EXPORTED)})"
-        return UsageError(name, f"{what}; pass weights as --model NAME --checkpoint FILE")
-    return UsageError(name, "no file, folder or model with this name exists (see 'robustflow list models')")
-
-
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if module_name.endswith(".py"):
@@ -322,9 +310,7 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(
-                "--device", f"only GPUs can be listed, not {','.join(listed)}; pass cpu alone, with --workers"
-            )
+            raise UsageError("--device", f"only GPUs can be listed, not {','.join(listed)}; pass cpu alone")
         return listed
     own = device_of(model)
     if not is_accelerator(own):

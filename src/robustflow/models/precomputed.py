@@ -25,10 +25,7 @@ class Precomputed:
     def __init__(self, folder: str | Path) -> None:
         self._folder = user_path(folder)
         if not (self._folder / "clean").is_dir():
-            raise ModelError(
-                self._folder,
-                "no folder 'clean' with flow files; expected clean/<key>.flo and <corruption>_<severity>/<key>.flo",
-            )
+            raise ModelError(self._folder, "no folder 'clean' with flow files; expected clean/<key>.flo")
 
     def identity(self) -> dict[str, Any]:
         """Return a hash of all files' names and contents, so that different flows count as different models regardless
@@ -48,9 +45,7 @@ class Precomputed:
             if path.is_file():
                 flow, valid = read_flow(path)
                 return flow if valid.all() else np.where(valid[..., None], flow, np.float32(np.nan))
-        raise ModelError(
-            self._folder, f"no flow for sample '{key}' under {setting}/ (looked for {', '.join(FLOW_SUFFIXES)})"
-        )
+        raise ModelError(self._folder, f"no {setting}/{key} with the suffix {', '.join(FLOW_SUFFIXES)}")
 
 
 def _flow_files(folder: Path) -> Iterator[Path]:

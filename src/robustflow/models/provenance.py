@@ -93,9 +93,6 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
             raise unknown_name("training set", name, [*TRAINING_SETS.values(), *TRAINING_SETS])
         parts = PARTS.get(known, ("train",))
         if colon and which not in parts:
-            advice = (
-                f"write {known}, or {known}:train for the part that is not evaluated; its parts are {', '.join(parts)}"
-            )
-            raise UsageError(part, f"unknown part of a training set: {advice}")
+            raise UsageError(part, f"unknown part of a training set; the parts of {known} are {', '.join(parts)}")
         sets.append(known + colon + which + part[len(certain) :])
     return tuple(dict.fromkeys(sets))

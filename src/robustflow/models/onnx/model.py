@@ -44,9 +44,7 @@ class OnnxModel(PairNetwork):
         time_limit: float = 300,
     ) -> None:
         if checkpoint is None:
-            raise ModelError(
-                "onnx", "the model needs a file: pass the path of an .onnx file as --checkpoint or --model"
-            )
+            raise ModelError("onnx", "the model needs a file: pass an .onnx file as --checkpoint or --model")
         check_count("threads", threads, most=MOST_THREADS)
         for name, limit in (("memory_limit", memory_limit), ("time_limit", time_limit)):
             if limit is not None:
@@ -100,10 +98,7 @@ class OnnxModel(PairNetwork):
         assert child is not None
         try:
             if not child.pipe.poll(self._time):
-                raise ModelError(
-                    self._path,
-                    f"{doing} took longer than {self._time:g} s; allow more time with -O time_limit=SECONDS",
-                )
+                raise ModelError(self._path, f"{doing} took longer than {self._time:g} s; set -O time_limit=SECONDS")
             value = child.receive(f"{doing} of {self._path}", "allow more with -O memory_limit=GIB")[1]
         except BaseException as error:
             child.end()

@@ -106,11 +106,9 @@ class OnnxNetwork(PairNetwork):
             (flow,) = self._session.run([self._output], given)
         except Exception as error:  # onnxruntime has a separate class for each kind of failure
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
-            raise ModelError(
-                self._settings["name"],
-                f"the network failed on {what}: {first_line(error)[:200]}; set the multiple that its height and width "
-                "need (e.g. -O multiple=64), allow more memory with -O memory_limit=GIB, or export it again",
-            ) from None
+            advice = "set -O multiple= or -O memory_limit=GIB, or export it again"
+            message = f"the network failed on {what}: {first_line(error)[:200]}; {advice}"
+            raise ModelError(self._settings["name"], message) from None
         flow = np.asarray(flow)
         if flow.dtype.kind != "f":
             advice = "export it with a floating-point flow, or choose a different output with -O output="
@@ -147,11 +145,8 @@ def _session(path: Path, device: str, threads: int) -> Any:
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:  # onnxruntime has a separate class for each kind of failure
-        raise ModelError(
-            path,
-            f"onnxruntime {onnxruntime.__version__} cannot load it ({first_line(error)[:300]}); if its size is "
-            "that of the original, update onnxruntime, or export the network again with a lower opset",
-        ) from None
+        what = f"onnxruntime {onnxruntime.__version__} cannot load it ({first_line(error)[:300]})"
+        raise ModelError(path, f"{what}; update onnxruntime, or export with a lower opset") from None
     if device != "cpu" and _CUDA not in session.get_providers():
         raise ModelError(device, "onnxruntime cannot load its CUDA libraries; use cpu")
     session.disable_fallback()

@@ -64,24 +64,15 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
     """Return the contents of a file, read with the same checks, and the file's SHA-256."""
     with opened(path, sha256) as (file, digest):
-        if _is_safetensors(file):
-            return _load_safetensors(path, file), digest
+        start = file.read(9)
+        file.seek(0)
+        if start[4:] == b"\0\0\0\0{":  # safetensors: the length of the header in 8 bytes, then the header in JSON
+            try:
+                return safetensors.torch.load(file.read()), digest
+            except Exception as error:  # SafetensorError, or KeyError for a data type that PyTorch does not have
+                raise damaged(path, error) from None
         _check(path, file)
         return _load(path, file), digest
-
-
-def _is_safetensors(file: BinaryIO) -> bool:
-    """Return whether a file starts like safetensors: the length of its header in 8 bytes, then the header in JSON."""
-    start = file.read(9)
-    file.seek(0)
-    return start[4:] == b"\0\0\0\0{"
-
-
-def _load_safetensors(path: Path, file: BinaryIO) -> dict[str, Tensor]:
-    try:
-        return safetensors.torch.load(file.read())
-    except Exception as error:  # SafetensorError, or KeyError for a data type that PyTorch does not have
-        raise damaged(path, error) from None
 
 
 def _check(path: Path, file: BinaryIO) -> None:
@@ -89,11 +80,8 @@ def _check(path: Path, file: BinaryIO) -> None:
     try:
         scan_torch_file(file)
     except RefusedError as error:
-        raise ModelError(
-            path,
-            f"not loaded, because it contains more than plain weights ({str(error)[:200]}), which may run code or "
-            "exhaust the memory; use the authors' file, or, if you trust this one, save only its state_dict",
-        ) from None
+        what = f"it contains more than plain weights ({str(error)[:200]}), which may run code or exhaust the memory"
+        raise ModelError(path, f"{what}; use the authors' file, or save only the state_dict") from None
     except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
         raise damaged(path, error) from None
 
@@ -116,10 +104,7 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
     for key, value in content.items():
         if not (isinstance(key, str) and isinstance(value, Tensor)):
             what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "under a non-string key"
-            raise ModelError(
-                path,
-                f"entry {str(key)[:60]!r} is {what}; expected a state dict, possibly under {', '.join(HELD_AS)}",
-            )
+            raise ModelError(path, f"entry {str(key)[:60]!r} is {what}; save the network's state_dict()")
     return dict(content)
 
 
@@ -141,7 +126,10 @@ def bare_name(key: str) -> str:
 def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str | None = None) -> str | None:
     """Load a checkpoint into a network, strictly."""
     expected = dict(net.state_dict())
-    inside = dict(_weights_in_scope(checkpoint.weights, scope))
+    scoped = {
+        key: value for key, value in checkpoint.weights.items() if key.removeprefix("module.").startswith(scope or "")
+    }
+    inside = scoped or dict(checkpoint.weights)
     as_named = inside.keys() == expected.keys()  # a network's own names may start with a wrapper's prefix
     own = {key if as_named else bare_name(key): key for key in expected}
     by_name = inside if as_named else _weights_by_bare_name(checkpoint, inside)
@@ -156,20 +144,10 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         weights[key] = value.to(target.dtype)
         if not torch.isfinite(weights[key]).all():
             bad = int((~torch.isfinite(weights[key])).sum())
-            raise ModelError(
-                checkpoint.path,
-                f"{bad} of {value.numel()} values of '{name}' are NaN or infinite; the training "
-                "diverged, or the file is damaged: use a different checkpoint",
-            )
+            what = f"{bad} of {value.numel()} values of '{name}' are NaN or infinite"
+            raise ModelError(checkpoint.path, f"{what}; the training diverged, or the file is damaged")
     net.load_state_dict(weights, strict=True)
     return ", ".join(sorted(casts)) or None
-
-
-def _weights_in_scope(weights: Mapping[str, Tensor], scope: str | None) -> Mapping[str, Tensor]:
-    if scope is None:
-        return weights
-    inside = {key: value for key, value in weights.items() if key.removeprefix("module.").startswith(scope)}
-    return inside or weights
 
 
 def _weights_by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -177,9 +155,7 @@ def _weights_by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor])
     for key, value in weights.items():
         name = bare_name(key)
         if name in by_name:
-            raise ModelError(
-                checkpoint.path, f"'{name}' appears under two prefixes; store only one network in the file"
-            )
+            raise ModelError(checkpoint.path, f"'{name}' has two prefixes; store only one network in the file")
         by_name[name] = value
     return by_name
 
@@ -209,11 +185,8 @@ def _refuse_other_names(
 
 def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:
     if not is_plain(value) or value.is_floating_point() != target.is_floating_point():
-        raise ModelError(
-            checkpoint.path,
-            f"'{name}' contains {kind_of(value)}, expected {kind_of(target)}; "
-            "save the weights as plain floating-point tensors",
-        )
+        what = f"'{name}' contains {kind_of(value)}, expected {kind_of(target)}"
+        raise ModelError(checkpoint.path, f"{what}; save the weights as plain floating-point tensors")
 
 
 def is_plain(value: Tensor) -> bool:
@@ -235,10 +208,10 @@ def kind_of(value: Tensor) -> str:
     return kind + (" without values (on the device meta)" if value.is_meta else "")
 
 
-def _first_names(what: str, names: Iterable[str], shown: int = 3) -> str:
+def _first_names(what: str, names: Iterable[str]) -> str:
     names = list(names)
-    more = f", and {len(names) - shown} more" if len(names) > shown else ""
-    few = ", ".join(name[:100] for name in names[:shown])
+    more = f", and {len(names) - 3} more" if len(names) > 3 else ""
+    few = ", ".join(name[:100] for name in names[:3])
     return f"{len(names)} {what} ({few}{more})" if names else ""
 
 
