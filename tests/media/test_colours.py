@@ -59,14 +59,6 @@ def test_every_vector_has_the_papers_colour(u, v, radius):
         assert np.abs(got - expected).max() <= 1
 
 
-@pytest.mark.parametrize(
-    ("vector", "hue"), [((1, 0), 0.0), ((0, 1), 60 / 360), ((-1, 0), 192 / 360), ((0, -1), 267 / 360)]
-)
-def test_directions_have_their_hues(vector, hue):
-    colour = flow_colours(np.array([[vector]], np.float32), 1.0)[0, 0]
-    assert colorsys.rgb_to_hsv(*(colour / 255))[0] == pytest.approx(hue, abs=0.04)
-
-
 def test_unknown_vectors_are_black_and_zero_vectors_white():
     flow = np.zeros((2, 2, 2), np.float32)
     flow[0, 0] = np.nan

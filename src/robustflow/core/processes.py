@@ -138,7 +138,6 @@ class Child:
             self.pipe.send(message)
 
     def receive(self, doing: str, advice: str) -> tuple[str, Any]:
-        """Receive the next message."""
         try:
             kind, value = self.pipe.recv()
         except (EOFError, ConnectionError):

@@ -119,7 +119,6 @@ class PsfBlur(Corruption):
     def __init__(
         self, variant: str = "default", severities: tuple[Any, ...] | None = None, psf_dir: str | Path | None = None
     ) -> None:
-        """Create the corruption."""
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
         self.psf_dir = user_path(chosen) if chosen else None

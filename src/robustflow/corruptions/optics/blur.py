@@ -263,7 +263,6 @@ class KernelCache:
 
     @property
     def nbytes(self) -> int:
-        """Total size of the cached kernels in bytes."""
         return sum(kernels.spectra.nbytes for kernels in self._entries.values())
 
 

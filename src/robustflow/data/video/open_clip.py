@@ -90,7 +90,7 @@ class OpenClip:
     def _key_frames(self, make: _Make, parameters: Sequence[int]) -> Callable[[int], dict[int, Frame]]:
         """Return a function that computes a key frame at all parameters; each key frame belongs to two pairs, so the
         latest ones are cached."""
-        return lru_cache(maxsize=3)(lambda index: make(self._master_frame, index, parameters))
+        return lru_cache(maxsize=3)(lambda index: make(lambda at: self._rgb(self._master, at), index, parameters))
 
     def _transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
         position = self.clip.manifest.key_frames.index(index)
@@ -117,9 +117,6 @@ class OpenClip:
         reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
         reader.picture(position)  # opens the file, so that it can be read even after eviction
         return reader
-
-    def _master_frame(self, index: int) -> Frame:
-        return self._rgb(self._master, index)
 
     def _rgb(self, reader: ClipReader, index: int) -> Frame:
         return i420_to_rgb(reader.picture(index), reader.clip.height, reader.clip.width)

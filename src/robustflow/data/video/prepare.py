@@ -60,8 +60,6 @@ class Preparation:
 
 @dataclass(frozen=True)
 class ClipTiming:
-    """Frame rate, length and key frames of the master for one source."""
-
     fps: Fraction
     count: int
     step: int
