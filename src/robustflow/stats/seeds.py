@@ -73,11 +73,7 @@ def _settings(run: Run) -> tuple[str, str]:
     """Identify the model and everything except the seed that affects the frames."""
     recipe = run.manifest.identity.frames.record()
     del recipe["seed"]
-    return _model(run), digest_of_value(recipe)
-
-
-def _model(run: Run) -> str:
-    return digest_of_value(run.manifest.identity.model.record())
+    return digest_of_value(run.manifest.identity.model.record()), digest_of_value(recipe)
 
 
 def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
