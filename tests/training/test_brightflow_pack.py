@@ -25,18 +25,6 @@ pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
 EACH_CASE = pytest.mark.parametrize("case", CASES)
-PHASES = {
-    "start": lambda stated: True,
-    "corrector learns": lambda stated: stated["correc"] > 0,
-    "offsets used": lambda stated: "kept" in stated,
-    "student learns": lambda stated: stated["self_weight"] > 0,
-}
-"""Which steps belong to a phase of the training."""
-
-
-def first_step(case: str, phase: str) -> int:
-    """The first step of a phase."""
-    return next(int(number) for number, stated in CASES[case]["steps"].items() if PHASES[phase](stated))
 
 
 @pytest.fixture
@@ -102,7 +90,7 @@ def test_masks_kept_offsets_and_corrector_input_equal_the_originals(given, case,
     expected, visible, kept = given.cases["cases"][case], [], []
     _spy(monkeypatch, "visibility", visible)
     _spy(monkeypatch, "kept_offsets", kept)
-    number = first_step(case, "offsets used")
+    number = next(int(number) for number, stated in CASES[case]["steps"].items() if "kept" in stated)
     found, count = step(given, case, number), len(expected["mean_visible"])
     ways = [torch.stack(visible[:count], 1), torch.stack(visible[count:], 1)]  # pair, iteration
     means = torch.stack(ways, 1).mean((0, 1, 3, 4, 5)).flip(0).tolist()

@@ -85,8 +85,8 @@ def recipe_of(name: str, case: str | None = None):
     return stage_of(name, case).changed(steps=stated["num_steps"], devices=1, iterations=len(predictions))
 
 
-def network_of(name: str, case: str | None = None, **changes):
-    network = pack_of(name).network(recipe_of(name, case).changed(**changes))
+def network_of(name: str, case: str | None = None):
+    network = pack_of(name).network(recipe_of(name, case))
     for module in network.modules():
         if type(module).__name__ == "DropPath":
             module.drop_prob = 0.0
