@@ -111,6 +111,15 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
         assert words not in texts[occ]
 
 
+def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
+    for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
+        with pytest.warns(UserWarning, match="flow_occ"):
+            assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}
+        assert load_benchmark(name, shared(f"data/{name}")).protocol == {}
+    folder = shared("data/kitti2015_noc_only")
+    refusal(lambda: load_benchmark("kitti-fc", folder), DataError, folder / "training")
+
+
 def _named_like_kitti(root, keys):
     """Empty files with KITTI 2015's file names; opening the benchmark reads only the names."""
     for folder, frames in (("image_2", ("10", "11")), ("flow_occ", ("10",))):

@@ -124,6 +124,13 @@ def test_variable_frame_rate_needs_a_decision(tmp_path):
     assert source.describe()["variable_rate"] is True
 
 
+def test_phone_video_of_uneven_frame_rate_is_read(shared):
+    path = shared("data", "video", "handheld_video-10.m4v")
+    refusal(lambda: VideoFile(path), DataError, path)
+    source = VideoFile(path, evenly=True)
+    assert sum(1 for _ in source.frames()) == source.count
+
+
 @pytest.fixture(params=[VideoFile, VideoReader])
 def read(request):
     """A function that reads a whole video with either of the two readers."""
