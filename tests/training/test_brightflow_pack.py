@@ -1,8 +1,10 @@
-"""BrightFlow's loss, corrector and learning rates match those of the original code."""
+"""BrightFlow's loss, corrector and learning rates match those of the original code, and the comparison detects
+deliberate mistakes in the loss."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 from torch import Tensor  # noqa: E402
 
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
+from robustflow.training.losses import terms  # noqa: E402
+from robustflow.training.losses import unsupervised as losses  # noqa: E402
 from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import SCHEDULES  # noqa: E402
@@ -25,6 +29,18 @@ pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
 EACH_CASE = pytest.mark.parametrize("case", CASES)
+PHASES = {
+    "start": lambda stated: True,
+    "corrector learns": lambda stated: stated["correc"] > 0,
+    "offsets used": lambda stated: "kept" in stated,
+    "student learns": lambda stated: stated["self_weight"] > 0,
+}
+"""Which steps belong to a phase of the training."""
+
+
+def first_step(case: str, phase: str) -> int:
+    """The first step of a phase."""
+    return next(int(number) for number, stated in CASES[case]["steps"].items() if PHASES[phase](stated))
 
 
 @pytest.fixture
@@ -90,7 +106,7 @@ def test_masks_kept_offsets_and_corrector_input_equal_the_originals(given, case,
     expected, visible, kept = given.cases["cases"][case], [], []
     _spy(monkeypatch, "visibility", visible)
     _spy(monkeypatch, "kept_offsets", kept)
-    number = next(int(number) for number, stated in CASES[case]["steps"].items() if "kept" in stated)
+    number = first_step(case, "offsets used")
     found, count = step(given, case, number), len(expected["mean_visible"])
     ways = [torch.stack(visible[:count], 1), torch.stack(visible[count:], 1)]  # pair, iteration
     means = torch.stack(ways, 1).mean((0, 1, 3, 4, 5)).flip(0).tolist()
@@ -154,8 +170,111 @@ def test_corrector_gives_the_originals_offsets_and_gradients(given, corrector):
         assert off <= GRADIENT * np.abs(wanted).max()
 
 
+def test_corrector_with_an_activation_after_its_encoder_is_rejected(given, corrector):
+    _, right, _ = _corrected(corrector, given)
+    corrector.conv2.register_forward_hook(lambda module, inputs, output: torch.relu(output))
+    _, wrong, _ = _corrected(corrector, given)
+    assert (wrong - right).abs().max() > 0.01
+
+
 def test_learning_rates_equal_the_originals(given):
     recipe = load_recipe("brightflow", "unsupervised")
     assert recipe.updates == recipe.steps
     for update, rate in given.cases["rates"]:
         assert SCHEDULES[recipe.schedule](update, recipe.steps, recipe.learning_rate) == pytest.approx(rate, rel=1e-9)
+
+
+_census, _offsets, _students = objective._census, objective.Brightflow._offsets, objective.Brightflow._students
+_coverage, _charbonnier, _smoothness = losses.coverage, losses.charbonnier, objective.robust_smoothness
+
+
+def _target_corrected(self, frame, frames, ways, place):
+    flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
+    warped = objective._warped(frames.whole[1 - frame], flow, place)
+    offsets = self._offsets(frame, frames, ways, place) * visible
+    return losses.correction_loss(frames.crops[frame] + offsets, warped, visible)
+
+
+def _ones(flow: Tensor, *rest: Any) -> Tensor:
+    return torch.ones_like(flow[:, :1])
+
+
+def _kept_at_the_target(target, warped, corrected, flow):
+    return ((target - corrected).abs().mean(1, True) < (target - warped).abs().mean(1, True)).float()
+
+
+MISTAKES: dict[str, tuple[Any, str, Any]] = {
+    "unit range": (objective, "robust_smoothness", lambda flow, image, *rest: _smoothness(flow, image / 255, *rest)),
+    "half smoothness": (objective, "robust_smoothness", lambda *args: _smoothness(*args) / 2),
+    "usual grey": (losses, "LUMA", terms.LUMA),
+    "last mask": (
+        objective,
+        "_census",
+        lambda image, source, way, place: _census(
+            image, source, way._replace(visible=way.visible[-1:] * len(way.visible)), place
+        ),
+    ),
+    "one quotient": (losses, "masked_mean", lambda values, mask: (values * mask).sum() / mask.sum()),
+    "all visible": (objective, "visibility", _ones),
+    "hard coverage": (losses, "coverage", lambda flow, *values: (_coverage(flow, *values) >= 0.2).float()),
+    "crop is all": (losses, "leaves", lambda flow: torch.zeros_like(flow[:, :1])),
+    "target corrected": (objective.Brightflow, "_correction", _target_corrected),
+    "half offsets": (objective.Brightflow, "_offsets", lambda *args: _offsets(*args) / 2),
+    "mean of colours": (objective, "correction_loss", lambda *args: losses.correction_loss(*args) / 3),
+    "clamped correction": (objective, "with_offsets", lambda *args: losses.with_offsets(*args).clamp(0, 255)),
+    "all kept": (objective, "kept_offsets", lambda target, warped, corrected, flow: _ones(flow)),
+    "kept at the target": (objective, "kept_offsets", _kept_at_the_target),
+    "edge pixels not black": (terms, "inside_frame", _ones),
+    "teacher sees augmented": (
+        objective.Brightflow,
+        "_students",
+        lambda self, batch, plain: _students(self, batch, plain._replace(crops=(batch.image1, batch.image2))),
+    ),
+    "half self": (objective, "self_supervised", lambda *args: losses.self_supervised(*args) / 2),
+    "clamped differences": (losses, "charbonnier", lambda differences: _charbonnier(differences).clamp(0, 10)),
+    "low limit": (objective, "FARTHEST", 50.0),
+}
+"""What each mistake replaces, and with what; "augmented compared" changes the batch instead."""
+
+
+@pytest.mark.parametrize(
+    ("mistake", "occlusion", "phase", "term"),
+    [
+        ("unit range", "brox", "start", "smooth"),
+        ("unit range", "wang", "start", "smooth"),
+        ("half smoothness", "brox", "start", "smooth"),
+        ("usual grey", "brox", "start", "photo"),
+        ("last mask", "brox", "start", "photo"),
+        ("last mask", "wang", "start", "photo"),
+        ("one quotient", "brox", "start", "photo"),
+        ("one quotient", "wang", "start", "photo"),
+        ("all visible", "brox", "start", "photo"),
+        ("hard coverage", "wang", "start", "photo"),
+        ("crop is all", "brox", "start", "photo"),
+        ("augmented compared", "brox", "start", "photo"),
+        ("augmented compared", "brox", "start", "smooth"),
+        ("target corrected", "brox", "corrector learns", "correc"),
+        ("half offsets", "brox", "corrector learns", "correc"),
+        ("mean of colours", "brox", "corrector learns", "correc"),
+        ("clamped correction", "brox", "corrector learns", "correc"),
+        ("half offsets", "wang", "offsets used", "photo"),
+        ("all kept", "brox", "offsets used", "photo"),
+        ("kept at the target", "brox", "offsets used", "photo"),
+        ("edge pixels not black", "brox", "start", "photo"),
+        ("teacher sees augmented", "brox", "student learns", "self"),
+        ("half self", "brox", "student learns", "self"),
+        ("clamped differences", "brox", "student learns", "self"),
+        ("low limit", "brox", "student learns", "loss_total"),
+    ],
+)
+def test_mistake_moves_the_term_beyond_its_tolerance(given, monkeypatch, mistake, occlusion, phase, term):
+    case = next((case for case, stated in CASES.items() if stated["occlusion"] == occlusion), None)
+    if case is None:
+        pytest.skip(f"the pack has no case with the occlusion {occlusion}")
+    if mistake == "augmented compared":
+        given.batch = replace(given.batch, plain=given.batch.whole)
+    else:
+        monkeypatch.setattr(*MISTAKES[mistake])
+    number = first_step(case, phase)
+    expected = CASES[case]["steps"][str(number)][term]
+    assert abs(step(given, case, number).terms[term] / expected - 1) > LOSS

@@ -83,6 +83,11 @@ def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
             assert norm.item() == pytest.approx(expected["grad_norm"][0], rel=1e-4)
             error = end_point_error(flows[-1], truth, valid, max_flow=float("inf"))
             assert error.item() == pytest.approx(expected["epe_last"][0], rel=1e-4)
+            # Mistakes: no limit of 400 px, a mean over valid pixels only, and a schedule that is stepped too early.
+            unlimited = sequence_loss(flows, truth, valid, recipe.gamma, max_flow=float("inf"))
+            counted = ((valid >= 0.5) & (truth.norm(dim=1) < 400)).float().mean()
+            assert min(unlimited.item(), loss.item() / counted) > 1.01 * expected["loss"][0]
+            assert abs(one_cycle(1, recipe.steps, recipe.learning_rate) - expected["lr"][0]) > 1e-6
     state = network.weights()
     for key, (mean, deviation) in expected["after"].items():
         close = 1e-5 if frozen else 1e-4
