@@ -126,7 +126,7 @@ class Observation:
         return joint(part.verdict for part in self.parts if part.main)
 
 
-def part(claim: str, margin: Margin, main: bool = False, **numbers: float) -> Statement:
+def part(claim: str, margin: Margin, numbers: Mapping[str, float], main: bool = False) -> Statement:
     """Create a statement whose verdict is that of a margin."""
     return Statement(claim, margin.verdict, margin, numbers, main)
 

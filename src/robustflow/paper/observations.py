@@ -49,7 +49,7 @@ def _accuracy_and_robustness(evidence: Evidence) -> Iterable[Statement]:
             entries = evidence.discussed(setting)
             margin = of_correlation(evidence.by_family(entries, evidence.clean), evidence.by_family(entries, value))
             main = not name.startswith("ln")
-            yield part(f"{name} grows with clean EPE ({setting}), Spearman", margin, main, models=len(entries))
+            yield part(f"{name} grows with clean EPE ({setting}), Spearman", margin, {"models": len(entries)}, main)
 
 
 def _samflow_and_csflow(evidence: Evidence) -> Iterable[Statement]:
@@ -81,10 +81,11 @@ def _unsupervised_are_stable(evidence: Evidence) -> Iterable[Statement]:
     worst, best = max(map(evidence.crer, unsupervised)), min(map(evidence.crer, supervised))
     crer, epe = (_gap(evidence, supervised, unsupervised, value) for value in (evidence.crer, evidence.epe))
     claim = "unsupervised models have a lower CREr than supervised ones"
-    yield part(claim, crer, True, highest_unsupervised=worst, lowest_supervised=best)
+    yield part(claim, crer, {"highest_unsupervised": worst, "lowest_supervised": best}, True)
     middle = median(map(evidence.epe, supervised))
     claim = "unsupervised models have a lower corrupted EPE than supervised ones"
-    yield part(claim, epe, supervised_median=middle, **{entry[1]: evidence.epe(entry) for entry in unsupervised})
+    numbers = {"supervised_median": middle, **{entry[1]: evidence.epe(entry) for entry in unsupervised}}
+    yield part(claim, epe, numbers)
     models = {entry[1]: entry for entry in unsupervised}
     ranks = [
         _places(evidence, models, value)
@@ -102,7 +103,7 @@ def _fine_tuning_costs_robustness(evidence: Evidence) -> Iterable[Statement]:
     yield from _on_average_and_mostly(evidence, "CREr rises from OOD to ID", rise, rise)
     transformers = set(evidence.discussed("ID", encoder="Transformer"))
     fall = {i: evidence.cre(o) - evidence.cre(i) for o, i in pairs if i in transformers}
-    yield part("the CRE of Transformer-based models falls from OOD to ID", _mean(evidence, fall), models=len(fall))
+    yield part("the CRE of Transformer-based models falls from OOD to ID", _mean(evidence, fall), {"models": len(fall)})
 
 
 def _weather_is_why(evidence: Evidence) -> Iterable[Statement]:
@@ -139,7 +140,7 @@ def _cost_considered(evidence: Evidence) -> Iterable[Statement]:
     gap = _gap(evidence, supervised, unsupervised, lambda entry: float(ranks["ID"][entry[1]]))
     shown = {name: ranks["ID"][name] for _, name in unsupervised}
     best = min(ranks["ID"][name] for _, name in supervised)
-    yield part("unsupervised models rank ahead of supervised ones (ID)", gap, True, best_supervised=best, **shown)
+    yield part("unsupervised models rank ahead of supervised ones (ID)", gap, {"best_supervised": best, **shown}, True)
     yield single("ARFlow ranks first", ARFlow=shown["ARFlow"])
     claim = "CSFlow ranks highest of the supervised models in both settings"
     yield single(claim, **{setting: ranked["CSFlow"] for setting, ranked in ranks.items()})
@@ -164,7 +165,7 @@ def _local_information(evidence: Evidence) -> Iterable[Statement]:
     gap = {e: local[e] - visual[e] for e in entries}
     claim = "mean CRE under noise, JPEG, spatter, frost and snow is above that under contrast, saturate and fog"
     means = {"local": fmean(local.values()), "visual": fmean(visual.values())}
-    yield part(claim, _mean(evidence, gap), True, **means)
+    yield part(claim, _mean(evidence, gap), means, True)
     yield _for_most(evidence, claim, gap)
     other = {e: evidence.epe(e, "jpeg_compression") - evidence.epe(e, "saturate") for e in evidence.entries}
     yield _for_most(evidence, "saturate has a lower EPE than jpeg_compression", other)
@@ -178,7 +179,9 @@ def _flowformer_is_best(evidence: Evidence) -> Iterable[Statement]:
     names = _common(evidence, order)
     best = [name for name in names if rcre[_FLOWFORMER][name] == min(v[name] for v in rcre.values())]
     margin = of_majority(len(best), len(names), "corruption")
-    yield part("FlowFormer has the lowest RCRE under most corruptions", margin, best=len(best), corruptions=len(names))
+    yield part(
+        "FlowFormer has the lowest RCRE under most corruptions", margin, {"best": len(best), "corruptions": len(names)}
+    )
     cnn = [entry for entry in order if evidence.method(entry).encoder == "CNN"]
     skflow = next(entry for entry in cnn if entry[1] == "SKFlow")
     yield _lowest(evidence, "SKFlow has the lowest average RCRE of the CNN-based models", skflow, cnn)
@@ -198,7 +201,7 @@ def _foundation_model_does_not_help(evidence: Evidence) -> Iterable[Statement]:
     best, middle = min(rcre[entry][AVERAGE] for entry in sam), median(rcre[entry][AVERAGE] for entry in cnn)
     numbers = {"best_samflow": best, "middle_cnn": middle, "FlowFormer": rcre[_FLOWFORMER][AVERAGE]}
     for than, gap in gaps.items():
-        yield part(f"SAMFlow has a higher average RCRE than {than}", of_mean(gap, "corruption"), True, **numbers)
+        yield part(f"SAMFlow has a higher average RCRE than {than}", of_mean(gap, "corruption"), numbers, True)
 
 
 _OBSERVATIONS: dict[str, Callable[[Evidence], Iterable[Statement]]] = {
@@ -237,7 +240,7 @@ def _gap(
 def _on_average_and_mostly(
     evidence: Evidence, claim: str, averaged: Mapping[ModelInSetting, float], counted: Mapping[ModelInSetting, float]
 ) -> Iterable[Statement]:
-    yield part(f"{claim}, on average over models", _mean(evidence, averaged), True, models=len(averaged))
+    yield part(f"{claim}, on average over models", _mean(evidence, averaged), {"models": len(averaged)}, True)
     yield _for_most(evidence, claim, counted)
 
 
@@ -247,7 +250,7 @@ def _for_most(evidence: Evidence, claim: str, gap: Mapping[ModelInSetting, float
     families = evidence.by_family(gap, gap.__getitem__)
     margin = of_majority(sum(value > 0 for value in families), len(families), "family")
     against = {" ".join(entry): value for entry, value in gap.items() if value <= 0}
-    return part(f"{claim}, for most models", margin, models=len(gap), **against)
+    return part(f"{claim}, for most models", margin, {"models": len(gap), **against})
 
 
 def _places(
