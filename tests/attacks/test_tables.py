@@ -128,8 +128,9 @@ def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(models):
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models, count):
     table = prediction_table(models[:count])
-    assert [cell.text for cell in table.sections[0].lines[0].cells][1:] == [f"{count}", "-", "-", "-"]
-    assert f"{count} models: too few for a correlation" in table.sections[0].lines[0].note
+    assert len(table.columns) == 2  # those of the correlation are empty, so they are left out
+    assert table.sections[0].lines[0].cells[1].text == f"{count}"
+    assert table.sections[0].lines[0].note.startswith(f"{count} models: ")
     assert prediction_table(models[:1]) is None
 
 
