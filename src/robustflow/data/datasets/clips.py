@@ -1,5 +1,5 @@
 """The frames around a pair, for multi-frame models: find and read them, corrupt them with the pair's random draw,
-and put them in order. A video file as a dataset: frames are decoded on demand, in constant memory.
+and put them in order; and a video file as a dataset, decoded on demand in constant memory.
 
 Within a run, these frames come after the two frames of the pair, so that everything that uses a pair (metrics,
 digests, pictures) sees the same bytes as with a two-frame model.

@@ -1,7 +1,5 @@
-"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM,
-Song et al. 2021). The denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): a recurrent update conditioned
-on the noise level. FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow,
-which is then refined at 1/4 resolution.
+"""FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is then refined at
+1/4 resolution. The schedule is cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM, Song et al. 2021).
 """
 
 from __future__ import annotations

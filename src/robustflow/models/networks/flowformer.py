@@ -1,6 +1,5 @@
-"""FlowFormer's memory encoder: the cost map of every pixel is encoded as eight latent tokens (Huang et al. 2022,
-3.2). FlowFormer's recurrent decoder, which queries the cost memory at the current target (Huang et al. 2022,
-3.3).
+"""FlowFormer (Huang et al. 2022): the encoder of the cost map of every pixel into eight latent tokens (3.2), and the
+recurrent decoder, which queries this memory at the current target (3.3).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Define what an engine receives and returns. Choose the next unit for an idle worker."""
+"""What every engine has: what it receives and returns, and the choice of the next unit for an idle worker."""
 
 from __future__ import annotations
 

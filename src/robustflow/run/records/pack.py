@@ -1,6 +1,4 @@
-"""Pack a run folder into a single file. Read a run from a folder or a record; used by every command that reads
-runs.
-"""
+"""Pack a run folder into a single file, and read a run from a folder or such a record."""
 
 from __future__ import annotations
 
