@@ -24,6 +24,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from torch import distributed  # noqa: E402
+from torch.utils import data  # noqa: E402
 
 import robustflow as rf  # noqa: E402
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
@@ -195,6 +196,24 @@ def test_a_killed_reader_is_recognised_behind_a_later_error(later):
             write_a_checkpoint()
 
     refusal(watched, RunError, "--loaders")
+
+
+def test_the_death_of_a_reader_is_not_reported_once_more_after_the_error():
+    """Its last batch can be cut off before the signal of its death arrives."""
+    reading = iter(data.DataLoader(range(100), num_workers=1, multiprocessing_context="spawn"))
+    next(reading)
+
+    def lose_the_reader():
+        with workers_watched():
+            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+            raise EOFError
+
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
+    try:
+        refusal(lose_the_reader, RunError, "--loaders")
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGCHLD})  # a report that is left over is raised here
+    assert reading is not None
 
 
 def test_other_errors_of_a_training_stay_what_they_are():

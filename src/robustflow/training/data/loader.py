@@ -7,9 +7,9 @@ import os
 import signal
 import threading
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import resource_tracker
+from multiprocessing import connection, resource_tracker
 from typing import Any, cast
 
 import cv2
@@ -126,13 +126,23 @@ def workers_watched() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not (_is_dead_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
+        cut_off = isinstance(error, ConnectionError | EOFError)  # the worker's last batch, before its death is reported
+        if not (cut_off or _is_dead_worker(error)):
             raise
+        _reap(wait_s=5 if cut_off else 0)
         raise RunError(
             "--loaders",
             "a process that reads training pairs was killed, which happens when memory or /dev/shm is full; the last "
             "checkpoint is kept: use fewer, and continue with --resume",
         ) from error
+
+
+def _reap(wait_s: float) -> None:
+    """Reap dead workers: until then, PyTorch raises its report wherever the main thread is when any child ends."""
+    with suppress(RuntimeError):
+        if alive := multiprocessing.active_children():
+            connection.wait([child.sentinel for child in alive], wait_s)
+    multiprocessing.active_children()
 
 
 def _is_dead_worker(error: BaseException | None) -> bool:
