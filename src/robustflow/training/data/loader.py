@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import connection, resource_tracker
 from typing import Any, cast
@@ -139,10 +139,14 @@ def workers_watched() -> Iterator[None]:
 
 def _reap(wait_s: float) -> None:
     """Reap dead workers: until then, PyTorch raises its report wherever the main thread is when any child ends."""
-    with suppress(RuntimeError):
-        if alive := multiprocessing.active_children():
-            connection.wait([child.sentinel for child in alive], wait_s)
-    multiprocessing.active_children()
+    while True:
+        try:
+            alive = {child.sentinel: child for child in multiprocessing.active_children()}
+            for ended in connection.wait(list(alive), wait_s) if alive else ():
+                alive[cast(int, ended)].join()
+            return
+        except RuntimeError:  # the report
+            wait_s = 0
 
 
 def _is_dead_worker(error: BaseException | None) -> bool:
