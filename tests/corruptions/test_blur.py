@@ -11,8 +11,7 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.blur.fixed_kernels import CameraMotionBlur
-from robustflow.corruptions.blur.glass_blur import GlassBlur, draw_shuffle
+from robustflow.corruptions.blur import CameraMotionBlur, GlassBlur, draw_shuffle
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.corruptions.kernels.filters import gaussian_frame, gaussian_plane
 from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane

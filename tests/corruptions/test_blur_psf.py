@@ -9,9 +9,9 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import AssetError, DataError, RunError, UsageError
+from robustflow.corruptions import blur as reference_stack
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.blur import psf_blur as reference_stack
-from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
+from robustflow.corruptions.blur import PSF_DIR, PsfBlur
 from robustflow.corruptions.optics.psf_field import PsfField
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.stages import frames_digest

@@ -15,8 +15,7 @@ from skimage.color import hsv2rgb, rgb2hsv
 
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.digital.elastic_transform import ElasticTransform
-from robustflow.corruptions.digital.tone import Saturate
+from robustflow.corruptions.digital import ElasticTransform, Saturate
 from robustflow.corruptions.kernels.fields import field_row, smooth_field
 
 SEVERITIES = (1, 2, 3, 4, 5)

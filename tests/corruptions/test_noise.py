@@ -13,7 +13,7 @@ from scipy import stats
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
-from robustflow.corruptions.noise.noise import gaussian_table, shot_tables
+from robustflow.corruptions.noise import gaussian_table, shot_tables
 
 
 def counts_of(table, value_bits):

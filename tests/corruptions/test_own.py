@@ -12,7 +12,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
-from robustflow.corruptions.digital.tone import Contrast
+from robustflow.corruptions.digital import Contrast
 from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
 from robustflow.corruptions.weather.fog import Fog
 from robustflow.corruptions.weather.frost import GeneratedFrost

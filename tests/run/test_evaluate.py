@@ -11,7 +11,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import ModelError, RunError
-from robustflow.corruptions.digital.tone import Contrast
+from robustflow.corruptions.digital import Contrast
 from robustflow.models import ModelSpec
 from robustflow.run.stages import frames_digest
 from robustflow.run.store import RunFolder

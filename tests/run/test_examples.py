@@ -17,7 +17,7 @@ from skimage import data
 
 import robustflow as rf
 from robustflow.core.errors import RunError
-from robustflow.corruptions.digital.tone import Contrast
+from robustflow.corruptions.digital import Contrast
 from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
 from robustflow.run import examples as examples_module

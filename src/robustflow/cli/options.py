@@ -76,7 +76,7 @@ def _of_run() -> Iterator[inspect.Parameter]:
 def _use_psf_dir(context: typer.Context, folder: Path | None) -> Path | None:
     """Make psf_blur read its PSFs from a folder, here and in workers, which inherit the environment."""
     if folder is not None and not context.resilient_parsing:
-        from ..corruptions.blur.psf_blur import PSF_DIR
+        from ..corruptions.blur import PSF_DIR
 
         if not folder.is_dir():
             raise UsageError(

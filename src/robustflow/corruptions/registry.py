@@ -85,30 +85,17 @@ def refuse_on_disk(name: str) -> None:
 
 
 _PAPER = {
-    "digital": {
-        "jpeg_compression": "digital.jpeg_compression",
-        "pixelate": "digital.pixelate",
-        "contrast": "digital.tone",
-        "saturate": "digital.tone",
-    },
-    "illumination": dict.fromkeys(
-        ("high_light", "low_light", "over_exposure", "under_exposure"), "illumination.brightness"
-    ),
+    "digital": dict.fromkeys(("jpeg_compression", "pixelate", "contrast", "saturate"), "digital"),
+    "illumination": dict.fromkeys(("high_light", "low_light", "over_exposure", "under_exposure"), "illumination"),
     "weather": {name: f"weather.{name}" for name in ("spatter", "fog", "frost", "snow")},
-    "noise": dict.fromkeys(("gaussian_noise", "shot_noise", "impulse_noise"), "noise.noise"),
-    "blur": {
-        "gaussian_blur": "blur.fixed_kernels",
-        "defocus_blur": "blur.fixed_kernels",
-        "glass_blur": "blur.glass_blur",
-        "camera_motion_blur": "blur.fixed_kernels",
-        "object_motion_blur": "clip.clip_corruptions",
-        "psf_blur": "blur.psf_blur",
-    },
-    "video": dict.fromkeys(("h264_crf", "h264_abr", "bit_error"), "clip.clip_corruptions"),
+    "noise": dict.fromkeys(("gaussian_noise", "shot_noise", "impulse_noise"), "noise"),
+    "blur": dict.fromkeys(("gaussian_blur", "defocus_blur", "glass_blur", "camera_motion_blur"), "blur")
+    | {"object_motion_blur": "clip", "psf_blur": "blur"},
+    "video": dict.fromkeys(("h264_crf", "h264_abr", "bit_error"), "clip"),
 }
 """The module of each of the paper's corruptions, by family; the class is the name in CamelCase."""
 _FURTHER = {
-    "digital": {"elastic_transform": "digital.elastic_transform"},
+    "digital": {"elastic_transform": "digital"},
     "depth": {
         "fog_3d": "depth.fog_3d",
         "rain_3d": "depth.precipitation",
@@ -117,7 +104,7 @@ _FURTHER = {
         "far_focus": "depth.defocus_3d",
         "motion_blur_3d": "depth.motion_blur_3d",
     },
-    "sensor": {"raw_noise": "sensor.raw_noise", "rolling_shutter": "clip.clip_corruptions"},
+    "sensor": {"raw_noise": "sensor.raw_noise", "rolling_shutter": "clip"},
 }
 """The same for corruptions excluded from the paper's means and family means."""
 

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...core.compiled import njit
-from ...core.rng import Rng, fill_bits
-from ...core.types import Frame
-from ..base import Corruption
-from ..kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
-from ..kernels.filters import to_bytes
+from ..core.compiled import njit
+from ..core.rng import Rng, fill_bits
+from ..core.types import Frame
+from .base import Corruption
+from .kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
+from .kernels.filters import to_bytes
 
 BLOCK = 256
 """Number of hash values computed at a time, chosen so that they fit in the L1 cache and the loop vectorises."""

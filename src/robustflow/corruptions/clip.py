@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NoReturn
 
-from ...core.errors import UsageError
-from ...core.rng import Rng
-from ...core.types import Frame
-from ..base import Corruption
-from ..registry import BETWEEN_FRAMES
+from ..core.errors import UsageError
+from ..core.rng import Rng
+from ..core.types import Frame
+from .base import Corruption
+from .registry import BETWEEN_FRAMES
 
 
 class ClipCorruption(Corruption):

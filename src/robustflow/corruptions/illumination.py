@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...core.compiled import njit
-from ...core.rng import Rng
-from ...core.types import Frame
-from ..base import Corruption
-from ..kernels.filters import to_bytes
+from ..core.compiled import njit
+from ..core.rng import Rng
+from ..core.types import Frame
+from .base import Corruption
+from .kernels.filters import to_bytes
 
 
 class HighLight(Corruption):

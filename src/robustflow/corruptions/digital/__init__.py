@@ -1,1 +1,0 @@
-"""The "digital" family of corruptions (paper, appendix "Digital corruptions")."""

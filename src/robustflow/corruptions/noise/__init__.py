@@ -1,1 +1,0 @@
-"""The "noise" family of corruptions, independent in each frame (paper, appendix "Noise corruptions")."""
