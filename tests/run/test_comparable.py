@@ -14,7 +14,7 @@ from robustflow.core.files import digest_of_value, sealed, write_json
 from robustflow.metrics.rows import CLEAN
 from robustflow.report.comparison import compare
 from robustflow.report.tables import tables_of
-from robustflow.run.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
+from robustflow.run.comparable import common_rows, common_to, differences, run_facts, run_names, sample_set
 from robustflow.run.identity import FrameIdentity, Identity
 from robustflow.run.manifest import Manifest
 from robustflow.run.recheck import recheck
@@ -76,7 +76,7 @@ DIFFERENT = {
     "a corruption less": ({}, rows().filter(~FOG), "snow"),
     "a severity less": ({}, rows().filter(pl.col("severity") < 3), "1"),
     "a pair less": ({}, rows(pairs=5), "5"),
-    "another pair": ({}, rows(pairs=7).filter(pl.col("sample") != "0"), "6"),
+    "another pair": ({}, rows(pairs=7).filter(pl.col("sample") != "0"), "pairs"),
     "a row less": ({}, rows().filter(~(FOG & (pl.col("sample") == "3"))), ""),
     "nothing predicted in a row": (
         {},
@@ -104,6 +104,43 @@ def test_sample_set_does_not_depend_on_the_model(base, identity):
     one, other = made_run(base, rows()), made_run(base, rows(1.0).reverse(), **identity)
     assert sample_set(one) == sample_set(other)
     assert differences({"A": one, "B": other}) == ""
+
+
+WEIGHTS = [{"checkpoint": letter * 64} for letter in "ab"]
+NAMES = [
+    ([{}, {"model": {"preset": "fast"}}], ["preset medium", "preset fast"]),
+    (
+        [{}, {"model": {"preset": "fast"}}, {"model": {"preset": "fast"}, "seed": 1}],
+        ["preset medium, seed 0", "preset fast, seed 0", "preset fast, seed 1"],
+    ),
+    ([{"model": WEIGHTS[0]}, {"model": WEIGHTS[1]}], ["checkpoint aaaaaaaa", "checkpoint bbbbbbbb"]),
+    ([{}, {"benchmark": "kitti-fc"}], ["Your own frames", "KITTI-FC"]),
+    (
+        [{}, {"benchmark": "kitti-fc", "model": {"preset": "fast"}}],
+        ["Your own frames, preset medium", "KITTI-FC, preset fast"],
+    ),
+    ([{}, {"rows": rows().filter(~FOG)}], ["fog and snow", "snow"]),
+    ([{}, {"rows": rows(pairs=5)}], ["6 pairs", "5 pairs"]),
+]
+
+
+@pytest.mark.parametrize(("changes", "names"), NAMES)
+def test_runs_of_one_model_are_named_by_the_fewest_facts_that_tell_them_apart(base, changes, names):
+    def made(rows=rows(), model=(), **identity):  # noqa: B008
+        return made_run(base, rows, {"name": "DIS", "preset": "medium"} | dict(model), **identity)
+
+    other = made_run(base, rows(), "other")
+    named = run_names([*(made(**change) for change in changes), other])
+    assert named == [*(f"DIS ({name})" for name in names), "other"]
+
+
+def test_runs_that_no_fact_tells_apart_are_named_by_digest_and_number(base):
+    one, other, data = made_run(base, rows(), "A"), made_run(base, rows(), "A"), made_run(base, rows(seed=1), "A")
+    digest = one.manifest.identity_digest[:8]
+    assert run_names([one, other]) == [f"A ({digest})", f"A ({digest}) #2"]
+    names = run_names([one, data])
+    assert len(set(names)) == 2
+    assert all(name.startswith("A (frames ") for name in names)
 
 
 def test_lines_of_different_seeds_state_their_seed(base):
@@ -161,7 +198,7 @@ def test_seeds_are_split_only_where_nothing_else_differs(base):
     assert seeds_of([*runs[:2], made_run(base, other, seed=2)]) is None
     fewer = seeds_of([*runs[:2], made_run(base, rows(seed=2, pairs=4), seed=2)])
     assert {one.height for one in fewer.rows.values()} == {20}
-    assert "4" in fewer.remark
+    assert "20 common rows" in fewer.remark
 
 
 def test_means_have_intervals_from_four_images(base):
@@ -203,10 +240,10 @@ def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_record
     content["identity_digest"] = digest_of_value(content["identity"])
     write_json(dry.path / "manifest.json", sealed(content))
     dry, wet = Run(dry.path), evaluate(ZeroFlow(), output=tmp_path / "wet", **chosen)
-    assert "weather dry" in dict(recipe_in_words(dry)).values()
+    assert run_facts([dry])[0]["weather"] == "weather dry"
     refusal(lambda: evaluate(ZeroFlow(), output=dry.path, **chosen), RunError, dry.path)
     assert sample_set(dry) != sample_set(wet)
-    assert differences({"A": dry, "B": wet}) == "A has weather dry; B has weather wet"
+    assert differences({"A": dry, "B": wet}) == "A: weather dry; B: weather wet"
     assert "weather dry" in compare(dry, wet).remark
     assert [note.rpartition("; ")[2] for note in comparison_notes([dry, wet])] == ["weather dry", "weather wet"]
     packed = load_any_run(pack(dry, tmp_path / "a.robustflow"))

@@ -33,7 +33,7 @@ SCRIPT = """
 import json, sys
 import robustflow as rf
 from robustflow.cli.main import main
-from robustflow.run.comparable import recipe_in_words
+from robustflow.run.comparable import run_facts
 few = {"corruptions": ["contrast"], "severities": [1], "examples": False, "progress": False}
 plain, hazy = (rf.evaluate("tiny", output=f"run{haze}", haze=haze, **few) for haze in (0, 3))
 sys.argv = ["robustflow", "run", "tiny", "--haze", "3", "-c", "contrast", "-s", "1", "-o", "run3", "--no-examples"]
@@ -46,7 +46,7 @@ print("\\n" + json.dumps({
     "recorded": hazy.manifest.identity.record()["frames"].get("haze"),
     "absent": "haze" not in plain.manifest.identity.record()["frames"],
     "restored": hazy.manifest.identity.frames.options.haze,
-    "words": dict(recipe_in_words(hazy))["haze"],
+    "words": run_facts([hazy])[0]["haze"],
 }))
 """
 

@@ -13,7 +13,7 @@ from robustflow.core.errors import DataError, RunError
 from robustflow.core.files import sealed
 from robustflow.report.site import page as site_write
 from robustflow.run import run as run_module
-from robustflow.run.comparable import measured_in_words, sample_set
+from robustflow.run.comparable import run_facts, sample_set
 from robustflow.run.shards import list_shards
 from robustflow.run.store import RunFolder
 from robustflow.run.trust import DERIVED, DerivedValues, code_digest
@@ -141,7 +141,7 @@ EDITS = {
 def _page_values(run):
     """Everything that pages request from a run."""
     reasons, ends = exclusion_reasons(run), interval_ends(run, beside_published=True)
-    return sample_set(run), measured_in_words([run]), reasons, ends, run.means, run.measured
+    return sample_set(run), run_facts([run]), reasons, ends, run.means, run.measured
 
 
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)

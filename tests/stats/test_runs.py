@@ -16,12 +16,11 @@ from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
-from robustflow.run.cells import Cells
 from robustflow.run.run import Run
 from robustflow.stats.model_result import ranked
-from robustflow.stats.run_results import comparison_note, run_names, run_results, run_setting
+from robustflow.stats.run_results import comparison_note, run_results, run_setting
 from robustflow.testing import ZeroFlow
-from tests.made_rows import change_identity, change_manifest, made_run
+from tests.made_rows import change_identity, made_run
 from tests.refusals import refusal
 
 
@@ -218,41 +217,6 @@ def test_notes_differ_where_what_was_measured_differs(runs):
     longer = [comparison_note(calibrated), comparison_note(part)]
     assert all(one.startswith(note) and len(one) > len(note) for one in longer)
     assert longer[0] != longer[1]
-
-
-def _with_identity(run, model=(), **identity):
-    """The run with different settings of the model and different fields of its identity."""
-    changed = Run(run.path)
-    change_identity(changed, run.manifest.identity.model.settings | dict(model), **identity)
-    return changed
-
-
-def test_runs_of_one_name_are_named_by_what_differs(runs):
-    dis, still = runs[:2]
-    fast, again = (_with_identity(dis, {"preset": "fast"}, seed=seed) for seed in (0, 1))
-    assert run_names([dis, fast]) == ["DIS (preset medium)", "DIS (preset fast)"]
-    seeds = [f"DIS (preset {preset}, seed {seed})" for preset, seed in (("medium", 0), ("fast", 0), ("fast", 1))]
-    assert run_names([dis, fast, again]) == seeds
-    weights = [_with_identity(dis, {"checkpoint": letter * 64}) for letter in "ab"]
-    assert run_names(weights) == ["DIS (checkpoint aaaaaaaa)", "DIS (checkpoint bbbbbbbb)"]
-    elsewhere = _with_identity(still, benchmark="kitti-fc")
-    assert run_names([dis, still, elsewhere]) == ["DIS", f"{still.name} (demo)", f"{still.name} (KITTI-FC)"]
-    both = _with_identity(dis, {"preset": "fast"}, benchmark="kitti-fc")
-    assert run_names([dis, both]) == ["DIS (demo, preset medium)", "DIS (KITTI-FC, preset fast)"]
-
-
-def test_runs_of_one_model_are_named_by_what_was_measured_or_by_digest_and_number(runs):
-    dis, few, more, files, same = runs[0], *(_with_identity(runs[0]) for _ in range(4))
-    change_manifest(few, planned=(Cells(samples=tuple(dis.manifest.samples), corruptions={"contrast": (1, 3)}),))
-    assert run_names([dis, few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
-    change_manifest(more, samples={**more.manifest.samples, "other": ()})
-    assert run_names([dis, more]) == ["DIS (1 pair)", "DIS (2 pairs)"]
-    change_manifest(files, samples=dict.fromkeys(files.manifest.samples, (("a.png", "0" * 16),)))
-    names = run_names([dis, files])
-    assert all(name.startswith("DIS (files ") for name in names)
-    assert len(set(names)) == 2
-    digest = dis.manifest.identity_digest[:8]
-    assert run_names([dis, same]) == [f"DIS ({digest})", f"DIS ({digest}) #2"]
 
 
 @pytest.mark.parametrize(

@@ -48,10 +48,10 @@ def compare(
     from ..core.text import plain
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table, power_table, standings_table, variance_table
-    from ..run.comparable import common_to
+    from ..run.comparable import common_to, named_runs
     from ..run.records.pack import load_any_run
     from ..stats.model_result import not_ranked
-    from ..stats.run_results import named_runs, run_results
+    from ..stats.run_results import run_results
     from ..stats.seeds import seeds_of
     from ..stats.uncertainty import compare_all, standings, variance_split
     from ..stats.uncertainty.power import plan_pairs

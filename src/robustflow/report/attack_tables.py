@@ -8,6 +8,7 @@ from dataclasses import replace
 from ..attacks.result import EXPLAINED
 from ..core.errors import RunError, UsageError
 from ..core.text import joined, plain
+from ..run.comparable import named_runs
 from ..run.run import Run
 from ..stats.attacks import (
     AttackScore,
@@ -19,7 +20,6 @@ from ..stats.attacks import (
     security_curves,
 )
 from ..stats.results import METRIC_LABELS
-from ..stats.run_results import named_runs
 from .run_tables import few_note
 from .table import DASH, Line, Table, Wanted, differences_remark, number_text, signed_text
 

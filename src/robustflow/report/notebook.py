@@ -15,9 +15,9 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
 from ..core.errors import UsageError, unknown_name
-from ..run.comparable import common_to, differences
+from ..run.comparable import common_to, differences, named_runs
 from ..stats.anatomy import displacements_of
-from ..stats.run_results import named_runs, run_results
+from ..stats.run_results import run_results
 from .render import render
 from .run_tables import result_table
 

@@ -8,6 +8,7 @@ from ..core.arguments import SEVERITIES
 from ..core.errors import RunError, UsageError
 from ..core.text import counted, first_of, plain
 from ..metrics.measures import CONFIDENCE, UNCOUPLED
+from ..run.comparable import named_runs
 from ..run.run import Run
 from ..stats.anatomy import error_parts, severity_slopes
 from ..stats.effective import effective_robustness
@@ -29,7 +30,7 @@ from ..stats.results import (
     on_benchmark,
     setting_words,
 )
-from ..stats.run_results import comparison_note, named_runs, run_setting
+from ..stats.run_results import comparison_note, run_setting
 from ..stats.seeds import SeedGroup
 from ..stats.uncertainty import intervals
 from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters

@@ -1,18 +1,18 @@
-"""Decide which runs may be compared, for all tables, leaderboards, tests, trends, figures and exports.
+"""Decide which runs may be compared, and name what tells runs apart, for all tables, leaderboards, tests, trends,
+figures and exports.
 
 Results of two runs may be compared if both measured the same rows: the same pairs under the same corruptions and
 severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they require
 that all rows are the same and were made with the same settings (`sample_set`); tests require only common rows
-(`common_to`). Differences between runs are described in words, based on the settings (seed, draws, the source of a
-user's corruption, ...) and the rows.
+(`common_to`). Unique names of runs and descriptions of their differences are selected from one list, `run_facts`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import polars as pl
 
@@ -26,13 +26,17 @@ from .cells import UNEVEN
 from .config import FrameOptions, option_of
 from .run import Run
 
-SELECTION = ("pairs", "corruptions", "severities", "complete")
-"""The parts of `measured_in_words` that describe which rows exist, not how they were made."""
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 _DIGESTS = ("frames_digest", "truth_digest")
 _MOST_NAMED = 4
 _LONGEST_VALUE = 24
-_DIGITS = 6
+_DIGITS = 8
+_MODEL = "model "
+_IN_NAME = {"name", "spec", "object", "source", "options"}
+"""Settings of a model that its name already contains or that follow from other settings."""
+_DIGEST = "digest of "
+"""Prefix of facts that only say that data differ: named where nothing else tells the runs apart."""
 
 
 def sample_set(run: Run) -> str:
@@ -97,7 +101,7 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
         remark = f"Compared: {cells.height} common rows (clean or corrupted pairs) out of {counts}."
     for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
         if left_out:
-            which = f"{counted(len(left_out), noun)} ({_listed(left_out)})"
+            which = f"{counted(len(left_out), noun)} ({_named(left_out)})"
             remark += f" Left out, because the frames or the ground truth differ: {which}."
     return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
 
@@ -127,67 +131,119 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
 
 
-def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
-    """Describe how the measurements of several runs differ; "" if they do not. `parts` limits the description to some
-    of the parts of `measured_in_words`."""
-    every = list(runs.values())
-    if len({sample_set(run) for run in every}) == 1:
-        return ""
+def differences(runs: Mapping[str, Run]) -> str:
+    """Describe how the measurements of several runs differ, whatever their models; "" if they do not."""
     by_words: dict[str, list[str]] = {}
-    for name, words in zip(runs, conditions_of(every, parts), strict=True):
+    for name, words in zip(runs, conditions_of(list(runs.values())), strict=True):
         by_words.setdefault(words, []).append(name)
-    return "; ".join(
-        f"{joined(names)} {'has' if len(names) == 1 else 'have'} {words}" for words, names in by_words.items() if words
-    )
+    return "; ".join(f"{joined(names)}: {words}" for words, names in by_words.items() if words)
 
 
-def conditions_of(runs: Sequence[Run], parts: Sequence[str] = ()) -> list[str]:
-    """Name briefly what each run measured, by the differences between the runs; "" for all if there are none."""
-    measured = measured_in_words(runs)
-    names = dict.fromkeys(name for one in measured for name in one)
-    differing = [name for name in names if len({one.get(name, "") for one in measured}) > 1]
-    other_data = any(name in ("benchmark", "dataset") or name.startswith("protocol ") for name in differing)
-    explained = ("truth", "clean") if other_data else ("truth",) if "ground_truth" in differing else ()
-    chosen = [name for name in differing if name not in explained and (not parts or name in parts)]
-    words = [", ".join(one[name] for name in chosen if one.get(name)) for one in measured]
-    if parts:
-        return words
-    sets = [sample_set(run) for run in runs]
-    kinds = Counter(each for each, _ in set(zip(words, sets, strict=True)))
+def conditions_of(runs: Sequence[Run]) -> list[str]:
+    """Describe what each run measured by the facts in which the runs differ; "" for all if there are none."""
+    facts = run_facts(runs)
+    keys = [key for key in dict.fromkeys(key for one in facts for key in one) if not key.startswith(_MODEL)]
+    digests = [key for key in keys if key.startswith(_DIGEST)]
+    readable = [key for key in keys if key not in digests and len({one.get(key) for one in facts}) > 1]
+    chosen = [*readable, *_telling(facts, digests, readable)]
+    return [", ".join(one[key] for key in chosen if key in one) for one in facts]
+
+
+def run_names(runs: Sequence[Run]) -> list[str]:
+    """Give each run a unique name: the model's name, followed by the fewest facts that distinguish the runs of the same
+    name and their models, or by the run's digest (and a number) if no fact does."""
+    by_name: dict[str, list[int]] = {}
+    for index, run in enumerate(runs):
+        by_name.setdefault(run.name, []).append(index)
+    names = [run.name for run in runs]
+    for name, indices in by_name.items():
+        if len(indices) > 1:
+            for index, words in zip(indices, _distinctions([runs[index] for index in indices]), strict=True):
+                names[index] = f"{name} ({words})" if words else name
+    counts: Counter[str] = Counter()
+    for index, name in enumerate(names):
+        counts[name] += 1
+        names[index] = name if counts[name] == 1 else f"{name} #{counts[name]}"
+    return names
+
+
+def named_runs(runs: Sequence[AnyRun]) -> dict[str, AnyRun]:
+    """Return the runs by their `run_names`."""
+    return dict(zip(run_names(runs), runs, strict=True))
+
+
+def _distinctions(runs: Sequence[Run]) -> list[str]:
+    facts = run_facts(runs)
+    keys = list(dict.fromkeys(key for one in facts for key in one))
+    needed = {*_telling(facts, keys), *_telling(facts, [key for key in keys if key.startswith(_MODEL)])}
+    words = [", ".join(one[key] for key in keys if key in needed and key in one) for one in facts]
+    kinds = Counter(words)
+    digests = (run.manifest.identity_digest[:_DIGITS] for run in runs)
     return [
-        each if kinds[each] == 1 else ", ".join(filter(None, (each, f"frames {frames[:_DIGITS]}")))
-        for each, frames in zip(words, sets, strict=True)
+        each if kinds[each] == 1 else ", ".join(filter(None, (each, digest)))
+        for each, digest in zip(words, digests, strict=True)
     ]
 
 
-def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
-    """Describe what each of several runs measured, part by part; the most informative parts come first."""
-    clean = [_clean_cells(run) for run in runs]
-    shared = sorted(set.intersection(*(set(one) for one in clean)))
-    everywhere = set.intersection(*(set(run.measured.corruptions) for run in runs))
-    out = []
-    for run, cells in zip(runs, clean, strict=True):
-        words, names = dict(recipe_in_words(run)), sorted(run.measured.corruptions)
-        if shared:
-            truth = [cells[sample][1] for sample in shared]
-            words["truth"] = f"ground truth {_digits(truth)}" if any(truth) else "no ground truth"
-            words["clean"] = f"clean frames {_digits([cells[sample][0] for sample in shared])}"
-        alike = any(len(other) == len(cells) and other.keys() != cells.keys() for other in clean)
-        words["pairs"] = counted(len(cells), "pair") + (f" {_digits(sorted(cells))}" if alike else "")
-        more = [name for name in names if name not in everywhere]
-        few = joined(names) if names else "no corruption"
-        many = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
-        words["corruptions"] = few if len(names) <= _MOST_NAMED else many
-        levels = run.measured.severities or run.manifest.severities  # a run of attacks alone has no means
-        words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
-        words["severities"] += f" ({UNEVEN})" if run.manifest.uneven else ""
-        words["complete"] = "every planned row" if run.measured.complete else "rows missing"
-        out.append({name: plain(value, 120) for name, value in words.items()})
-    return out
+def _telling(facts: Sequence[Mapping[str, str]], keys: Iterable[str], known: Sequence[str] = ()) -> list[str]:
+    """Select the keys that distinguish runs which those before them, and the `known` keys, do not."""
+
+    def kinds(names: Sequence[str]) -> int:
+        return len({tuple(one.get(name) for name in names) for one in facts})
+
+    chosen: list[str] = []
+    for key in keys:
+        if kinds([*known, *chosen, key]) > kinds([*known, *chosen]):
+            chosen.append(key)
+    return chosen
+
+
+def run_facts(runs: Sequence[Run]) -> list[dict[str, str]]:
+    """Describe everything that may differ between runs, fact by fact; the most informative facts come first."""
+    everywhere = set.intersection(*(set(run.measured.corruptions) for run in runs)) if runs else set()
+    return [{key: plain(text, 120) for key, text in _facts(run, everywhere)} for run in runs]
+
+
+def _facts(run: Run, everywhere: set[str]) -> Iterator[tuple[str, str]]:
+    frames, measured = run.manifest.identity.frames, run.measured
+    trained_on = run.provenance.trained_on
+    yield "benchmark", plain(benchmark_facts(run.benchmark).title, 40)
+    yield "dataset", f"dataset {_short(frames.dataset)}"
+    yield f"{_MODEL}training", "training not stated" if trained_on is None else f"trained on {_named(trained_on)}"
+    settings = run.manifest.identity.model.settings
+    options = settings.get("options")
+    for key, value in {**(options if isinstance(options, Mapping) else {}), **settings}.items():
+        if key not in _IN_NAME:
+            yield f"{_MODEL}{key}", f"{_short(key.replace('_', ' '))} {_short(value)}"
+    clean = _clean_cells(run)
+    truth = [digest for _, digest in clean.values()]
+    usual = "the usual ground truth" if any(truth) else "no ground truth"
+    yield "ground truth", truth_remark(frames.protocol) or usual
+    for key, value in sorted(frames.protocol.items()):
+        if key != "ground_truth":
+            yield f"protocol {key}", f"{key} {_short(value)}"
+    for key, value in frames:
+        if key not in ("benchmark", "dataset", "protocol", "corruptions", "attack_sources"):
+            yield key, _in_words(key, value)
+    for key, digest in sorted((frames.corruptions | frames.attack_sources).items()):
+        yield f"source {key}", f"source {digest[:_DIGITS]} of {key}"
+    names = sorted(measured.corruptions)
+    more = [name for name in names if name not in everywhere]
+    many = counted(len(names), "corruption") + (f" (with {_named(more)})" if more else "")
+    yield "corruptions", many if len(names) > _MOST_NAMED else joined(names or ["no corruption"])
+    levels = measured.severities or run.manifest.severities  # a run of attacks alone has no means
+    uneven = f" ({UNEVEN})" if run.manifest.uneven else ""
+    yield "severities", f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}{uneven}"
+    yield "complete", "every planned row" if measured.complete else "rows missing"
+    yield "pairs", counted(len(clean), "pair")
+    yield "digest of pairs", f"pairs {_digits(list(clean))}"
+    yield "digest of truth", f"ground truth {_digits(truth)}"
+    yield "digest of clean frames", f"clean frames {_digits([digest for digest, _ in clean.values()])}"
+    yield "digest of frames", f"frames {sample_set(run)[:_DIGITS]}"
 
 
 def _clean_cells(run: Run) -> dict[str, tuple[str, str | None]]:
-    """Map each sample to the digests of its clean frames and of its ground truth."""
+    """Map each sample to the digests of its clean frames and of its ground truth, sorted by sample."""
 
     def made() -> dict[str, tuple[str, str | None]]:
         clean = run.rows.filter(corruption=CLEAN).sort("sample")
@@ -200,42 +256,20 @@ def _digits(value: Any) -> str:
     return digest_of_value(value)[:_DIGITS]
 
 
-_IN_WORDS: dict[str, Callable[[Any], str]] = {
-    "dataset": lambda value: f"dataset {value}",
-    **{
-        name: option.in_words
-        for name, field in FrameOptions.model_fields.items()
-        if (option := option_of(field)) is not None and option.words
-    },
-    "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
-    "streams": lambda value: f"random streams {value}",
-    "attacks": lambda value: f"attacks {value}",
-}
-"""Descriptions of the fields of `FrameIdentity`, the most informative first."""
-
-
-def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
-    """Describe how a run's frames were chosen and made, field by field, from its manifest."""
-    frames = run.manifest.identity.frames
-    protocol, fields = dict(frames.protocol), dict(frames)
-    yield "benchmark", f"benchmark {plain(benchmark_facts(run.benchmark).title, 40)}"
-    yield "ground_truth", truth_remark(protocol) or "the usual ground truth"
-    for name, value in sorted(protocol.items()):
-        if name != "ground_truth":
-            yield f"protocol {name}", f"{name} {_short(value)}"
-    for name, words in _IN_WORDS.items():
-        yield name, words(fields[name])
-    for name in sorted(fields.keys() - {"benchmark", "protocol", "corruptions", *_IN_WORDS}):
-        yield name, f"{name} {_short(fields[name])}"
-    for name, digest in sorted(frames.corruptions.items()):
-        yield f"source {name}", f"source {_digits(digest)} of {name}"
+def _in_words(name: str, value: Any) -> str:
+    """Describe a field of `FrameIdentity`, in the words of its option if it is one."""
+    option = option_of(FrameOptions.model_fields[name]) if name in FrameOptions.model_fields else None
+    if option is not None and option.words:
+        return option.in_words(value)
+    return f"default {name}" if value is None else f"{name} {_short(value)}"
 
 
 def _short(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name}={_short(each)}" for name, each in sorted(value.items()))
-    return plain(str(value), _LONGEST_VALUE)
+    text = str(value)
+    return text[:_DIGITS] if len(text) == 64 else plain(text, _LONGEST_VALUE)  # 64: a SHA-256
 
 
-def _listed(names: Sequence[str]) -> str:
-    return first_of([plain(name, 40) for name in names], _MOST_NAMED)
+def _named(names: Sequence[str]) -> str:
+    return first_of([plain(name, 40) for name in names], _MOST_NAMED) or "nothing"

@@ -16,12 +16,11 @@ from ..attacks.result import EXPLAINED, LOWER_BOUND
 from ..metrics.means import means
 from ..metrics.measures import ATTACK, MEASURES, METRICS
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..run.comparable import common_to
+from ..run.comparable import common_to, named_runs
 from ..run.run import Run
 from ..run.store import RunFolder
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .run_results import named_runs
 from .uncertainty import intervals
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")

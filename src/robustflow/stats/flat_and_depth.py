@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from ..run.comparable import common_to
+from ..run.comparable import common_to, named_runs
 from ..run.run import Run
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .run_results import named_runs
 from .uncertainty.bootstrap import Interval, bootstrap
 from .uncertainty.sums import ClusterSums
 

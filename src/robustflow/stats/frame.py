@@ -11,11 +11,11 @@ from ..corruptions.registry import MEMBERS
 from ..metrics.means import AVERAGE, MeanKey, Means, means
 from ..metrics.measures import CONFIDENCE, METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
-from ..run.comparable import sample_set
+from ..run.comparable import named_runs, sample_set
 from ..run.run import Run
 from .attacks import attack_scores
 from .ranking import partial_spearman, spearman
-from .run_results import named_runs, run_setting
+from .run_results import run_setting
 from .uncertainty.intervals import interval_ends
 
 RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {

@@ -11,9 +11,8 @@ import polars as pl
 from ..core.files import digest_of_value
 from ..core.text import joined
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..run.comparable import SELECTION, differences, measured_cells, sample_set, sample_set_of
+from ..run.comparable import measured_cells, named_runs, run_names, sample_set, sample_set_of
 from ..run.run import Run
-from .run_results import named_runs, run_names
 
 
 @dataclass(frozen=True)
@@ -83,6 +82,6 @@ def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
     shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
     if all(run.rows.height == shared.height for run in runs):
         return [run.rows for run in runs], ""
-    remark = f"Only the {shared.height} rows (clean or corrupted pairs) that all runs have in common are compared"
-    words = differences(named_runs(runs), SELECTION)
-    return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
+    counts = joined([f"{run.rows.height} in {name}" for name, run in named_runs(runs).items()])
+    remark = f"Compared: {shared.height} common rows (clean or corrupted pairs) out of {counts}."
+    return [run.rows.join(shared, on=keys, how="semi") for run in runs], remark
