@@ -18,19 +18,13 @@ from uuid import uuid4
 _MAIN = "from robustflow.cli.main import main; main()"
 
 
-def after(setup: str) -> tuple[str, str]:
-    """Arguments that make Python run statements, and then start the app."""
-    return "-c", f"{setup}; {_MAIN}"
-
-
 def with_demo(place: str) -> tuple[str, str]:
     """Arguments that make Python start the app with the demo pair of the fixture `small_demo`."""
-    return after(f"import skimage; skimage.__file__ = {place!r}")
+    return "-c", f"import skimage; skimage.__file__ = {place!r}; {_MAIN}"
 
 
 SCRIPTED = "models_for_app:Scripted"
 _MODELS = """
-import re
 import time
 from pathlib import Path
 
@@ -44,14 +38,6 @@ class Scripted:
             raise ValueError("<b>no</b> weights\\nat all")
         if Path("exit").exists():
             raise SystemExit(3)
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-class HoldsTheLock:
-    def __init__(self):
-        Path("holding").touch()
-        re.match(r"(a+)+$", "a" * 34 + "b")  # minutes in one call, with the interpreter's lock held
-
-    def predict(self, frame1, frame2):
         return np.zeros((*frame1.shape[:2], 2), np.float32)
 """
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import signal
 import socket
-import subprocess
-import sys
 import time
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -18,12 +15,12 @@ from urllib.parse import urlsplit
 import pytest
 from starlette.responses import PlainTextResponse
 
-from robustflow.app.serve import Guard
-from robustflow.app.uploads import UploadFolder
-from robustflow.cli.main import main
+from robustflow.app.serve import Guard, serve
+from robustflow.core.errors import UsageError
 from tests.data.video import clips
+from tests.refusals import refusal
 
-from .launch import SCRIPTED, after, running_app
+from .launch import SCRIPTED, running_app
 
 
 def test_the_page_needs_no_token_and_contains_none(app):
@@ -147,87 +144,11 @@ def test_interrupted_app_ends_without_a_message(tmp_path, monkeypatch, stop, pre
         assert not list(scratch.iterdir())
 
 
-def test_uploads_of_a_killed_app_are_removed_by_the_next_app(tmp_path, monkeypatch):
-    """The next app removes its uploads, but not those of an app that is still running."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    running = UploadFolder()
-    own_folder = running.new()
-    upload = "import time; from robustflow.app.uploads import UploadFolder as Folder; folder = Folder(); "
-    upload += "print(folder.new(), flush=True); time.sleep(600)"
-    environment = os.environ | {"TMPDIR": str(tmp_path)}
-    with subprocess.Popen([sys.executable, "-c", upload], stdout=subprocess.PIPE, text=True, env=environment) as killed:
-        left = Path(killed.stdout.readline().strip())
-        killed.kill()
-    assert left.parent.parent == tmp_path
-    assert left.is_dir()
-    UploadFolder().close()
-    assert not left.parent.exists()
-    assert own_folder.is_dir()
-    running.close()
-    assert not list(tmp_path.iterdir())
-
-
-def test_half_sent_requests_are_closed_and_do_not_delay_others(tmp_path):
-    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 1"
-    with running_app(tmp_path, start=after(limit)) as app, ExitStack() as stack:
-        host, port = app.host.split(":")
-        sockets = []
-        for _ in range(200):
-            sockets.append(stack.enter_context(socket.create_connection((host, int(port)), timeout=60)))
-            sockets[-1].sendall(b"GET / HTTP/1.1\r\nHost: ")
-        begin = time.monotonic()
-        assert app.ask("GET", "/choices")[0] == 200
-        assert time.monotonic() - begin < 1
-        sockets[-1].sendall(b"x")  # sending a byte now and then does not extend the time limit
-        for one in sockets:
-            with suppress(ConnectionResetError):
-                assert one.recv(4096) == b""
-
-
-def test_interrupt_ends_the_app_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
-    """While the model holds the interpreter lock, no Python code runs, not even a signal handler."""
-    model = "models_for_app:HoldsTheLock"
-    limit = "from robustflow.app import serve as s; s._WATCH = s._WATCH.replace(str(s._ENDING_SECONDS), '1.0')"
-    with running_app(tmp_path, "--model", model, start=after(limit)) as running, running.waiting_preview(model):
-        while not (tmp_path / "holding").exists():
-            time.sleep(0.02)
-        running.process.send_signal(signal.SIGINT)
-        running.process.communicate(timeout=15)
-
-
-@pytest.fixture
-def refusal(capsys, monkeypatch):
-    """The message of a command that cannot start the server: `refusal("--port", "70000")`."""
-
-    def start(*arguments: str) -> str:
-        monkeypatch.setattr("sys.argv", ["robustflow", "app", "--no-browser", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        errors = capsys.readouterr().err
-        assert (stopped.value.code, errors.count("\n")) == (2, 1)
-        return errors
-
-    return start
-
-
-def test_port_in_use_is_refused(refusal):
+def test_port_in_use_is_refused():
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))
         server.listen()
-        assert "cannot listen on 127.0.0.1 port" in refusal("--port", str(server.getsockname()[1]))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "culprit"),
-    [
-        (("--port", "70000"), "--port"),
-        (("--host", "203.0.113.1"), "--host"),
-        (("--host", "é..b"), "--host"),
-        (("-O", "preset=fast"), "preset"),
-    ],
-)
-def test_invalid_arguments_of_the_app_are_refused(refusal, arguments, culprit):
-    assert refusal(*arguments).startswith(f"robustflow: {culprit}: ")
+        refusal(lambda: serve([], port=server.getsockname()[1], browser=False), UsageError, "--host")
 
 
 def test_app_listens_to_other_machines_only_on_request_and_warns(tmp_path):

@@ -13,8 +13,11 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
+from robustflow.app.pairs import Models
+from robustflow.core.errors import ModelError
 from robustflow.corruptions import load_corruption
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
+from robustflow.models import ModelSpec
 
 from .launch import SCRIPTED
 from .library import direct_numbers
@@ -89,6 +92,7 @@ def _picture(address: str) -> np.ndarray:
         ({"unknown": 1}, "unknown"),
         ({"page": "p" * 100}, "page"),
         ({"page": None}, "page"),
+        ({"checkpoint": "things"}, "dis: "),
     ],
 )
 def test_impossible_request_is_refused_in_one_line(app, changed, says):
@@ -166,10 +170,16 @@ def test_the_page_is_served_while_a_model_works(app):
         assert b'"result"' in response.read()
 
 
-def test_checkpoint_for_a_model_without_weights_is_refused(app):
-    status, (answer,) = app.preview(checkpoint="things")
-    assert status == 400
-    assert answer["error"].startswith("dis: ")
+def _needs_weights():
+    raise ModelError("model 'net' needs its checkpoint: get it, and give its path as --checkpoint")
+
+
+def test_an_error_of_loading_names_the_field_and_no_option(monkeypatch):
+    models = Models([ModelSpec("net")])
+    monkeypatch.setattr(ModelSpec, "load", lambda spec: _needs_weights())
+    with pytest.raises(ModelError) as caught:
+        models.load("net")
+    assert "--checkpoint" not in str(caught.value)
 
 
 def test_choices_list_models_and_corruptions_of_pairs(app):
@@ -177,7 +187,7 @@ def test_choices_list_models_and_corruptions_of_pairs(app):
     models = {model["name"]: model for model in found["models"]}
     assert next(iter(models)) == SCRIPTED
     assert {"dis", "farneback"} <= set(models)
-    assert "precomputed" not in models
+    assert not {"onnx", "torch_export", "precomputed"} & set(models), "they need a file"
     assert not models["dis"]["takes_checkpoint"]
     offered = {name for names in found["families"].values() for name in names}
     assert {"fog", "elastic_transform"} <= offered

@@ -8,8 +8,8 @@ import pytest
 from skimage import data
 
 from robustflow.media.images import write_image
-from robustflow.report.gallery.page import gallery_slider, page_of
-from robustflow.report.gallery.pictures import ClipPart, clip_cells
+from robustflow.report.gallery.cells import ClipPart, clip_cells
+from robustflow.report.gallery.slider import gallery_files
 
 pytestmark = pytest.mark.browser
 
@@ -24,9 +24,9 @@ def clip_page(tmp_path_factory) -> Path:
     shown = list(part.frames(part.shown))
     encoded = tmp_path_factory.mktemp("encoded")
     cells = clip_cells(part, shown, [1, 5], ["snow", "spatter", "h264_crf"], encoded)
-    slider = gallery_slider("<b>Eight</b> frames", shown, cells, [1, 5], 5, part.first_number)
+    files = gallery_files("<b>Eight</b> frames", shown, cells, 5, part.first_number, ["a remark"])
     page_file = folder / "gallery.html"
-    page_file.write_text(page_of(slider, ["a remark"]))
+    page_file.write_bytes(files["gallery.html"])
     return page_file
 
 

@@ -162,16 +162,6 @@ def walk(tmp_path):
     return clips.clip(tmp_path / "walk.mp4", 8).path
 
 
-@pytest.mark.parametrize("kind", ["video", "pictures", "folders of images"])
-def test_run_of_own_frames_works_without_a_benchmark(robustflow, tmp_path, walk, kind):
-    if kind != "video":
-        write_frames(tmp_path / "data" / ("a" if "folders" in kind else ""))
-    data = walk if kind == "video" else tmp_path / "data"
-    few = ("--limit", 1, "-c", "contrast", "-s", 1, "-o", "run", "--no-examples")
-    robustflow.prints("run", "-m", "dis", "-d", data, *few)
-    assert load_run("run").benchmark == "folder"
-
-
 def test_a_corruption_of_clips_names_the_command_that_makes_it_for_this_video(robustflow, walk):
     error = robustflow.refuses("run", "-m", "dis", "-d", walk, "-c", "fog,h264_crf", "-s", 1, "-o", "run")
     assert f"--benchmark gopro-fc --data {walk}" in error
@@ -274,10 +264,3 @@ def test_corrupt_and_gallery_take_the_users_depth_maps(robustflow, tmp_path):
     page = (tmp_path / "shown" / "gallery.html").read_text()
     assert "1 m (white) to 1 m" in page
     assert "no corruption" not in page
-
-
-def test_a_decimal_frame_rate_is_the_fraction_that_it_rounds(robustflow, tmp_path):
-    clips.folder(tmp_path / "data", 40, 16, 24)
-    options = ("--factor", 1, "--step", 2, "--preset", "ultrafast", "--fps", "29.97002997")
-    robustflow.prints("prepare", "gopro-fc", "-d", "data", "-o", "made", *options)
-    assert json.loads((tmp_path / "made" / "data" / "clip.json").read_text())["fps"] == "30000/1001"

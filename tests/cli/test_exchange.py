@@ -159,15 +159,6 @@ def test_leaderboard_leaves_out_only_the_record_of_an_earlier_version(robustflow
         add_records(Path("site"), [old])
 
 
-@pytest.mark.slow
-def test_folder_of_records_gets_a_page(robustflow, records):
-    assert robustflow.prints("leaderboard", "site", "--add", records[0], "--no-published").strip() == "site/index.html"
-    results = Path("site/results.csv").read_text()
-    assert "Farneback" in results
-    robustflow.prints("leaderboard", "site", "-o", "elsewhere", "--no-published")
-    assert Path("elsewhere/results.csv").read_text() == results
-
-
 def test_line_of_a_record_states_its_source_on_the_page_and_in_results(records):
     content = whole_content([load_any_run(records[0])], published=False)
     (line,) = content.lines

@@ -53,6 +53,8 @@ CASES = [
     ("gallery --clip frames --focal 700", UsageError, "--focal"),
     ("gallery --clip frames -m dis", UsageError, "--model"),
     ("gallery --start 3", UsageError, "--clip"),
+    ("gallery --clip frames --frames a b", UsageError, "--frames"),
+    ("gallery --clip none.mp4", DataError, "none.mp4"),
     ("gallery --attacks square", UsageError, "--model"),
     ("gallery --still", UsageError, "--model"),
     ("gallery -m dis --still --attacks square", UsageError, "--still"),
@@ -119,6 +121,9 @@ CASES = [
     ("reproduce displacement demo --into file", UsageError, "file"),
     ("reproduce audit nowhere.csv", DataError, "nowhere.csv"),
     ("app -O preset=fast", UsageError, "preset"),
+    ("app --port 70000", UsageError, "--port"),
+    ("app --host 203.0.113.1", UsageError, "--host"),
+    ("app --host é..b", UsageError, "--host"),
 ]
 """A command, its error and what is at fault. `RUN` is a run, `frames` has two images, `odd` two of unlike sizes, `file`
 is a file, and `empty` an empty folder."""

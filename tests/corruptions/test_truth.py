@@ -1,6 +1,5 @@
 """Prove what each shipped corruption leaves of the ground truth by measuring how far it moves content."""
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -11,13 +10,10 @@ from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.registry import FURTHER
 from robustflow.corruptions.stack import truth_under
-from robustflow.data.datasets import load_dataset
 from robustflow.data.video.clip import write_clip
 from robustflow.data.video.codec import i420_to_rgb, lossless, rgb_to_i420
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
 from robustflow.data.video.variants import corrupted_stream
-from robustflow.report.gallery.strip import draw_strip, strip_columns
-from robustflow.testing import ZeroFlow
 from robustflow.testing.extensions import displacement, distortion
 from robustflow.training.request import DataPlan
 
@@ -128,15 +124,6 @@ def test_training_frames_are_not_corrupted_without_ground_truth():
     for name in ("elastic_transform", "fog+elastic_transform:2"):
         with pytest.raises(UsageError):
             DataPlan(corruptions=["fog", name]).corruption(0)
-
-
-def test_a_strip_has_no_error_for_a_corruption_without_truth(demo_is_small):
-    sample = load_dataset("motorcycle").load("motorcycle")
-    chosen = [load_corruption(name) for name in ("contrast", "elastic_transform")]
-    columns = strip_columns(sample, ZeroFlow().predict, chosen, 1, 0)
-    assert [column.has_truth for column in columns] == [True, True, False]
-    with_truth = [*columns[:2], replace(columns[2], has_truth=True)]
-    assert draw_strip(sample, columns, "zero") != draw_strip(sample, with_truth, "zero")
 
 
 @pytest.mark.parametrize(("name", "most"), [("h264_abr", 0.02), ("h264_crf", 1.0)])

@@ -17,7 +17,7 @@ from robustflow.core.errors import DataError
 from robustflow.core.files import CACHE_VARIABLE, sealed
 from robustflow.corruptions.weather.frost import photograph
 from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
-from robustflow.report.gallery.pictures import gallery
+from robustflow.report.gallery.cells import pair_cells
 from robustflow.report.site import examples as embedded
 from robustflow.report.site.examples import MOST_RUNS, examples_of, run_examples
 from robustflow.stats.run_results import run_results
@@ -114,10 +114,10 @@ def drawn(tmp_path, monkeypatch, real_pictures):
 
     def few(sample, severities, **options):
         calls.append(severities)
-        return gallery(sample, severities[:1], corruptions=["contrast", "frost"], **options)
+        return pair_cells(sample, severities[:1], corruptions=["contrast", "frost"], **options)
 
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
-    monkeypatch.setattr(embedded, "gallery", few)
+    monkeypatch.setattr(embedded, "pair_cells", few)
     with real_pictures():
         yield calls
 

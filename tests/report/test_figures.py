@@ -179,7 +179,7 @@ def test_axes_of_small_values_span_at_least_one_pixel():
         replace(line, values={k: replace(v, number=2.6 + 0.1 * index) for k, v in line.values.items()})
         for index, line in enumerate(_own("OOD", "OOD"))
     ]
-    figure = clean_against_cre(close, together=True)
+    figure = clean_against_cre(close)
     assert all(high - low >= 1 for axis in "xy" for low, high in _edges(figure, axis))
     still = _rows().with_columns(rcre_sum=pl.col("n_valid") * 0.11 * pl.col("severity") / 5)
     ((low, high),) = _edges(severity_curves({"a": still}), "y")
@@ -204,10 +204,10 @@ def _vertical_lines(figure: Figure) -> list[tuple[float, float]]:
 @pytest.mark.parametrize(
     ("draw", "key"),
     [
-        (lambda results: clean_against_cre(results, together=True), ("cre", "average")),
+        (clean_against_cre, ("cre", "average")),
         (crer_by_family, ("crer", "weather")),
-        (lambda results: relations(results, together=True), ("rcre", "average")),
-        (lambda results: effective_trend(results, together=True), ("epe", "average")),
+        (relations, ("rcre", "average")),
+        (effective_trend, ("epe", "average")),
     ],
 )
 def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkeypatch):
@@ -235,7 +235,8 @@ def test_too_few_or_too_many_models_are_refused_or_left_out():
             draw(results)
     with pytest.raises(UsageError, match="9"):
         severity_curves({str(i): _rows() for i in range(9)})
-    title = relations(_own("OOD", "OOD", "OOD", "OOD", "OOD", "ID", "ID", "ID")).axes[0].get_title(loc="left")
+    five = _own(*["OOD"] * 5)
+    title = relations([*five, *(replace(line, setting="ID") for line in five[:3])]).axes[0].get_title(loc="left")
     assert "OOD: r = " in title
     assert "ID: r" not in title.replace("OOD: r", "")
     figure = clean_against_cre(_many(2, settings=7))

@@ -10,13 +10,13 @@ import pytest
 from skimage import data
 
 import robustflow as rf
-from robustflow.core.errors import DataError, UsageError
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import CLIP, corrupt_clip
 from robustflow.data.video.clip import write_clip
 from robustflow.data.video.codec import crf, rgb_to_i420
 from robustflow.media.images import write_image
-from robustflow.report.gallery import pictures
-from robustflow.report.gallery.pictures import LONGEST_PART, ClipPart, chosen_corruptions, clip_cells
+from robustflow.report.gallery import cells as gallery_cells
+from robustflow.report.gallery.cells import LONGEST_PART, ClipPart, chosen_corruptions, clip_cells
 from tests.refusals import refusal
 
 from .elements import Elements
@@ -27,6 +27,10 @@ HEIGHT, WIDTH, COUNT = 96, 128, 21
 def _frame(index: int) -> np.ndarray:
     """An image that moves by two pixels per frame."""
     return data.astronaut()[60 : 60 + HEIGHT, 100 + 2 * index : 100 + 2 * index + WIDTH].copy()
+
+
+def _ssim(cell) -> float:
+    return float(cell.caption.split()[1].rstrip(","))
 
 
 @pytest.fixture(scope="module")
@@ -50,21 +54,13 @@ def test_the_frames_shown_are_the_middle_of_the_part(video):
     assert (later.count, list(later.shown), later.first_number) == (4, [0, 1, 2, 3], 10)
 
 
-def test_a_folder_of_frames_is_a_clip_in_natural_order(tmp_path):
-    for index in range(12):
-        write_image(tmp_path / f"f{index}.png", _frame(index))
-    part = ClipPart(tmp_path, shown=3)
-    for shown, index in zip(part.frames(part.shown), part.shown, strict=True):
-        np.testing.assert_array_equal(shown, _frame(index))
-    np.testing.assert_array_equal(list(part.frames())[-1], _frame(11))
-
-
-def test_a_long_clip_is_read_in_part(tmp_path):
+def test_a_long_folder_of_frames_is_read_in_natural_order_and_in_part(tmp_path):
     for index in range(LONGEST_PART + 20):
-        write_image(tmp_path / f"{index}.png", np.full((16, 16, 3), index, np.uint8))
+        write_image(tmp_path / f"f{index}.png", np.full((16, 16, 3), index, np.uint8))
     part = ClipPart(tmp_path, shown=2)
     assert part.count == LONGEST_PART
     assert [int(frame[0, 0, 0]) for frame in part.frames(part.shown)] == [LONGEST_PART // 2 - 1, LONGEST_PART // 2]
+    assert int(list(part.frames())[-1][0, 0, 0]) == LONGEST_PART - 1
 
 
 def test_clip_shows_constant_parameters_constant_and_others_changing(video, tmp_path):
@@ -85,7 +81,7 @@ def test_a_still_picture_shows_an_exposed_frame(video, tmp_path):
     for seed in range(6):
         (cell,) = clip_cells(part, shown, [5], ["over_exposure"], tmp_path, seed=seed, key="walk")
         assert cell.frames[cell.still].mean() > shown[cell.still].mean() + 20
-        assert cell.ssim < 0.95
+        assert _ssim(cell) < 0.95
         assert ("frame 2" in cell.caption) == (cell.still == 1)
         stills.add(cell.still)
     assert stills == {0, 1}
@@ -100,12 +96,12 @@ def test_compressed_clips_come_from_the_codec(video, tmp_path):
         assert name in CLIP
         mild, severe = cells[name, 1], cells[name, 5]
         assert len(mild.frames) == len(severe.frames) == 3
-        assert severe.ssim < mild.ssim or name == "h264_abr"  # a small clip may not need the full bit rate
+        assert _ssim(severe) < _ssim(mild) or name == "h264_abr"  # a small clip may not need the full bit rate
         for frame, clean in zip(mild.frames, shown, strict=True):
             assert np.abs(frame.astype(int) - clean).mean() < 12
-    assert cells["h264_crf", 5].ssim < 0.8
+    assert _ssim(cells["h264_crf", 5]) < 0.8
     assert cells["bit_error", 1].caption.endswith("no bit errors")
-    assert cells["bit_error", 1].ssim > 0.9
+    assert _ssim(cells["bit_error", 1]) > 0.9
 
 
 def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
@@ -143,8 +139,8 @@ def test_corruptions_left_out_of_a_clip_are_named_on_the_page_and_in_the_termina
     calibrated, (remark,) = chosen_corruptions(None, "calibrated")
     assert not set(CLIP) & set(calibrated)
     assert all(name in remark for name in CLIP)
-    monkeypatch.setattr(pictures, "IMAGE_PAIR", ("contrast",))
-    monkeypatch.setattr(pictures, "MADE_FROM_CLIP", ("h264_crf",))
+    monkeypatch.setattr(gallery_cells, "IMAGE_PAIR", ("contrast",))
+    monkeypatch.setattr(gallery_cells, "MADE_FROM_CLIP", ("h264_crf",))
     code, _, error = gallery_command("--clip", video, "--length", 2)
     assert code == 0
     assert "rolling_shutter" in error
@@ -159,29 +155,22 @@ def test_the_command_plays_a_video(gallery_command, video):
     page = Elements(text)
     assert "frames 8 to 11" in text
     (block,) = page.data()
-    assert [one["name"] for one in block["corruptions"]] == ["Snow", "H.264 CRF"]
+    assert [name for name, _ in block["corruptions"]] == ["Snow", "H.264 CRF"]
     assert len(block["clean"]) == 4
-    for one in block["corruptions"]:
-        assert [len(shot["pictures"]) for shot in one["shots"].values()] == [4] * 5
-        assert len({shot["pictures"][1] for shot in one["shots"].values()}) == 5
+    for _, shots in block["corruptions"]:
+        assert [len(shot["pictures"]) for shot in shots] == [4] * 5
+        assert len({shot["pictures"][1] for shot in shots}) == 5
     ids = {attrs["id"]: attrs for attrs in page.all("input")}
     assert (ids["slider-frame"]["type"], ids["slider-frame"]["max"]) == ("range", "3")
     assert [attrs["id"] for attrs in page.all("button")] == ["slider-play"]
     assert "http" not in text.replace("http-equiv", "")
 
 
-def test_wrong_requests_are_refused_in_one_line(gallery_command, video, tmp_path):
-    for arguments, code in (
-        (("--clip", video, "--frames", "a.png", "b.png"), 2),
-        (("--length", 4), 2),
-        (("--clip", video, "--length", 1), 2),
-        (("--clip", video, "--length", 100), 2),
-        (("--clip", video, "-c", "object_motion_blur"), 2),
-        (("--clip", video, "--start", "20"), 1),
-        (("--clip", tmp_path / "none.mp4"), 1),
-    ):
-        got, _, error = gallery_command(*arguments)
-        assert (got, error.count("\n")) == (code, 1), error
-        assert not Path("gallery").exists()
-    with pytest.raises(DataError):
-        ClipPart(Path(__file__))
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [("--length 1", 2), ("--length 100", 2), ("-c object_motion_blur", 2), ("--start 20", 1)],
+)
+def test_a_part_that_cannot_be_shown_is_refused_in_one_line(gallery_command, video, arguments, code):
+    got, _, error = gallery_command("--clip", video, *arguments.split())
+    assert (got, error.count("\n")) == (code, 1), error
+    assert not Path("gallery").exists()

@@ -7,6 +7,8 @@ import json
 from collections.abc import AsyncIterator
 from functools import partial
 from importlib.resources import files
+from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ from ..media.images import png_address
 from .pairs import DEMO, Models, SourceStore
 from .prediction_queue import Message, PredictionQueue, QueuedPrediction
 from .preview import Previewer, PreviewRequest
-from .uploads import MAX_BYTES, UploadFolder, limited, source_of
+from .uploads import MAX_BYTES, limited, source_of
 
 _MAX_REQUEST = 2**14
 FILES = {
@@ -39,7 +41,7 @@ FILES = {
 _END = ("result", "error", "outdated")
 
 
-def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads: UploadFolder) -> Starlette:
+def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads: Path) -> Starlette:
     """Return the app without its guard."""
     previewer = Previewer(sources, models)
 
@@ -48,7 +50,7 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
 
     async def upload(request: Request) -> Response:
         async with limited(request, MAX_BYTES).form(max_files=3, max_fields=0) as form:
-            source = await run_in_threadpool(source_of, form, uploads.new())
+            source = await run_in_threadpool(source_of, form, Path(mkdtemp(dir=uploads)))
         return JSONResponse({"source": sources.add(source), "name": source.name, "pairs": source.pairs})
 
     async def preview(request: Request) -> Response:

@@ -1,21 +1,13 @@
-"""Upload folders, and cleanup of folders left behind by a killed app. Read uploaded frames, ground truth and clips,
-which are untrusted. Sizes are checked before anything is stored or decoded.
-
-A folder is locked while its app runs. The operating system releases the lock however the app ends, so the next app can
-tell which folders are abandoned.
-"""
+"""Read uploaded frames, ground truth and clips, which are untrusted. Sizes are checked before anything is stored or
+decoded."""
 
 from __future__ import annotations
 
-import os
 import re
-import secrets
 import shutil
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from tempfile import gettempdir, mkdtemp
 
 import av
-from filelock import FileLock, Timeout
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -29,45 +21,6 @@ from ..data.video.source import open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size
 from .pairs import PairSource, clip_pairs, one_pair
-
-PREFIX = "robustflow-app-"
-_LOCK = ".lock"
-
-
-class UploadFolder:
-    """The folder of one app's uploads; `close` removes it."""
-
-    def __init__(self) -> None:
-        remove_abandoned()
-        self.path = Path(gettempdir()) / f"{PREFIX}{secrets.token_hex(8)}"
-        self._lock = FileLock(f"{self.path}{_LOCK}", blocking=False)
-        self._lock.acquire()  # created before the folder, so that no other app considers the folder abandoned
-        self.path.mkdir(mode=0o700)
-
-    def new(self) -> Path:
-        """Create an empty folder for one upload."""
-        return Path(mkdtemp(dir=self.path))
-
-    def close(self) -> None:
-        """Remove all uploads."""
-        shutil.rmtree(self.path, ignore_errors=True)
-        self._lock.release()
-        Path(self._lock.lock_file).unlink(missing_ok=True)
-
-
-def remove_abandoned() -> None:
-    """Remove this user's upload folders whose app is no longer running."""
-    for lock_file in Path(gettempdir()).glob(f"{PREFIX}*{_LOCK}"):
-        folder = lock_file.with_name(lock_file.name.removesuffix(_LOCK))
-        try:
-            if lock_file.lstat().st_uid != os.getuid() or lock_file.is_symlink() or folder.is_symlink():
-                continue
-            with FileLock(lock_file, blocking=False):
-                shutil.rmtree(folder, ignore_errors=True)
-                lock_file.unlink(missing_ok=True)
-        except (Timeout, OSError):
-            continue  # its app is running, or another app is removing it
-
 
 MAX_BYTES = 64 * 2**20
 """Maximum total size of all files of one upload."""

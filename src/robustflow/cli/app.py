@@ -1,13 +1,11 @@
 """`robustflow app`: explore a pair under corruptions interactively in a browser."""
 
-import sys
 from typing import Annotated, Any
 
 from typer import Option
 
-from ..core.errors import plain_warning
 from ..core.plugins import require
-from .complete import terminate_as_on_ctrl_c
+from .interrupt import terminate_as_on_ctrl_c
 from .options import MODEL, model_spec, shared
 
 
@@ -33,8 +31,4 @@ def app(
 
     terminate_as_on_ctrl_c()  # so that the uploads are removed
     spec = model_spec(given)
-    serve([] if spec is None else [spec], host, port, browser, lambda line: print(line, flush=True), _warn)
-
-
-def _warn(line: str) -> None:
-    print(plain_warning(line), end="", file=sys.stderr, flush=True)
+    serve([] if spec is None else [spec], host, port, browser)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from .options import FRAMES, names, numbers, refuse_unused, shared
+from .options import FRAMES, depth_of, names, numbers, refuse_unused, shared
 
 
 @shared(
@@ -36,13 +36,10 @@ def corrupt(
         return
     from ..core.errors import UsageError
     from ..core.files import make_folder
-    from ..core.types import Sample
     from ..corruptions import IMAGE_PAIR, corruption_name, load_corruption
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions.registry import with_families
-    from ..data.benchmarks import Benchmark
-    from ..data.benchmarks.registry import with_own_depth
-    from ..media.images import read_image, write_image
+    from ..media.images import write_image
     from ..run.predict import frames_of
 
     if frame1 is None or frame2 is None or given["corruptions"] is None:
@@ -53,10 +50,9 @@ def corrupt(
     for one in chosen:
         for level in levels:
             one.parameter(level)
-    sample = Sample(frame1.stem, (read_image(frame1), read_image(frame2)))
-    pair = Benchmark("corrupt", frames_of([frame1, frame2], {}), (sample.key,), tuple(one.name for one in chosen))
-    depths = with_own_depth(pair, given["depth"], given["focal"]).depth_to_read()
-    scene = None if depths is None else depths.depth(sample)
+    dataset = frames_of([frame1, frame2], {})
+    sample = dataset.load(frame1.stem)
+    scene = depth_of(sample, dataset, (one.name for one in chosen), given)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
     options = {"common_draws": given["common_draws"], "depth": scene}
     for one in chosen:

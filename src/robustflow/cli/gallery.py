@@ -1,6 +1,6 @@
 """`robustflow gallery`: show every corruption of a pair or clip side by side."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,14 +8,11 @@ import typer
 from typer import Option
 
 from ..core.errors import UsageError
-from .options import names, refuse_unused, shared
+from .options import depth_of, names, refuse_unused, shared
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from ..core.types import Frame, Sample, SceneDepth
-    from ..corruptions import Corruption
-    from ..report.gallery.pictures import GalleryCell
+    from ..core.types import Sample
+    from ..data.datasets.base import Dataset
 
 
 @shared(
@@ -49,6 +46,8 @@ def gallery(
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
     from ..core.arguments import check_severity
+    from ..data.datasets import load_dataset
+    from ..run.predict import frames_of
 
     model, attacks = given["model"], given["attacks"]
     if clip is not None:
@@ -77,143 +76,90 @@ def gallery(
         possible = IMAGE_PAIR if clip is None else PAPER_ORDER
         wanted = [corruption_name(name) for name in with_families(wanted, possible)]
     output = given["output"] or Path("gallery")
-    shown = _GalleryRequest(wanted, given["severity"], given["severity_scale"], given["seed"], output)
+    if clip is not None:
+        _write(output, _clip_files(clip, start, stop, length, wanted, given))
+        return
+    dataset = load_dataset("motorcycle") if frames is None else frames_of(list(frames), {})
+    sample = dataset.load(dataset.keys()[0])
+    what = "the motorcycle pair" if frames is None else f"{frames[0].name}, {frames[1].name}"
     if attacks is not None:
-        shown.write_attacks(_sample_of(frames)[0], names(attacks) or [], model)
-        if wanted is None:
-            return
-    if clip is None:
-        shown.write_pair(frames, model, given["depth"], given["focal"], given["still"])
-    else:
-        shown.write_clip(clip, start, stop, length)
+        _write(output, _attack_files(sample, names(attacks) or [], given))
+    if attacks is None or wanted is not None:
+        _write(output, _pair_files(sample, dataset, what, wanted, given))
 
 
-def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
-    """Return the pair and its name."""
-    from ..core.types import Sample
-    from ..data.datasets import load_dataset
-    from ..media.images import read_image
+def _write(output: Path, files: dict[str, bytes]) -> None:
+    from ..core.files import make_folder, write_bytes
 
-    if frames is None:
-        return load_dataset("motorcycle", None).load("motorcycle"), "the motorcycle pair"
-    pair = read_image(frames[0]), read_image(frames[1])
-    return Sample(frames[0].stem, pair), f"{frames[0].name}, {frames[1].name}"
+    make_folder(output)
+    for name, data in files.items():
+        write_bytes(output / name, data)
+        typer.echo(str(output / name))
 
 
-@dataclass(frozen=True)
-class _GalleryRequest:
-    """What a gallery shows, and where it is written; `corruptions` is None for all of them."""
+def _pair_files(
+    sample: "Sample", dataset: "Dataset", what: str, wanted: list[str] | None, given: dict[str, Any]
+) -> dict[str, bytes]:
+    from ..core.arguments import SEVERITIES
+    from ..corruptions import load_corruption
+    from ..data.benchmarks.paper import DEMO_CLASSES
+    from ..data.datasets.still import still_scene
+    from ..models import load_model
+    from ..models.base import FlowModel
+    from ..report.gallery.cells import pair_cells
+    from ..report.gallery.draw import draw_strip
+    from ..report.gallery.slider import gallery_files
 
-    corruptions: list[str] | None
-    severity: int
-    scale: str
-    seed: int
-    output: Path
+    severity, seed, scale, model = (given[name] for name in ("severity", "seed", "severity_scale", "model"))
+    if given["still"]:
+        sample, what = still_scene(sample, 0), f"a frame from {what}"
+    classes = DEMO_CLASSES if dataset.name == "motorcycle" else {}
+    sample = replace(sample, depth=depth_of(sample, dataset, wanted or (), given))
+    cells = list(pair_cells(sample, SEVERITIES, wanted, seed, scale, classes))
+    files = gallery_files(f"Corruptions of {what}, {scale} scale", sample.frames[:1], cells, severity)
+    if model is None:
+        return files
+    loaded = load_model(model)
+    if not isinstance(loaded, FlowModel):
+        raise UsageError(model, "does not predict from two frames, which the strip requires")
+    shown = [cell.name for cell in cells if cell.severity == severity and cell.frames and cell.name != "depth"]
+    chosen = [load_corruption(name, scale=scale, classes=classes) for name in shown]
+    return files | {"strip.webp": draw_strip(sample, loaded.predict, chosen, severity, model, seed)}
 
-    def write_pair(
-        self, frames: tuple[Path, Path] | None, model: str | None, depth: Path | None, focal: float | None, still: bool
-    ) -> None:
-        from ..core.arguments import SEVERITIES
-        from ..data.benchmarks.paper import DEMO_CLASSES
-        from ..data.datasets.still import still_scene
-        from ..report.gallery.page import gallery_slider, page_of
-        from ..report.gallery.pictures import gallery as cells_of
 
-        sample, what = _sample_of(frames)
-        if still:
-            sample, what = still_scene(sample, 0), f"a frame from {what}"
-        classes = DEMO_CLASSES if frames is None else {}
-        sample = replace(sample, depth=self._depth(frames, sample, depth, focal))
-        cells = list(cells_of(sample, SEVERITIES, self.corruptions, self.seed, self.scale, classes))
-        title = f"Corruptions of {what}, {self.scale} scale"
-        at = [cell for cell in cells if cell.severity == self.severity]
-        slider = gallery_slider(title, sample.frames[:1], cells, SEVERITIES, self.severity)
-        self._write_gallery(sample.frames[0], at, title, page_of(slider))
-        if model is not None:
-            self._write_strip(sample, model, [cell.name for cell in at if cell.ssim is not None], classes)
+def _attack_files(sample: "Sample", attacks: list[str], given: dict[str, Any]) -> dict[str, bytes]:
+    from ..attacks import attack, load_attack
+    from ..attacks.api import with_controls
+    from ..models import load_model
+    from ..report.gallery.draw import draw_attacks
 
-    def _depth(
-        self, frames: tuple[Path, Path] | None, sample: "Sample", depth: Path | None, focal: float | None
-    ) -> "SceneDepth | None":
-        """Return the depth of the pair if a corruption needs it."""
-        from ..data.benchmarks import Benchmark
-        from ..data.benchmarks.registry import with_own_depth
-        from ..data.datasets import load_dataset
-        from ..run.predict import frames_of
+    loaded, (first, second) = load_model(given["model"]), sample.frames
+    options: dict[str, Any] = {"flow": sample.flow, "valid": sample.valid, "seed": given["seed"], "key": sample.key}
+    chosen = [load_attack(name) for name in with_controls(attacks)]
+    attacked = [attack(first, second, loaded, each, severity=given["severity"], **options) for each in chosen]
+    return {"attacks.webp": draw_attacks(first, attacked, given["model"])}
 
-        dataset = load_dataset("motorcycle") if frames is None else frames_of(list(frames), {})
-        pair = Benchmark("gallery", dataset, (sample.key,), tuple(self.corruptions or ()))
-        depths = with_own_depth(pair, depth, focal).depth_to_read()
-        return None if depths is None else depths.depth(sample)
 
-    def write_attacks(self, sample: "Sample", attacks: list[str], model: str) -> None:
-        from ..attacks import attack, load_attack
-        from ..attacks.api import with_controls
-        from ..models import load_model
-        from ..report.gallery.strip import draw_attacks
+def _clip_files(
+    clip: Path, start: str | None, stop: str | None, length: int | None, wanted: list[str] | None, given: dict[str, Any]
+) -> dict[str, bytes]:
+    from tempfile import TemporaryDirectory
 
-        loaded, (first, second) = load_model(model), sample.frames
-        options: dict[str, Any] = {"flow": sample.flow, "valid": sample.valid, "seed": self.seed, "key": sample.key}
-        chosen = [load_attack(name) for name in with_controls(attacks)]
-        attacked = [attack(first, second, loaded, each, severity=self.severity, **options) for each in chosen]
-        self._write("attacks.webp", draw_attacks(first, attacked, model))
+    from ..core.arguments import SEVERITIES
+    from ..core.display import ProgressBar
+    from ..report.gallery.cells import SHOWN, ClipPart, chosen_corruptions, clip_cells
+    from ..report.gallery.slider import gallery_files
 
-    def _write_strip(
-        self, sample: "Sample", model: str, corruptions: list[str], classes: "Mapping[str, type[Corruption]]"
-    ) -> None:
-        from ..corruptions import load_corruption
-        from ..models import load_model
-        from ..models.base import FlowModel
-        from ..report.gallery.strip import draw_strip, strip_columns
-
-        loaded = load_model(model)
-        if not isinstance(loaded, FlowModel):
-            raise UsageError(model, "does not predict from two frames, which the strip requires")
-        chosen = [load_corruption(name, scale=self.scale, classes=classes) for name in corruptions]
-        columns = strip_columns(sample, loaded.predict, chosen, self.severity, self.seed)
-        self._write("strip.webp", draw_strip(sample, columns, model))
-
-    def write_clip(self, clip: Path, start: str | None, stop: str | None, length: int | None) -> None:
-        from tempfile import TemporaryDirectory
-
-        from ..core.arguments import SEVERITIES
-        from ..core.display import ProgressBar
-        from ..report.gallery.page import gallery_slider, page_of
-        from ..report.gallery.pictures import SHOWN, ClipPart, chosen_corruptions, clip_cells
-
-        chosen, remarks = chosen_corruptions(self.corruptions, self.scale)
-        part = ClipPart(clip, start, stop, SHOWN if length is None else length)
-        frames = list(part.frames(part.shown))
-        key = clip.resolve().stem
-        first, last = part.first_number, part.first_number + len(frames) - 1
-        title = f"Corruptions of {clip.name}, frames {first} to {last}, {self.scale} scale"
-        at: list[GalleryCell] = []
-
-        def collect(cells: "Iterable[GalleryCell]") -> "Iterator[GalleryCell]":
-            for cell in cells:
-                if cell.severity == self.severity:
-                    at.append(cell)
-                yield cell
-
-        with TemporaryDirectory(prefix="robustflow-gallery-") as folder, ProgressBar() as progress:
-            cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), self.seed, key, self.scale)
-            tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
-            slider = gallery_slider(title, frames, collect(tracked), SEVERITIES, self.severity, first)
-        about = f"{part.count} frames at {float(part.rate):.4g} frames per second; SSIM of the first corrupted frame"
-        self._write_gallery(frames[0], at, title, page_of(slider, [about, *remarks]))
-        for remark in remarks:
-            typer.echo(remark, err=True)
-
-    def _write_gallery(self, clean: "Frame", at: "Sequence[GalleryCell]", title: str, page: str) -> None:
-        from ..report.gallery.page import draw_figure
-
-        for form in ("png", "pdf"):
-            self._write(f"gallery.{form}", draw_figure(clean, at, f"{title}, severity {self.severity}", form))
-        self._write("gallery.html", page.encode())
-
-    def _write(self, name: str, data: bytes) -> None:
-        from ..core.files import make_folder, write_bytes
-
-        make_folder(self.output)
-        write_bytes(self.output / name, data)
-        typer.echo(str(self.output / name))
+    severity, seed, scale = (given[name] for name in ("severity", "seed", "severity_scale"))
+    chosen, remarks = chosen_corruptions(wanted, scale)
+    part = ClipPart(clip, start, stop, SHOWN if length is None else length)
+    frames, first = list(part.frames(part.shown)), part.first_number
+    title = f"Corruptions of {clip.name}, frames {first} to {first + len(frames) - 1}, {scale} scale"
+    about = f"{part.count} frames at {float(part.rate):.4g} frames per second; SSIM of the first corrupted frame"
+    with TemporaryDirectory(prefix="robustflow-gallery-") as folder, ProgressBar() as progress:
+        cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), seed, clip.resolve().stem, scale)
+        tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
+        files = gallery_files(title, frames, tracked, severity, first, [about, *remarks])
+    for remark in remarks:
+        typer.echo(remark, err=True)
+    return files

@@ -15,6 +15,8 @@ from ..run.config import DATA, FIELDS, HOW, WHAT, option_of
 from . import complete
 
 if TYPE_CHECKING:
+    from ..core.types import Sample, SceneDepth
+    from ..data.datasets.base import Dataset
     from ..models import ModelSpec
 
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -168,6 +170,18 @@ def data_options(given: Mapping[str, Any]) -> Given:
     """
     own = {key: given[key] for key in ("depth", "focal") if given.get(key) is not None}
     return dict(keyword_options(given.get("data_options"))) | own
+
+
+def depth_of(
+    sample: "Sample", dataset: "Dataset", corruptions: Iterable[str], given: Mapping[str, Any]
+) -> "SceneDepth | None":
+    """Return the depth of a sample if a corruption needs it: that of --depth, or of the dataset."""
+    from ..data.benchmarks import Benchmark
+    from ..data.benchmarks.registry import with_own_depth
+
+    pair = Benchmark("pair", dataset, (sample.key,), tuple(corruptions))
+    depths = with_own_depth(pair, given["depth"], given["focal"]).depth_to_read()
+    return None if depths is None else depths.depth(sample)
 
 
 def model_options(given: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:

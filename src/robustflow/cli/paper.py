@@ -165,7 +165,7 @@ def experiment(
     from ..core.files import write_bytes
     from ..paper.experiment.findings import findings
     from ..paper.experiment.robust_training import TrainingExperiment, evaluation_sets, run_experiment
-    from .complete import Interrupted, stopped
+    from .interrupt import Interrupted, stopped
 
     levels, sets = tuple(numbers(severities) or ()), evaluation_sets(data or [], shapes, size)
     asked = TrainingExperiment(output, sets, seeds=seeds, steps=steps, severities=levels, loaders=loaders)

@@ -136,7 +136,11 @@ def _ray_preparation(engine: str, workers: int | None, address: str | None) -> "
 
 
 def _rate(text: str | None) -> Fraction | None:
-    """Parse a frame rate, and round it to a denominator of at most 1001: 29.97003 means 30000/1001."""
+    """Parse a frame rate, and round it to a denominator of at most 1001.
+
+    >>> _rate("29.97003"), _rate("24000/1001"), _rate(None)
+    (Fraction(30000, 1001), Fraction(24000, 1001), None)
+    """
     if text is None:
         return None
     number = re.fullmatch(r"\d{1,6}(\.\d{1,20})?|\d{1,9}/[1-9]\d{0,8}", text.strip(), re.ASCII)

@@ -8,7 +8,7 @@ from typer import Argument, Option
 from typer.core import TyperGroup
 
 from ..core.errors import UsageError
-from .complete import stopped, terminate_as_on_ctrl_c
+from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import names, run_arguments, shared
 from .paper import audit, displacement, experiment, observations
 

@@ -8,7 +8,7 @@ from typer import Argument, Option
 from ..core.errors import UsageError
 from ..run.config import OUTPUT, WHAT
 from . import complete
-from .complete import stopped, terminate_as_on_ctrl_c
+from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import RUN, model_options, run_arguments, shared
 
 

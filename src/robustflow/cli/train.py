@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from ..core.errors import UsageError
 from . import complete
-from .complete import Interrupted, stopped
+from .interrupt import Interrupted, stopped
 from .options import keyword_options, names, refuse_unused, shared
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ...core.errors import UsageError
 from ...data.benchmarks import benchmark_facts
 from ...stats.model_result import ModelResult, by_frames, ranked
-from ...stats.published.tables import PAPER, of_paper
+from ...stats.published.tables import PAPER
 from .canvas import FILE_FORMATS, MarkedFigure, figure_bytes, write_figures
 from .crer_by_family import crer_by_family
 from .curves import displacement_figure, severity_curves
@@ -32,11 +32,11 @@ __all__ = [
     "write_figures",
 ]
 
-_DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles, bool], MarkedFigure]] = {
-    "clean_against_cre": lambda results, styling, together: clean_against_cre(results, styling, together=together),
-    "crer_by_family": lambda results, styling, together: crer_by_family(results, styling),
-    "relations": lambda results, styling, together: relations(results, styling, together=together),
-    "effective_trend": lambda results, styling, together: effective_trend(results, styling, together=together),
+_DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles], MarkedFigure]] = {
+    "clean_against_cre": clean_against_cre,
+    "crer_by_family": crer_by_family,
+    "relations": relations,
+    "effective_trend": effective_trend,
 }
 
 
@@ -67,12 +67,5 @@ def figures_by_sample_set(
         figures[frames] = {}
         for name, draw in _DRAWN.items():
             with suppress(UsageError):  # Some sets of results lack the data for some figures.
-                figures[frames][name] = draw(part, styling or FigureStyles(), not _by_setting(part))
+                figures[frames][name] = draw(part, styling or FigureStyles())
     return figures
-
-
-def _by_setting(results: Sequence[ModelResult]) -> bool:
-    """Return whether to draw one panel per setting, as for the paper's values and for a model measured in two
-    settings."""
-    models = {(line.setting, line.name) for line in results}
-    return of_paper(results) or len({name for _, name in models}) < len(models)

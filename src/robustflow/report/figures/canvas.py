@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -169,28 +168,12 @@ def fair_limits(
     return low - (0.0 if zero and low == 0 else space), high + (0.0 if zero and high == 0 else space)
 
 
-def whiskers(
-    panel: Axes, x: float, y: float, across: IntervalEnds | None, up: IntervalEnds | None, colour: str
-) -> bool:
-    """Draw the intervals of a point as whiskers; return whether it has any."""
-    if across is not None:
-        panel.plot(across, (y, y), color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
-    if up is not None:
-        panel.plot((x, x), up, color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
-    return across is not None or up is not None
-
-
 def ends_text(ends: IntervalEnds | None) -> str:
     """Format an interval as " [1.02, 1.71]"; "" if there is none."""
     return "" if ends is None else f" {interval_text(ends)}"
 
 
 WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
-
-
-def set_heading(figure: MarkedFigure, text: str) -> None:
-    """Draw a heading above all panels, wrapped to the figure's width."""
-    figure.suptitle(textwrap.fill(text, int(12.5 * figure.get_figwidth())), fontsize=10)
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:

@@ -5,6 +5,7 @@ and effective robustness with the trend over all models in a setting.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,12 +32,10 @@ from .canvas import (
     ends_text,
     fair_limits,
     new_figure,
-    set_heading,
     settle_layout,
     spread_labels,
-    whiskers,
 )
-from .styles import OTHER, FigureStyles, kind_key, model_key
+from .styles import OTHER, FigureStyles, by_setting, kind_key, model_key
 
 _AREA = 260.0
 """Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
@@ -71,7 +70,12 @@ def _draw(
     figure: MarkedFigure, panel: Axes, points: Sequence[_Point], colours: Mapping[ModelResult, str], **look: Any
 ) -> None:
     for point in points:
-        whiskers(panel, *point.at, *point.ends, colours[point.line])
+        (x, y), (across, up) = point.at, point.ends
+        whisker: Any = {"color": colours[point.line], "linewidth": 0.9, "alpha": 0.7, "zorder": 1.5}
+        if across is not None:
+            panel.plot(across, (y, y), solid_capstyle="butt", **whisker)
+        if up is not None:
+            panel.plot((x, x), up, solid_capstyle="butt", **whisker)
         dot = panel.scatter(*point.at, s=point.area, color=colours[point.line], **look)
         figure.mark(dot, [Mark(point.line.name, point.line.setting, point.values)])
 
@@ -88,7 +92,7 @@ def _finish(
     lines = [point.line for point in every]
     figure.explain(kind_key(line.name for line in lines) if of_paper(lines) else [], styling.legend)
     figure.caption = caption + (f" {WITH_INTERVALS}" if any(any(point.ends) for point in every) else "")
-    set_heading(figure, heading)
+    figure.suptitle(textwrap.fill(heading, int(12.5 * figure.get_figwidth())), fontsize=10)
     settle_layout(figure)
     for panel, points in panels:
         radii = [math.sqrt(point.area / math.pi) for point in points]
@@ -99,11 +103,9 @@ def _finish(
 
 
 @default_style()
-def clean_against_cre(
-    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
-) -> MarkedFigure:
-    """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes."""
-    styling = styling or FigureStyles()
+def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+    """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in panels with the same axes."""
+    styling, together = styling or FigureStyles(), not by_setting(results)
     without = not_discussed(results)
     groups: dict[str, list[_Point]] = {}
     for setting in settings_in_order(line.setting for line in results):
@@ -140,14 +142,12 @@ def clean_against_cre(
 
 
 @default_style()
-def effective_trend(
-    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
-) -> MarkedFigure:
-    """Plot one panel per setting, all with the same axes. The factor printed for a model is its EPE divided by the EPE
-    predicted from the trend of the other models.
+def effective_trend(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+    """Plot panels with the same axes. The factor printed for a model is its EPE divided by the EPE predicted from the
+    trend of the other models.
     """
     styling = styling or FigureStyles()
-    settings = effective_robustness(results, by_setting=not together)
+    settings = effective_robustness(results, by_setting=by_setting(results))
     styles = styling.of(results)
     figure, axes = new_figure(4.6, 4.2, len(settings))
     panels = []
@@ -199,13 +199,11 @@ def _log_limits(values: list[float]) -> tuple[float, float]:
 
 
 @default_style()
-def relations(
-    results: Sequence[ModelResult], styling: FigureStyles | None = None, *, together: bool = False
-) -> MarkedFigure:
+def relations(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
     """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE,
     each with its correlations. A quantity has the same axis range in every panel.
     """
-    styling = styling or FigureStyles()
+    styling, together = styling or FigureStyles(), not by_setting(results)
     without, styles = not_discussed(results), styling.of(results)
     groups: dict[str, dict[ModelResult, dict[str, float]]] = {}
     for line in results:

@@ -82,6 +82,13 @@ class FigureStyles:
         return {line: self.styles.get(line, by_place[line.name]) for line in results}
 
 
+def by_setting(results: Sequence[ModelResult]) -> bool:
+    """Return whether to draw one panel per setting, as for the paper's values and for a model measured in two
+    settings."""
+    models = {(line.setting, line.name) for line in results}
+    return of_paper(results) or len({name for _, name in models}) < len(models)
+
+
 def kind_of(model: str) -> str:
     """Return the kind of a published model, a key of `KIND_STYLES`; "" for other models.
 

@@ -37,9 +37,8 @@ from ...run.example_cells import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
 from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label
-from ..gallery.page import example_slider
-from ..gallery.pictures import gallery
-from ..slider import Slider, make_slider
+from ..gallery.cells import GalleryCell, pair_cells
+from ..gallery.slider import Slider, make_slider
 
 if TYPE_CHECKING:
     from ...run.run import Run
@@ -74,7 +73,8 @@ def embedded_slider() -> Slider | None:
             document = json.loads(unsealed(path.read_bytes()) or "{}")
             if document["source"] == source:
                 return TypeAdapter(Slider).validate_python(document["slider"])
-    slider = example_slider(sample.frames[0], gallery(sample, SEVERITIES, classes=DEMO_CLASSES), _TITLE)
+    cells = pair_cells(sample, SEVERITIES, classes=DEMO_CLASSES)
+    slider = make_slider(_TITLE, sample.frames[:1], cells, widest=256, quality=50)
     with suppress(DataError):  # the cache is not writable, so the slider is redrawn next time
         make_folder(path.parent)
         write_json(path, sealed({"source": source, "slider": asdict(slider)}))
@@ -155,9 +155,9 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         shown = _ExampleList.model_validate_json(data)
     except ValidationError as error:
         raise DataError(path, f"{first_misfit(error)}; delete the folder, or run the command again") from error
-    pictures = ((one.corruption, one.severity, [_picture(folder / one.file)], "") for one in shown.slider.pictures)
+    cells = (GalleryCell(one.corruption, one.severity, [_picture(folder / one.file)]) for one in shown.slider.pictures)
     clean = [_picture(folder / shown.slider.clean)]
-    slider = make_slider(f"Sample {plain(shown.slider.key)}", clean, pictures, widest=SLIDER_WIDTH, quality=_QUALITY)
+    slider = make_slider(f"Sample {plain(shown.slider.key)}", clean, cells, widest=SLIDER_WIDTH, quality=_QUALITY)
     return slider, [_panel(folder, panel) for panel in shown.panels]
 
 

@@ -16,8 +16,8 @@ from ...run.trust import is_current, source_digest, write_derived
 from ...stats.audit import AUDIT_CHECKS, audit_results
 from ...stats.model_result import ModelResult, by_frames
 from ...stats.published.tables import PAPER
-from .. import slider
 from ..attack_tables import attack_table, prediction_table
+from ..gallery import slider
 from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table
 from ..run_tables import confidence_table

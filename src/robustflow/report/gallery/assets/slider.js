@@ -12,31 +12,23 @@ function start(root) {
   const pictures = root.querySelector(".slider-pictures");
   const clean = pictures.querySelector("figure:not([data-corruption]) img");
   const figures = [...pictures.querySelectorAll("[data-corruption]")];
-  const words = (figure) => data.corruptions[figure.dataset.corruption];
-
-  // Pictures in the markup are not repeated in the data.
-  data.clean[0] = clean.src;
-  for (const figure of figures) {
-    const { first, shots } = words(figure);
-    if (first !== null) shots[first].pictures[0] = figure.querySelector("img").src;
-  }
 
   function put(image, address, alt) {
-    if (image.src !== address) image.src = address;
+    if (image.getAttribute("src") !== address) image.src = address;
     image.alt = alt;
   }
 
   function show() {
     const at = frame === null ? 0 : Number(frame.value);
-    const number = String(at + data.firstFrame);
+    const number = String(at + data.first_frame);
     const ofFrame = frame === null ? "" : `, frame ${number}`;
     put(clean, data.clean[at], `The clean frame${frame === null ? "" : ` ${number}`}`);
     pictures.classList.toggle("together", which.value === "all");
     for (const figure of figures) {
       figure.hidden = which.value !== "all" && which.value !== figure.dataset.corruption;
       if (figure.hidden) continue;
-      const { name, shots } = words(figure);
-      const shot = shots[severity.value];
+      const [name, shots] = data.corruptions[figure.dataset.corruption];
+      const shot = shots.find((one) => one.severity === Number(severity.value));
       const image = figure.querySelector("img");
       image.hidden = shot === undefined;
       figure.querySelector(".absent").hidden = shot !== undefined;
@@ -54,7 +46,7 @@ function start(root) {
   // Show a corruption at the available severity nearest to the slider's position.
   function choose() {
     if (which.value !== "all") {
-      const levels = Object.keys(data.corruptions[which.value].shots).map(Number);
+      const levels = data.corruptions[which.value][1].map((shot) => shot.severity);
       const away = (level) => Math.abs(level - Number(severity.value));
       if (levels.length) severity.value = levels.reduce((best, level) => (away(level) < away(best) ? level : best));
     }
@@ -87,7 +79,7 @@ function start(root) {
     });
     play.addEventListener("click", toggle);
   }
-  root.querySelector(".slider-controls").hidden = false;
+  for (const part of root.querySelectorAll(".slider-controls, .slider-pictures")) part.hidden = false;
   choose();
 }
 

@@ -1,8 +1,8 @@
-"""Pictures of a gallery: a frame of a pair, or consecutive frames of a clip, under each corruption and severity."""
+"""Cells of a gallery: a frame of a pair, or consecutive frames of a clip, under each corruption and severity."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -28,22 +28,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GalleryCell:
-    """The frames under one corruption at one severity."""
+    """The frames under one corruption at one severity, none if it does not exist; `still` is the index of the first
+    frame that the corruption changes."""
 
     name: str
     severity: int
     frames: Sequence[Frame] = ()
-    ssim: float | None = None
-    remark: str = ""
+    caption: str = ""
     still: int = 0
 
-    @property
-    def caption(self) -> str:
-        """The SSIM and the remark."""
-        return ", ".join(filter(None, ("" if self.ssim is None else f"SSIM {self.ssim:.2f}", self.remark)))
 
-
-def gallery(
+def pair_cells(
     sample: Sample,
     severities: Sequence[int],
     corruptions: Sequence[str] | None = None,
@@ -55,38 +50,49 @@ def gallery(
     changes.
     """
     wanted = IMAGE_PAIR if corruptions is None else corruptions
-    chosen = [load_corruption(name, scale=scale, classes=classes) for name in wanted]
-    similarity = [Ssim(frame) for frame in sample.frames[:2]]
+    chosen = {one.name: one for one in (load_corruption(name, scale=scale, classes=classes) for name in wanted)}
+    clean = sample.frames[:2]
     if sample.depth is not None:
         near, far = (float(bound) for bound in (sample.depth.maps[0].min(), sample.depth.maps[0].max()))
         shown = depth_colours(sample.depth.maps[0])
         for severity in severities:
-            yield GalleryCell("depth", severity, [shown], remark=f"{near:.3g} m (white) to {far:.3g} m")
-    for corruption in chosen:
+            yield GalleryCell("depth", severity, [shown], f"{near:.3g} m (white) to {far:.3g} m")
+
+    def corrupted(name: str, severity: int) -> tuple[list[Frame], str]:
+        frames: list[Frame] = []
+        for frame in corrupt_clip(clean, chosen[name], severity, seed, sample.key, depth=sample.depth):
+            frames.append(frame)
+            if not np.array_equal(frame, clean[len(frames) - 1]):
+                break  # the second frame is only needed if the first one is unchanged
+        return frames, ""
+
+    for cell in _cells(clean, list(chosen), severities, scale, corrupted):
+        yield GalleryCell(cell.name, cell.severity, cell.frames[cell.still : cell.still + 1], cell.caption)
+
+
+def _cells(
+    clean: Sequence[Frame],
+    corruptions: Sequence[str],
+    severities: Sequence[int],
+    scale: str,
+    corrupted: Callable[[str, int], tuple[list[Frame], str]],
+) -> Iterator[GalleryCell]:
+    """Yield the cells, one corruption after another; `corrupted(name, severity)` makes the frames and a remark. The
+    caption has the SSIM of the first frame that differs from its clean frame, because some corruptions change only
+    some of them."""
+    similarity = cache(lambda index: Ssim(clean[index]))
+    for name in corruptions:
+        levels = levels_of(name, tuple(severities), scale)
         for severity in severities:
-            if severity in levels_of(corruption.name, tuple(severities), scale):
-                clean = sample.frames[:2]
-                frames = corrupt_clip(clean, corruption, severity, seed, sample.key, depth=sample.depth)
-                frame, index = first_changed(frames, clean)
-                yield GalleryCell(corruption.name, severity, [frame], similarity[index](frame), frame_remark(index))
-            else:
-                yield GalleryCell(corruption.name, severity)
-
-
-def first_changed(frames: Iterable[Frame], clean: Sequence[Frame]) -> tuple[Frame, int]:
-    """Return the first frame that differs from its clean frame, and its index, because some corruptions change only
-    some of them; the first frame if none differs."""
-    changed = ((frame, index) for index, frame in enumerate(frames) if not np.array_equal(frame, clean[index]))
-    return next(changed, (clean[0], 0))
-
-
-def frame_remark(index: int) -> str:
-    """Return the remark that a still picture shows the frame at `index`; "" for the first frame.
-
-    >>> frame_remark(1), frame_remark(0)
-    ('frame 2', '')
-    """
-    return f"frame {index + 1}" if index else ""
+            if severity not in levels:
+                yield GalleryCell(name, severity)
+                continue
+            frames, remark = corrupted(name, severity)
+            changed = (index for index, frame in enumerate(frames) if not np.array_equal(frame, clean[index]))
+            still = next(changed, 0)
+            of_frame = f"frame {still + 1}" if still else ""
+            ssim = f"SSIM {similarity(still)(frames[still]):.2f}"
+            yield GalleryCell(name, severity, frames, ", ".join(filter(None, (ssim, of_frame, remark))), still)
 
 
 LONGEST_PART = 96
@@ -162,23 +168,14 @@ def clip_cells(
     scale: str = "paper",
 ) -> Iterator[GalleryCell]:
     """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
-    memory.
+    memory; the clip is encoded into `folder` if a corruption needs it.
     """
-    similarity = cache(lambda index: Ssim(shown[index]))
-    encoded: ShortClip | None = None
-    for name in corruptions:
-        for severity in severities:
-            if severity not in levels_of(name, tuple(severities), scale):
-                yield GalleryCell(name, severity)
-                continue
-            remark = ""
-            if name in MADE_FROM_CLIP:
-                encoded = encoded or ShortClip(part.frames(), part.rate, folder)
-                parameter = load_corruption(name).parameter(severity)
-                frames, changed = encoded.corrupted(name, parameter, part.shown)
-                remark = "" if changed else "no bit errors"
-            else:
-                frames = list(corrupt_clip(shown, name, severity, seed, key, scale=scale))
-            frame, still = first_changed(frames, shown)
-            remark = ", ".join(filter(None, (frame_remark(still), remark)))
-            yield GalleryCell(name, severity, frames, similarity(still)(frame), remark, still)
+    encoded = cache(lambda: ShortClip(part.frames(), part.rate, folder))
+
+    def corrupted(name: str, severity: int) -> tuple[list[Frame], str]:
+        if name not in MADE_FROM_CLIP:
+            return list(corrupt_clip(shown, name, severity, seed, key, scale=scale)), ""
+        frames, changed = encoded().corrupted(name, load_corruption(name).parameter(severity), part.shown)
+        return frames, "" if changed else "no bit errors"
+
+    yield from _cells(shown, corruptions, severities, scale, corrupted)

@@ -1,0 +1,38 @@
+"""The end of a command on Ctrl-C, with one line that says what was saved."""
+
+from __future__ import annotations
+
+import signal
+from typing import Any
+
+import typer
+
+
+def terminate_as_on_ctrl_c() -> None:
+    """Raise KeyboardInterrupt on a request to terminate, too."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def stopped(kept: str) -> typer.Exit:
+    """Print what a stopped command has kept and how to continue, and return the exception that ends it."""
+    typer.echo(f"robustflow: stopped; {kept} to continue.", err=True)
+    return typer.Exit(130)
+
+
+class Interrupted:
+    """A signal handler that records whether Ctrl-C was pressed or termination was requested; a second request ends the
+    process immediately."""
+
+    def __init__(self) -> None:
+        self._came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def __call__(self) -> bool:
+        return self._came
+
+    def _note(self, number: int, frame: Any) -> None:
+        if self._came:
+            raise KeyboardInterrupt
+        self._came = True
+        typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop immediately", err=True)
