@@ -43,7 +43,7 @@ if __name__ == "__main__":
     from robustflow.run.setup import set_up
     from robustflow.run.stages import FrameStage, no_seconds
     from robustflow.run.store import RunFolder
-    from robustflow.run.worker import MeasureStage
+    from robustflow.run.worker import Job, MeasureStage
     from robustflow.testing import TexturePairs
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -125,7 +125,7 @@ def cells(benchmark: Benchmark) -> None:
     seconds = no_seconds()
     key = benchmark.keys[0]
     frame_stage = FrameStage(benchmark.dataset, RunOptions(), seconds)
-    measure_stage = MeasureStage(RunOptions(), lambda key: Path("nowhere"), {}, seconds)
+    measure_stage = MeasureStage(Job(benchmark.dataset, Sleeper(), RunOptions()), seconds)
 
     def best(work) -> float:
         least = float("inf")

@@ -14,14 +14,13 @@ from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
 from robustflow.media.images import read_image, write_image
 from robustflow.models import Window, load_model
-from robustflow.run.engines.base import Job
 from robustflow.run.engines.ray import files_of
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.setup import restore_setup
 from robustflow.run.source import RunSource
+from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
-from tests.data.video import clips
 
 from .conftest import FAST, FRAMES, SMALLEST
 from .models_for_tests import FiveFrames
@@ -118,20 +117,6 @@ def test_two_frame_models_get_the_same_frames_and_identity_on_a_clip(clip_folder
     columns = ["sample", "corruption", "severity", "frames_digest"]
     assert pairs.rows.select(columns).equals(clip.rows.select(columns))
     assert pairs.manifest.identity.model.window is None
-
-
-def test_command_line_runs_clip_models_on_video_and_folder(tmp_path, robustflow):
-    clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
-    data = ["--benchmark", "folder", "--data", tmp_path / "clip.mp4", "--output", tmp_path / "video"]
-    what = ["--corruptions", ",".join(FAST), "--severities", "4"]
-    assert "over_exposure" in robustflow.prints("run", "--model", MODEL, *data, *what)
-    video = rf.load_dataset("folder", tmp_path / "clip.mp4")
-    (tmp_path / "frames").mkdir()
-    for offset in range(FRAMES):
-        write_image(tmp_path / "frames" / f"{offset:06d}.png", video.frame("000000", offset))
-    frames = run(MODEL, tmp_path / "frames", tmp_path / "run", severities=[4])
-    columns = ["sample", "corruption", "severity", "frames_digest", "rcre_all_sum"]
-    assert rf.Result(tmp_path / "video").rows.select(columns).equals(frames.rows.select(columns))
 
 
 def test_example_pictures_are_drawn_from_the_clip(clip_folder, tmp_path):

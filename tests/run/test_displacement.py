@@ -49,17 +49,6 @@ def test_every_valid_pixel_is_counted_once(seed):
     assert table["share"].sum() == pytest.approx(sum(expected) / valid)
 
 
-def test_displacement_is_counted_from_ground_truth_or_a_model():
-    benchmark = load_benchmark("demo")
-    truth = displacement_histogram(benchmark)
-    sample = benchmark.dataset.load(benchmark.keys[0])
-    assert truth["pixels"].sum() == int(sample.valid.sum())
-
-    still = displacement_histogram(benchmark, ZeroFlow(), "still")
-    assert still["pixels"][0] == sample.shape[0] * sample.shape[1]
-    assert still["source"].unique().to_list() == ["still"]
-
-
 def test_a_flow_that_is_not_finite_is_refused():
     class Broken(ZeroFlow):
         def predict(self, frame1, frame2):

@@ -12,10 +12,11 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.models import ModelSpec
-from robustflow.run.engines.base import Engine, Job
+from robustflow.run.engines.base import Engine
 from robustflow.run.engines.processes import processes, serial
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.progress import Silent
+from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal

@@ -67,17 +67,6 @@ def test_known_points_grow_by_a_little(known):
             assert shown[y, x].tolist() in [picture[tuple(point)].tolist() for point in nearest]
 
 
-def test_equal_panels_are_byte_identical():
-    assert draw_panel(_panel(70, 100, True)) == _drawn(True)
-
-
-@pytest.mark.parametrize("form", ["png", "jpeg"])
-def test_a_panel_is_a_picture_of_the_format(form):
-    with Image.open(io.BytesIO(_drawn(True) if form == "png" else draw_panel(_panel(60, 90, False), form))) as picture:
-        assert (picture.format, picture.width) == (form.upper(), 1400)
-        picture.load()
-
-
 def test_panel_has_its_images_in_their_places():
     """Every picture of the panel is plain, in a different colour."""
     first, second, corrupted, also_corrupted = (np.full((70, 100, 3), grey, np.uint8) for grey in (30, 60, 120, 200))

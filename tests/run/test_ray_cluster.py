@@ -9,6 +9,7 @@ import random
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -22,10 +23,10 @@ from robustflow.data.video.prepare import Preparation
 from robustflow.data.video.prepare_folder import find_sources, prepare_folder
 from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.run.engines.base import Job
-from robustflow.run.engines.ray_actor import UnitActor, installed
+from robustflow.run.engines.ray_actor import Start, UnitActor, installed
 from robustflow.run.engines.ray_prepare import prepare_on_ray
-from robustflow.run.plan import RunOptions
+from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.worker import Job
 from tests.data.video import clips
 
 from .conftest import FAST
@@ -125,7 +126,7 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
     options = {"workers": 1, "model": {"fault": "hang"}, "timeout": 0.5, **two_nodes.engine}
-    with pytest.raises(ModelError, match=r" 0\.5 s on sample '.*--timeout$"):
+    with pytest.raises(ModelError, match=r" 0\.5 s on sample '.*--timeout \(on node"):
         _run(tmp_path / "run", frames, **options)
 
 
@@ -206,25 +207,25 @@ def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkey
     two_nodes.kill(odd)
 
 
-def test_a_node_with_other_versions_is_named(two_nodes, frames, tmp_path, monkeypatch):
-    monkeypatch.setattr("robustflow.run.engines.ray.installed", lambda: installed() | {"numpy": "0.1"})
-    with pytest.raises(RunError, match=r"^node \S+: has numpy \S+.* 0\.1,"):
-        _run(tmp_path / "run", frames, workers=1, **two_nodes.engine)
-
-
-def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path):
+def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path, monkeypatch):
     """The checks on a node before it loads a sample; the node is this machine, so the actor is called directly."""
-    actor = UnitActor()
+    monkeypatch.setattr("robustflow.run.engines.ray_actor._device", lambda: "CPU")
     size = (frames / "00.png").stat().st_size
-    assert actor.begin(b"", {}, ())[0] == "error", "not a job"
-    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    spec = ModelSpec("farneback")
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), spec, RunOptions(), tmp_path))
+    start = Start({}, os.getcwd(), [], installed(), spec.identity(spec.load()))
     node = f"node {socket.gethostname()}"
-    for model, files, expected, part in (
-        ({}, [(str(frames / "gone.png"), size)], "DataError", "gone.png"),
-        ({}, [(str(frames / "00.png"), size + 1)], "DataError", f"00.png has {size} bytes"),
-        ({"name": "farneback", "source": "another"}, (), "RunError", "source"),
+    actor = UnitActor()
+    assert actor.begin(b"", start)[0] == "error", "not a job"
+    assert actor.begin(job, start) == ("done", f"{socket.gethostname()}, CPU")
+    unit = Unit("00", "clean", (0,))
+    for call, expected, part in (
+        (lambda: actor.run(unit, [(str(frames / "gone.png"), size)]), "DataError", "gone.png"),
+        (lambda: actor.run(unit, [(str(frames / "00.png"), size + 1)]), "DataError", f"00.png has {size} bytes"),
+        (lambda: actor.begin(job, replace(start, identity={"source": "another"})), "RunError", "source"),
+        (lambda: actor.begin(job, replace(start, installed={"numpy": "0.1"})), "RunError", "numpy"),
     ):
-        kind, (error, message, _, culprit) = actor.begin(job, model, files)
+        kind, (error, message, _, culprit) = call()
         assert (kind, error, culprit) == ("error", expected, node)
         assert part in message
 

@@ -17,19 +17,20 @@ from ..data.datasets.base import FromClips
 from ..metrics.photometric import misread
 from ..metrics.rows import CLEAN
 from .attack_stage import learned_patterns
-from .engines.base import Engine, Job
+from .engines.base import Engine
 from .manifest import Manifest, clips_of
 from .plan import unfinished_samples
 from .progress import Progress, TerminalProgress
 from .resume import changed_files, check_before_resuming, now, open_manifest, stored_clean_rows
 from .setup import Setup
 from .store import RunFolder
+from .worker import Job, Worker
 
 
 def check_first_pair(job: Job, key: str) -> None:
     """Compare the clean flow of a pair, which an engine has stored or else is predicted here, with its frames."""
     with one_opencv_thread():
-        worker = job.worker()
+        worker = Worker(job)
         sample, flow = worker.sample(key), worker.clean_flow(key)
     wrong = misread([(sample.frames[0], sample.frames[1], flow)])
     if wrong is not None:

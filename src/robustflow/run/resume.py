@@ -27,13 +27,12 @@ from ..data.datasets.folder import OWN_FRAMES
 from ..metrics.rows import CLEAN
 from .cells import merged_levels, union
 from .data_files import check_listed, file_digests, files_of_sample
-from .engines.base import Job
 from .identity import difference, environment
 from .manifest import Manifest
 from .plan import Plan, Unit
 from .store import RunFolder
 from .trust import COMPARED, check_same
-from .worker import NoMotion, temporary_worker
+from .worker import Job, NoMotion, temporary_worker
 
 _HASH = re.compile(r"[0-9a-f]{64}")
 _ELSEWHERE = "choose another folder with --output"

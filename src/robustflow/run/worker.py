@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,8 @@ from ..data.datasets.base import Dataset
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
 from ..metrics.error_maps import epe_map, error_sum
 from ..metrics.rows import CLEAN, COVERAGES, measure
-from ..models.base import AnyModel, describe_cell
+from ..models import ModelSpec
+from ..models.base import AnyModel, describe_cell, model_identity
 from ..models.confidence import Answer, flow_of
 from .attack_stage import AttackStage, attack_columns
 from .cells import Cell
@@ -34,7 +35,37 @@ from .stages import (
     no_seconds,
     timed,
 )
+from .store import RunFolder
 from .trust import check_same, read_array, write_array
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a worker needs; picklable if the model is picklable."""
+
+    dataset: Dataset
+    model: ModelSpec | AnyModel
+    options: RunOptions
+    folder: Path | None = None
+    """The run's folder, in which clean flows are stored between units; None to store none."""
+    batch_size: int = 1
+    loaded: AnyModel | None = field(default=None, compare=False)
+    """The model, if this process has already loaded it; never sent to other processes."""
+    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
+    row."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "loaded": None}
+
+    def load_model(self) -> AnyModel:
+        if self.loaded is not None:
+            return self.loaded
+        return self.model.load() if isinstance(self.model, ModelSpec) else self.model
+
+    def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
+        """Return the identity of the loaded model, including its name if it was loaded by name."""
+        return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
 
 
 @dataclass(frozen=True)
@@ -51,31 +82,25 @@ class View:
 class MeasureStage:
     """Compute rows, and store clean flows for the remaining cells of their samples."""
 
-    def __init__(
-        self,
-        options: RunOptions,
-        clean_path: Callable[[str], Path] | None,
-        kept: Mapping[str, dict[str, Any]],
-        seconds: Seconds,
-    ) -> None:
-        self._truths = dict.fromkeys((CLEAN, *options.attacks), "unchanged")
+    def __init__(self, job: Job, seconds: Seconds) -> None:
+        self._truths = dict.fromkeys((CLEAN, *job.options.attacks), "unchanged")
         """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
-        self._options = options.measuring
-        self._clean_path = clean_path
-        self._kept = kept
+        self._options = job.options.measuring
+        self._folder = None if job.folder is None else RunFolder(job.folder)
+        self._kept = job.kept
         self._seconds = seconds
 
     def read_clean(self, opened: OpenSample) -> None:
         """Read the clean flow that an earlier unit of the sample stored, if any."""
-        if self._clean_path is not None:
-            opened.clean = read_array(self._clean_path(opened.sample.key), opened.clean_flow_key)
+        if self._folder is not None:
+            opened.clean = read_array(self._folder.clean_path(opened.sample.key), opened.clean_flow_key)
             if opened.clean is not None:
                 self._check(opened, opened.clean)
 
     def keep_clean(self, opened: OpenSample, clean: Answer) -> None:
         opened.clean = clean
-        if self._clean_path is not None:
-            write_array(self._clean_path(opened.sample.key), clean, opened.clean_flow_key)
+        if self._folder is not None:
+            write_array(self._folder.clean_path(opened.sample.key), clean, opened.clean_flow_key)
         self._check(opened, clean)
 
     def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
@@ -164,23 +189,15 @@ def _spread_column(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, An
 class Worker:
     """Compute units of one run, keeping the latest sample and its clean flow in memory."""
 
-    def __init__(
-        self,
-        dataset: Dataset,
-        model: AnyModel,
-        options: RunOptions,
-        clean_path: Callable[[str], Path] | None,
-        on_predict: Callable[[str | None], None] = lambda what: None,
-        batch_size: int = 1,
-        kept: Mapping[str, dict[str, Any]] | None = None,
-    ) -> None:
+    def __init__(self, job: Job, on_predict: Callable[[str | None], None] = lambda what: None) -> None:
+        model, options = job.load_model(), job.options
         self.seconds = no_seconds()
-        self._frames = FrameStage(dataset, options, self.seconds)
+        self._frames = FrameStage(job.dataset, options, self.seconds)
         self._model = PredictStage(model, options.measuring.confidence, self.seconds, on_predict)
         self._attacks = AttackStage(model, options, self.seconds, on_predict)
-        self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
-        self._batch_size = batch_size
-        self.batches_attacks = batch_size > 1 and getattr(model, "batched_gradients", False) is True
+        self._measure = MeasureStage(job, self.seconds)
+        self._batch_size = job.batch_size
+        self.batches_attacks = job.batch_size > 1 and getattr(model, "batched_gradients", False) is True
         self._last: OpenSample | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
@@ -251,7 +268,7 @@ class Worker:
 def temporary_worker(dataset: Dataset, model: AnyModel, options: RunOptions) -> Iterator[Worker]:
     """Create a worker for a few cells, which writes no files. OpenCV runs in one thread, as in every engine."""
     with one_opencv_thread():
-        yield Worker(dataset, model, options, None)
+        yield Worker(Job(dataset, model, options))
 
 
 class NoMotion:

@@ -4,57 +4,14 @@ from __future__ import annotations
 
 import pickle
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ...core.errors import UsageError
-from ...data.datasets.base import Dataset
 from ...metrics.rows import CLEAN
-from ...models import ModelSpec
-from ...models.base import AnyModel, model_identity
-from ..plan import RunOptions, Unit
-from ..store import RunFolder
-from ..worker import Worker
-
-
-@dataclass(frozen=True)
-class Job:
-    """Everything that a worker needs; picklable if the model is picklable."""
-
-    dataset: Dataset
-    model: ModelSpec | AnyModel
-    options: RunOptions
-    folder: Path | None
-    """The run's folder, in which clean flows are stored between units; None to store none."""
-    batch_size: int = 1
-    loaded: AnyModel | None = field(default=None, compare=False)
-    """The model, if this process has already loaded it; never sent to other processes."""
-    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
-    row."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "loaded": None}
-
-    def load_model(self) -> AnyModel:
-        if self.loaded is not None:
-            return self.loaded
-        return self.model.load() if isinstance(self.model, ModelSpec) else self.model
-
-    def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
-        """Return the identity of the loaded model, including its name if it was loaded by name."""
-        return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
-
-    @property
-    def clean_path(self) -> Callable[[str], Path] | None:
-        """Return the function from a sample's key to the file of its clean flow, if clean flows are stored."""
-        return None if self.folder is None else RunFolder(self.folder).clean_path
-
-    def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
-        model = self.load_model()
-        return Worker(self.dataset, model, self.options, self.clean_path, on_predict, self.batch_size, self.kept)
+from ..plan import Unit
+from ..worker import Job
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
 from ..plan import Unit
 from ..stages import FrameStage, OpenSample, PredictionRequest, PredictStage, no_seconds, pop_timings, timed
-from ..worker import MeasureStage
-from .base import Job
+from ..worker import Job, MeasureStage
 
 BATCHES_PER_FEEDER = 4
 """Number of batches that a feeder fills or has in flight; one is kept free for a batch that must be separate."""
@@ -158,7 +157,7 @@ class Feeder:
         self._channels = 3 if job.options.measuring.draws > 1 else CHANNELS[job.options.measuring.confidence]
         self._seconds = no_seconds()
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
-        self._measure = MeasureStage(job.options, job.clean_path, job.kept, self._seconds)
+        self._measure = MeasureStage(job, self._seconds)
         self._units: dict[tuple[str, str], _OpenUnit] = {}
         self._samples: dict[str, OpenSample] = {}
         self._free = deque(range(len(batches)))

@@ -23,13 +23,14 @@ from ...models import ModelSpec
 from ...models.base import describe_cell
 from ..plan import Unit
 from ..stages import pop_timings
-from .base import Engine, FinishedUnit, FinishedUnits, Job, Schedule, pickled
+from ..worker import Job, Worker
+from .base import Engine, FinishedUnit, FinishedUnits, Schedule, pickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
 
 def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
     """Compute the units in sequence; if the model can attack pairs in batches, units of the same attack are grouped."""
-    worker = job.worker()
+    worker = Worker(job)
     attacks = job.options.attacks if worker.batches_attacks else ()
     with one_opencv_thread():
         for group in _grouped(units, attacks, job.batch_size):
@@ -99,7 +100,7 @@ def processes(
 
 def compute_units(pipe: Connection) -> None:
     """Compute the units of a job; the main function of a worker process that has the model."""
-    worker = pipe.recv().worker(lambda what: pipe.send(("doing", what)))
+    worker = Worker(pipe.recv(), lambda what: pipe.send(("doing", what)))
     while True:
         unit = pipe.recv()
         rows = worker.run(unit)

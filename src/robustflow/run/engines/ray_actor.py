@@ -1,4 +1,4 @@
-"""The actor that runs on a node: it reports the installed versions, loads the model, and computes units.
+"""The actor that runs on a node: it compares the installed versions, loads the model, and computes units.
 
 Ray imports this module by name on the node. Exceptions of the user's code are returned as results, so an exception from
 Ray means that the actor or the node is lost.
@@ -14,7 +14,9 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +35,22 @@ Files = Sequence[tuple[str, int]]
 """Paths and sizes of files, in bytes."""
 
 
+@dataclass(frozen=True)
+class Start:
+    """What an actor needs besides the job: the driver's environment, and what must be the same on the node."""
+
+    variables: dict[str, str]
+    folder: str
+    path: list[str]
+    installed: dict[str, str]
+    identity: dict[str, Any]
+    """Identity of the loaded model."""
+    timeout: float | None = None
+    """Time limit of a single prediction, in seconds."""
+    named: bool = True
+    """Whether errors name the node."""
+
+
 def installed() -> dict[str, str]:
     """Return the versions of all software that can affect results: this package (with a hash) and its libraries."""
     from ...core.files import digest_of_bytes
@@ -45,52 +63,60 @@ def installed() -> dict[str, str]:
     return {**here.packages, "robustflow": f"{VERSION} (code {code[:8]})", "python": here.python}
 
 
-def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
-    """Raise if a node may compute different results."""
-    for name in here | there:
-        if here.get(name) != there.get(name):
+def begin_on_node(variables: dict[str, str], folder: str, path: list[str], wanted: dict[str, str]) -> None:
+    """Take over the driver's environment; raise if this node may compute different results."""
+    os.environ.update(variables)
+    keep_freed_memory()
+    if os.path.isdir(folder):
+        os.chdir(folder)
+    sys.path.extend(each for each in path if each not in sys.path)
+    there = installed()
+    for name in wanted | there:
+        if wanted.get(name) != there.get(name):
             raise RunError(
-                f"node {host}",
-                f"has {name} {there.get(name, 'missing')}, but the run was started with {here.get(name, 'none')}, "
+                f"node {socket.gethostname()}",
+                f"has {name} {there.get(name, 'missing')}, but the run was started with {wanted.get(name, 'none')}, "
                 "which may affect results; install the same versions on every node",
             )
 
 
 class UnitActor:
-    """A worker on a node. Call `hello` first, then `begin`, then `run` any number of times."""
+    """A worker on a node. Call `begin` first, then `run` any number of times."""
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
+        self._timeout: float | None = None
+        self._thread = ThreadPoolExecutor(1)
         self._predicting: tuple[str, float] | None = None
+        """What is being predicted if there is a time limit, and since when."""
+        self._named = True
         self._node = f"node {socket.gethostname()}"
 
-    def hello(self, variables: dict[str, str], folder: str, path: list[str]) -> tuple[str, dict[str, str]]:
-        """Return the node's name and the versions installed there."""
-        os.environ.update(variables)
-        keep_freed_memory()
-        if os.path.isdir(folder):
-            os.chdir(folder)
-        sys.path.extend(each for each in path if each not in sys.path)
-        return socket.gethostname(), installed()
-
-    def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
-        """Load dataset and model, and return the model's device."""
-        return answered(lambda: self._begin(pickled, identity, files))
+    def begin(self, job: bytes, start: Start) -> Answer:
+        """Load dataset and model, and return the node's name with the model's device."""
+        self._named = start.named
+        return answered(lambda: self._begin(job, start), self._named)
 
     def run(self, unit: Unit, files: Files) -> Answer:
         """Return the rows of a unit and the time they took, in seconds; `files` are the files of its sample."""
-        return answered(lambda: self._run(unit, files))
+        if self._timeout is None:
+            return answered(lambda: self._run(unit, files), self._named)
+        from .processes import too_slow
 
-    def predicting(self) -> tuple[str, float] | None:
-        """Return a description of the current prediction, and its duration so far in seconds."""
-        now = self._predicting
-        return now and (now[0], time.monotonic() - now[1])
+        computing = self._thread.submit(answered, lambda: self._run(unit, files), self._named)
+        while True:
+            with suppress(TimeoutError):
+                return computing.result(min(1.0, self._timeout / 4))
+            what, since = self._predicting or ("", time.monotonic())
+            if time.monotonic() - since > self._timeout:
+                return failed(too_slow(self._timeout, what), self._named)
 
-    def _begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> str:
+    def _begin(self, pickled: bytes, start: Start) -> str:
+        begin_on_node(start.variables, start.folder, start.path, start.installed)
         import cv2
 
         from ..identity import difference
-        from .base import Job
+        from ..worker import Job, Worker
 
         cv2.setNumThreads(1)
         try:
@@ -101,16 +127,16 @@ class UnitActor:
                 f"cannot import a module of the run ({error}); install it on every node, or put it on PYTHONPATH "
                 "before Ray starts there",
             ) from error
-        self._check_files(files)
         model = job.load_model()
-        if (loaded := job.model_identity(model)) != identity:
+        if (loaded := job.model_identity(model)) != start.identity:
             raise RunError(
                 self._node,
-                f"has a different model of the same name (it differs in: {difference(loaded, identity)}); use "
+                f"has a different model of the same name (it differs in: {difference(loaded, start.identity)}); use "
                 "the same files on every node",
             )
-        self._worker = replace(job, folder=None, loaded=model).worker(self._note)
-        return _device()
+        self._timeout = start.timeout
+        self._worker = Worker(replace(job, folder=None, loaded=model), self._note)
+        return f"{socket.gethostname()}, {_device()}"
 
     def _run(self, unit: Unit, files: Files) -> tuple[list[dict[str, Any]], dict[str, float]]:
         from ..stages import pop_timings
@@ -140,12 +166,21 @@ class UnitActor:
                 )
 
 
-def answered(compute: Callable[[], Any]) -> Answer:
+def answered(compute: Callable[[], Any], named: bool = True) -> Answer:
     """Return the result or the exception of a call as an `Answer`."""
     try:
         return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
-        return "error", (type(error).__name__, str(error), traceback.format_exc(), getattr(error, "culprit", ""))
+        return failed(error, named)
+
+
+def failed(error: BaseException, named: bool = True) -> Answer:
+    """Return an exception as an `Answer`; its message names the node, unless it does so already."""
+    node, message = f"node {socket.gethostname()}", str(error)
+    if named and node not in message:
+        message = f"{message} (on {node})"
+    trace = "".join(traceback.format_exception(error))
+    return "error", (type(error).__name__, message, trace, getattr(error, "culprit", ""))
 
 
 def cannot_start(error: Exception) -> RunError:

@@ -6,7 +6,7 @@ import os
 import secrets
 import socket
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,11 +16,9 @@ from ...core.errors import DataError, RunError
 from ...core.processes import rebuilt
 from ...data.video.prepare import Preparation, Progress, prepare_clip
 from ...data.video.source import Source
-from .ray_actor import Answer, answered, cannot_start, check_installed, installed
+from .ray_actor import Answer, answered, begin_on_node, cannot_start, installed
 from .ray_cluster import connected
 
-ATTEMPTS = 3
-"""Maximum number of nodes that may be lost while preparing the same clip."""
 _APPEARS_S = 10.0
 """Time limit for a file written on one machine to become visible on the others, in seconds."""
 
@@ -39,10 +37,10 @@ def prepare_on_ray(
     proof.touch()
     try:
         with connected(address, workers) as ray:
-            gpu = int(preparation.device.startswith("cuda"))
-            task = ray.remote(_prepare).options(num_cpus=1, num_gpus=gpu, max_retries=0, scheduling_strategy="SPREAD")
-            waiting, losses, running = deque(sources), Counter[str](), dict[Any, Source]()
-            here, finished = installed(), 0
+            resources = {"num_cpus": 1, "num_gpus": int(preparation.device.startswith("cuda"))}
+            # a clip whose node is lost is prepared again
+            task = ray.remote(_prepare).options(max_retries=2, scheduling_strategy="SPREAD", **resources)
+            waiting, running, here = deque(sources), dict[Any, Source](), installed()
             try:
                 while waiting or running:
                     while waiting and len(running) < (workers or len(sources)):
@@ -51,11 +49,8 @@ def prepare_on_ray(
                         running[call] = source
                     for call in ray.wait(list(running), timeout=1.0)[0]:
                         source = running.pop(call)
-                        if _is_done(ray, call, source, losses):
-                            finished += 1
-                            progress(source.name, "clips", finished, len(sources))
-                        else:
-                            waiting.append(source)
+                        _check_done(ray, call, source)
+                        progress(source.name, "clips", len(sources) - len(waiting) - len(running), len(sources))
             finally:
                 for call in running:
                     with suppress(Exception):  # the cluster may already be gone
@@ -64,48 +59,35 @@ def prepare_on_ray(
         proof.unlink(missing_ok=True)
 
 
-def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
-    """Return whether a clip is finished; False if its node was lost."""
+def _check_done(ray: Any, call: Any, source: Source) -> None:
     try:
         kind, value = ray.get(call)
     except ray.exceptions.RayTaskError as error:
         raise cannot_start(error) from error
     except ray.exceptions.RayError as error:
-        losses[source.name] += 1
-        if losses[source.name] == ATTEMPTS:
-            raise RunError(
-                f"clip '{source.name}'",
-                f"lost {ATTEMPTS} times with the node that prepared it ({type(error).__name__}); lack of memory is the "
-                "usual cause: try fewer --workers",
-            ) from error
-        return False
+        raise RunError(
+            f"clip '{source.name}'",
+            f"lost again and again with its node ({type(error).__name__}); lack of memory is the usual "
+            "cause: try fewer --workers",
+        ) from error
     if kind == "error":
         raise rebuilt(*value)
-    return True
 
 
 def _prepare(
     source: Source, folder: Path, preparation: Preparation, proof: Path, begins: str, wanted: dict[str, str]
 ) -> Answer:
-    host = socket.gethostname()
-
     def prepare() -> None:
-        check_installed(host, wanted, installed())
-        if os.path.isdir(begins):
-            os.chdir(begins)
+        begin_on_node({}, begins, [], wanted)
         deadline = time.monotonic() + _APPEARS_S
         while not proof.exists():
             if time.monotonic() > deadline:
                 raise DataError(
-                    f"node {host}",
+                    f"node {socket.gethostname()}",
                     f"cannot see files that this machine writes to {proof.parent.absolute()}; choose an --output on a "
                     "file system that all nodes share under the same path",
                 )
             time.sleep(0.1)
         prepare_clip(source, folder, preparation)
 
-    kind, value = answered(prepare)
-    if kind == "error":
-        name, message, *rest = value
-        value = name, message if f"node {host}" in message else f"{message} (on node {host})", *rest
-    return kind, value
+    return answered(prepare)
