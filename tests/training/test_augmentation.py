@@ -213,21 +213,6 @@ def test_unknown_flow_that_a_users_dataset_marks_with_nan_cannot_reach_the_loss(
     assert 0 < np.mean([pair.valid for pair in drawn]) < 0.9
 
 
-def test_a_draw_applied_twice_gives_the_same_and_leaves_its_input_alone():
-    sample = TexturePairs(count=1, size=(200, 260), reach=6, seed=5).load("0")
-    part = Part(data="sintel", augmentation="dense", log2_scale=(-0.1, 0.4), flip=True)
-    assert sample.flow is not None
-    assert sample.valid is not None
-    pair = (sample.frames[0].copy(), sample.frames[1].copy())
-    one = draw_augmentation(Rng.of("twice"), part, (200, 260), (128, 160))
-    first = apply_augmentation(pair, sample.flow, sample.valid, one)
-    again = apply_augmentation(pair, sample.flow, sample.valid, one)
-    for a, b in zip([*first[0], *first[1:]], [*again[0], *again[1:]], strict=True):
-        np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(pair[0], sample.frames[0])
-    np.testing.assert_array_equal(pair[1], sample.frames[1])
-
-
 def warp_error(first, second, flow, mask) -> float:
     """Mean absolute difference in grey levels between frame 1 and frame 2 warped along the flow."""
     height, width = flow.shape[:2]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -131,32 +129,18 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
     before = (request.output / "last.pth").read_bytes()
 
     def full(content, file):
+        """PyTorch fails twice: on a write, and again when it closes the incomplete archive."""
         file.write(b"half")
-        raise OSError(28, "No space left on device")
+        try:
+            raise OSError(28, "No space left on device")
+        finally:
+            raise RuntimeError("unexpected pos 64 vs 0")
 
     monkeypatch.setattr(torch, "save", full)
     with pytest.raises(DataError, match=r"last\.pth"):
         run_training(replace(request, resume=True))
     assert (request.output / "last.pth").read_bytes() == before
     assert not list(request.output.glob(".partial-*"))
-
-
-@pytest.mark.slow
-def test_training_on_a_full_disk_keeps_the_last_checkpoint(request_for, tmp_path):
-    """An in-memory file system with room for only one checkpoint."""
-    request = request_for(steps=4, checkpoints=Checkpoints(2))
-    request.output.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
-    if subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no permission to mount a file system")
-    try:
-        with pytest.raises(DataError, match=r"last\.pth"):
-            run_training(request)
-        checkpoint = torch.load(request.output / "last.pth", weights_only=True)
-        assert json.loads(checkpoint["robustflow_training"])["updates"] == 2
-        assert not list(request.output.glob(".partial-*"))
-    finally:
-        subprocess.run(["umount", "-l", str(request.output)], check=True)
 
 
 @pytest.mark.parametrize("content", [{"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, "<html>not found</html>"])

@@ -69,24 +69,6 @@ def test_matching_equals_the_naive_loop():
     )
 
 
-def test_shift_by_eight_pixels_matches_the_next_cell_except_at_the_border():
-    image1 = torch.full((1, 3, HEIGHT, WIDTH), 90.0)
-    truth = torch.zeros(1, 2, HEIGHT, WIDTH)
-    truth[:, 0] = 8
-    matches = true_matches(image1, image1, truth).reshape(5, 7)
-    expected = torch.arange(35).reshape(5, 7) + 1
-    # The authors' sampling is off by half a pixel, which mixes zeros from outside into row 0 and the last columns.
-    assert torch.equal(matches[1:, :5], expected[1:, :5])
-    assert (matches[:, 6] == -1).all()
-
-
-def test_pixels_of_a_different_colour_are_occluded():
-    image1, truth = torch.full((1, 3, HEIGHT, WIDTH), 90.0), torch.zeros(1, 2, HEIGHT, WIDTH)
-    for difference, matched in ((19.0, True), (21.0, False)):
-        matches = true_matches(image1, image1 + difference, truth).reshape(5, 7)
-        assert ((matches >= 0) == matched)[1:, 1:].all()
-
-
 def test_matching_without_a_match_is_finite_and_a_wrong_size_is_refused():
     confidence, image1, image2, truth = random_features(2)
     assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()

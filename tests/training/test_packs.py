@@ -13,17 +13,17 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.media.images import read_image  # noqa: E402
+from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.losses.supervised import end_point_error, sequence_loss  # noqa: E402
 from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noqa: E402
 from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
-from robustflow.training.optimizers import build_optimizer, set_rate  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import one_cycle  # noqa: E402
 
 from ..parity.weight_rule import weights  # noqa: E402
 from ..shared_data import shared_root  # noqa: E402
-from .pack_steps import NO_PACK  # noqa: E402
+from .pack_steps import NO_PACK, steps  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
@@ -62,31 +62,22 @@ def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
     network.load_weights({key: torch.from_numpy(value) for key, value in weights(folder / "keys.json").items()})
     items = range(len(list(folder.glob("item*_1.png"))))
     first, second = (torch.stack([image(folder / f"item{item}_{frame}.png") for item in items]) for frame in (1, 2))
-    with np.load(folder / "batch.npz") as batch:
-        truth, valid = (torch.from_numpy(batch[key]).float() for key in ("flow", "valid"))
-    optimizer = build_optimizer(network, recipe)
-    network.train()
-    frozen = expected["freeze_bn"]
-    for step in range(len(expected["loss"])):
-        tolerance = 1e-5 if step < 2 else 2e-4 if frozen else 5e-3
-        rate = one_cycle(step, recipe.steps, recipe.learning_rate)
-        assert abs(rate - expected["lr"][step]) < 1e-9
-        set_rate(optimizer, rate)
-        optimizer.zero_grad()
-        flows = network(first, second)
-        loss = sequence_loss(flows, truth, valid, recipe.gamma)
-        loss.backward()
-        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), recipe.optimizer.clip)
-        optimizer.step()
-        assert loss.item() == pytest.approx(expected["loss"][step], rel=tolerance)
-        if step == 0:
-            assert norm.item() == pytest.approx(expected["grad_norm"][0], rel=1e-4)
-            error = end_point_error(flows[-1], truth, valid, max_flow=float("inf"))
+    with np.load(folder / "batch.npz") as file:
+        truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
+    batch, frozen = Batch(first, second, truth, valid, ("",) * len(items)), expected["freeze_bn"]
+    for number, step in enumerate(steps(network.train(), recipe, lambda _: batch, len(expected["loss"]))):
+        assert step.loss == pytest.approx(
+            expected["loss"][number], rel=1e-5 if number < 2 else 2e-4 if frozen else 5e-3
+        )
+        assert abs(step.rate - expected["lr"][number]) < 1e-9
+        if number == 0:
+            assert step.norm == pytest.approx(expected["grad_norm"][0], rel=1e-4)
+            error = end_point_error(step.flows[-1], truth, valid, max_flow=float("inf"))
             assert error.item() == pytest.approx(expected["epe_last"][0], rel=1e-4)
             # Mistakes: no limit of 400 px, a mean over valid pixels only, and a schedule that is stepped too early.
-            unlimited = sequence_loss(flows, truth, valid, recipe.gamma, max_flow=float("inf"))
+            unlimited = sequence_loss(step.flows, truth, valid, recipe.gamma, max_flow=float("inf"))
             counted = ((valid >= 0.5) & (truth.norm(dim=1) < 400)).float().mean()
-            assert min(unlimited.item(), loss.item() / counted) > 1.01 * expected["loss"][0]
+            assert min(unlimited.item(), step.loss / counted) > 1.01 * expected["loss"][0]
             assert abs(one_cycle(1, recipe.steps, recipe.learning_rate) - expected["lr"][0]) > 1e-6
     state = network.weights()
     for key, (mean, deviation) in expected["after"].items():

@@ -65,17 +65,6 @@ def test_stages_of_flowdiffuser_are_those_of_its_script(shared):
         assert (recipe.precision, recipe.noise, recipe.frozen_norms) == ("fp32", 0, "none")
 
 
-def test_sintel_stage_of_gmflownet_has_neither_kitti_nor_hd1k():
-    for method in ("gmflownet", "gmflownet_mix"):
-        assert {part.data for part in mix_parts(load_recipe(method, "sintel").mix)} == {"sintel", "flyingthings3d"}
-        assert all(recipe.schedule_ahead == 1 for recipe in recipes_of(method).values())
-
-
-def test_recipes_of_craft_normalise_each_batch_in_two_shares():
-    for recipe in recipes_of("craft").values():
-        assert (recipe.devices, recipe.frozen_norms) == (2, "none")
-
-
 @pytest.mark.parametrize("method", trained_methods())
 def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method):
     from robustflow.data.datasets import DATASETS
@@ -103,16 +92,6 @@ def test_mix_of_the_paper_has_the_stated_shares():
     assert shares == {"sintel": 82.1, "hd1k": 2.1, "flyingthings3d": 15.9}
 
 
-@pytest.mark.parametrize("stage", ["unsupervised", "sintel"])
-def test_brightflow_recipe_flips_and_does_not_erase(stage):
-    assert all(part.flip and not part.eraser for part in mix_parts(load_recipe("brightflow", stage).mix))
-
-
-@pytest.mark.parametrize(("method", "stage", "updates"), [("raft", "ood", 100_001), ("gma", "ood", 120_000)])
-def test_updates_are_counted_as_the_originals_do(method, stage, updates):
-    assert load_recipe(method, stage).updates == updates
-
-
 @pytest.mark.parametrize("method", trained_methods())
 def test_steps_option_sets_the_number_of_updates(method):
     for stage in recipes_of(method).values():
@@ -120,14 +99,38 @@ def test_steps_option_sets_the_number_of_updates(method):
         assert stage.changed(crop=(64, 96)).updates == stage.updates
 
 
-@pytest.mark.parametrize("size", ["t", "b", "h"])
-@pytest.mark.parametrize(("stage", "updates"), [("ood", 120_000), ("id", 25_000)])
-def test_samflow_states_each_deviation_from_the_published_script_and_has_six_pairs_an_update(size, stage, updates):
-    recipe = load_recipe(f"samflow_{size}", stage)
-    assert (recipe.batch, recipe.pairs, recipe.updates) == (3, 6, updates)
-    assert len(recipe.differs) >= 5
-    assert (recipe.noise, recipe.precision, recipe.schedule) == (0.0, "fp32", "one_cycle")  # the paper's
-    assert recipe == load_recipe("samflow_t", stage).changed(method=recipe.method)
+ARFLOW = {"raw": ("random", 0.05), "unsupervised": ("raw", 0.0)}
+ORIGINALS = [
+    ("raft", "ood", {"updates": 100_001}),
+    ("gma", "ood", {"updates": 120_000}),
+    *(("craft", stage, {"devices": 2, "frozen_norms": "none"}) for stage in recipes_of("craft")),
+    *((name, stage, {"schedule_ahead": 1}) for name in ("gmflownet", "gmflownet_mix") for stage in recipes_of(name)),
+    *(("arflow", stage, {"updates": 1000 * 1001, "start": start}) for stage, (start, _) in ARFLOW.items()),
+    *(  # noise, precision and schedule as in the paper
+        (f"samflow_{size}", stage, {"pairs": 6, "updates": updates, "noise": 0.0, "precision": "fp32", "batch": 3})
+        for size in "tbh"
+        for stage, updates in (("ood", 120_000), ("id", 25_000))
+    ),
+]
+
+
+@pytest.mark.parametrize(("method", "stage", "settings"), ORIGINALS)
+def test_recipes_have_the_settings_of_the_originals(method, stage, settings):
+    recipe = load_recipe(method, stage)
+    assert {name: getattr(recipe, name) for name in settings} == settings
+    if method.startswith("samflow"):
+        assert recipe == load_recipe("samflow_t", stage).changed(method=method)
+
+
+def test_mixes_and_objectives_are_those_of_the_originals():
+    for method in ("gmflownet", "gmflownet_mix"):
+        assert {part.data for part in mix_parts(load_recipe(method, "sintel").mix)} == {"sintel", "flyingthings3d"}
+    for stage in ("unsupervised", "sintel"):
+        assert all(part.flip and not part.eraser for part in mix_parts(load_recipe("brightflow", stage).mix))
+    for stage, (_, share) in ARFLOW.items():
+        objective = load_recipe("arflow", stage).objective
+        assert objective.census_from == pytest.approx(share, rel=0.01)
+        assert (objective.self_supervision > 0) == (stage == "unsupervised")
 
 
 @pytest.mark.parametrize("method", trained_methods())

@@ -105,15 +105,6 @@ def test_the_plan_finds_the_data_of_a_recipe_without_labels(tmp_path):
     assert "missing  " in plan_text(labelled, DataPlan([tmp_path]))
 
 
-@pytest.mark.parametrize("stage", ["raw", "unsupervised"])
-def test_arflow_has_its_published_stages(stage):
-    recipe = load_recipe("arflow", stage)
-    assert recipe.updates == 1000 * 1001
-    assert round(recipe.objective.census_from * recipe.updates) == (50 * 1001 if stage == "raw" else 0)
-    assert (recipe.objective.self_supervision > 0) == (stage == "unsupervised")
-    assert (recipe.start == "random") == (stage == "raw")
-
-
 @pytest.mark.slow
 def test_arflow_overfits_one_pair(shared, tmp_path):
     """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops below half its initial

@@ -15,7 +15,7 @@ from robustflow.training.recipe import Appearance, Objective, Part, Spatial, loa
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.training.augmentation.affine import Moves, draw_moves, moved, moved_flow  # noqa: E402
+from robustflow.training.augmentation.affine import draw_moves, moved, moved_flow  # noqa: E402
 from robustflow.training.losses.terms import (  # noqa: E402
     dilated_warp,
 )
@@ -181,10 +181,3 @@ def test_stretched_and_cropped_frames_have_the_crop_size_and_flips(augmentation,
     assert max(one.geometry.left for one in drawn) == 200 - 128 - margin
     swapped = next(one for one in drawn if one.swapped and not one.geometry.mirrored)
     np.testing.assert_array_equal(augmented_whole(frames, swapped)[0], frames[1])
-
-
-def test_identity_transform_changes_nothing():
-    still = np.eye(3)
-    frame, flow = images(1, 20, 30), torch.randn(1, 2, 20, 30)
-    assert torch.allclose(moved(frame, [still]), frame, atol=1e-5)
-    assert torch.allclose(moved_flow(flow, [Moves(still, still)]), flow, atol=1e-4)
