@@ -6,33 +6,13 @@ import math
 
 import numpy as np
 
-from robustflow.corruptions.optics.lens import (
-    AIR,
-    DESIGN_WAVELENGTH,
-    Lens,
-    Rays,
-    Surface,
-    first_order_of,
-    refractive_index,
-)
-from robustflow.corruptions.optics.merit import aim
+from robustflow.corruptions.optics.lens import AIR, Lens, Rays, Surface, launched, refractive_index
 
 
 def bundle(heights, tangent=0.0, across=0.0) -> Rays:
     """Return rays at the given heights in mm, which are inclined in the meridional plane."""
     y = np.atleast_1d(np.asarray(heights, float))
-    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    zero, one = np.zeros_like(y), np.ones_like(y)
-    return Rays(zero + across, y, zero, zero, one * tangent * cosine, one * cosine, one)
-
-
-def aimed(lens: Lens, tangents):
-    """Return x, y and miss of the rays that `aim` finds for a lens."""
-    order = first_order_of(lens)
-    return aim(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(DESIGN_WAVELENGTH),
-        lens.stop, lens.stop_radius, tangents, order.pupil_position, order.pupil_magnification,
-    )  # fmt: skip
+    return launched(np.full_like(y, across), y, np.full_like(y, tangent))
 
 
 def lens_of(rows: list[tuple[float, float, str, float]], stop: int, conics: dict[int, float] | None = None) -> Lens:

@@ -46,8 +46,8 @@ def singlet(bend: float):
     """Return the free parameters of a singlet, the arguments that follow them, and an array for the residuals."""
     structure, (_, goal) = Structure(("N-BK7",), 0), goal_of(2)
     index = structure.indices(SAMPLES)
-    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
-    return np.array([bend, bend - 1.93, 0.1, 0.15, -0.5]), (index, structure.stop_surface, FIELDS, goal), out
+    out = np.zeros(residual_count(index.shape[1] - 1))
+    return np.array([bend, bend - 1.93, 0.1, 0.15, -0.5]), (index, structure.stop_surface, goal), out
 
 
 def test_thin_glass_and_short_gaps_cost():

@@ -11,13 +11,14 @@ from robustflow.corruptions.optics.lens import (
     DESIGN_WAVELENGTH,
     SELLMEIER,
     Lens,
-    Rays,
     first_order_of,
+    launched,
     refractive_index,
     trace,
 )
+from robustflow.corruptions.optics.merit import aimed
 
-from .lenses import aimed, cooke_triplet, plano_hyperbolic, thin_lens
+from .lenses import cooke_triplet, plano_hyperbolic, thin_lens
 
 pytestmark = pytest.mark.slow
 
@@ -69,11 +70,9 @@ def test_rays_meet_every_surface_where_optiland_says(name):
             across, along = rng.uniform(-0.7, 0.7, (2, 40))
             x = x_aimed[9 + f] * across
             y = y_aimed[f] + np.where(along > 0, y_aimed[3 + f] - y_aimed[f], y_aimed[f] - y_aimed[6 + f]) * along
-            cosine = 1.0 / np.sqrt(1.0 + tangent**2)
-            zero, one = np.zeros(40), np.ones(40)
-            rays = Rays(x, y, zero, zero, one * tangent * cosine, one * cosine, one)
+            rays, one = launched(x, y, np.full(40, tangent)), np.ones(40)
             path, end = trace(lens, rays, wavelength)
-            other = RealRays(x, y, zero, zero, one * tangent * cosine, one * cosine, one, one * wavelength)
+            other = RealRays(*rays[:6], one, one * wavelength)
             optic.surfaces.trace(other, skip=1)
             alive = end.alive > 0.0
             if name.startswith("severity"):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robustflow.core.errors import DataError
 from robustflow.corruptions.optics.blur import BLOCK, LENGTHS, transform, twiddles
 from robustflow.corruptions.optics.design import shipped_lens
-from robustflow.corruptions.optics.lens import PIXEL, Rays, trace
+from robustflow.corruptions.optics.lens import PIXEL, trace
 from robustflow.corruptions.optics.psf_field import (
     PITCHES,
     Axis,
@@ -28,6 +28,7 @@ from robustflow.corruptions.optics.psf_field import (
 from robustflow.corruptions.optics.render import field_rays, render_psfs
 
 from ...refusals import refusal
+from .lenses import bundle
 from .naive_blur import kernel_at
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -59,10 +60,7 @@ def test_every_ray_that_passes_the_stop_is_counted_once():
 def test_rays_land_where_the_tracer_says():
     lens = shipped_lens(2)
     _, y, weight = field_rays(lens, np.array([0.5]), 4, 8, samples=1)[0][1]
-    tangent = 0.5 * lens.field_tangent
-    cosine = 1.0 / np.sqrt(1.0 + tangent**2)
-    one = np.ones(1)
-    _, chief = trace(lens, Rays(0 * one, 0 * one, 0 * one, 0 * one, tangent * cosine * one, cosine * one, one), 0.54)
+    _, chief = trace(lens, bundle(0.0, 0.5 * lens.field_tangent), 0.54)
     assert weight.sum() > 0
     # the stop is in front of the lens, so the ray through its centre is the chief ray
     assert y[weight > 0].min() < chief.y[0] / PIXEL < y[weight > 0].max()

@@ -20,7 +20,6 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ...core.arguments import check_severity
 from ...core.errors import RobustFlowError, unknown_name
@@ -32,8 +31,11 @@ from .lens import (
     DESIGN_WAVELENGTH,
     IMAGE_RADIUS,
     SELLMEIER,
+    Array,
+    FirstOrder,
     Lens,
     Surface,
+    Surfaces,
     abbe_number,
     read_lens,
     refractive_index,
@@ -63,7 +65,6 @@ def channel_wavelengths(channel: str, samples: int = 5) -> tuple[float, ...]:
     return tuple(round(CHANNELS[channel] + (k - (samples - 1) / 2) * step, 6) for k in range(samples))
 
 
-Array = npt.NDArray[np.float64]
 _GLASSES = tuple(SELLMEIER)
 
 
@@ -126,8 +127,8 @@ SAMPLES = 3
 
 def _cost(structure: Structure, free: Array, goal: Goal) -> float:
     index = structure.indices(SAMPLES)
-    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
-    if not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, LIMITS, out):
+    out = np.zeros(residual_count(index.shape[1] - 1))
+    if not fill_residuals(free, index, structure.stop_surface, goal, LIMITS, out):
         return float("inf")
     return float((out * out).sum())
 
@@ -135,9 +136,8 @@ def _cost(structure: Structure, free: Array, goal: Goal) -> float:
 def refine(candidate: Candidate, goal: Goal, iterations: int) -> Candidate:
     """Refine a candidate by damped least squares; the parameters are rounded to 1e-9."""
     structure = candidate.structure
-    free, cost = damped_least_squares(
-        candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, LIMITS, iterations
-    )
+    index = structure.indices(SAMPLES)
+    free, cost = damped_least_squares(candidate.free, index, structure.stop_surface, goal, iterations)
     return Candidate(structure, np.round(free, 9), float(cost))
 
 
@@ -230,15 +230,19 @@ def search(
 
 def _fills_its_stop(candidate: Candidate, goal: Goal) -> bool:
     """Return whether rays from 64 field points, not only the six of the merit function, reach the edge of the stop."""
-    structure = candidate.structure
-    index, stop = structure.indices(1)[-1:], structure.stop_surface
-    curvature, thickness, radius, pupil, magnification = build_lens(
-        candidate.free, index, stop, goal.focal_length, goal.f_number
-    )
+    surfaces, radius, order = _built(candidate, goal)
     tangents = np.linspace(0.0, 1.0, 64) * goal.field_tangent
-    conic = np.zeros(curvature.size)
-    _, _, miss = aim(curvature, conic, thickness, index[0], stop, radius, tangents, pupil, magnification)
+    _, _, miss = aim(surfaces, candidate.structure.stop_surface, radius, tangents, order)
     return bool(miss < AIM_TOLERANCE)
+
+
+def _built(candidate: Candidate, goal: Goal) -> tuple[Surfaces, float, FirstOrder]:
+    """Return the surfaces at the design wavelength, the radius of the stop and the first-order properties."""
+    structure = candidate.structure
+    built: tuple[Surfaces, float, FirstOrder] = build_lens(
+        candidate.free, structure.indices(SAMPLES), structure.stop_surface, goal.focal_length, goal.f_number
+    )
+    return built
 
 
 @dataclass(frozen=True)
@@ -323,26 +327,27 @@ def design(
 
 def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: str) -> Lens:
     """Convert a candidate to a prescription, rounded to drawing precision (1e-8 1/mm, 1e-6 mm)."""
-    structure = candidate.structure
-    index, stop = structure.indices(SAMPLES), structure.stop_surface
-    curvature, thickness, radius, pupil, magnification = build_lens(
-        candidate.free, index, stop, goal.focal_length, goal.f_number
-    )
-    conic, tangents = np.zeros(curvature.size), FIELDS * goal.field_tangent
-    x, y, _ = aim(curvature, conic, thickness, index[-1], stop, radius, tangents, pupil, magnification)
-    radii, _ = clear_radii(curvature, conic, thickness, index[-1], x, y, np.tile(tangents, 4))
-    surfaces = []
-    for k in range(curvature.size):
-        clear = radius if k == stop else radii[k]
-        surfaces.append(
-            Surface(
-                curvature=round(float(curvature[k]), 8),
-                thickness=round(max(float(thickness[k]), 0.0), 6),
-                glass=structure.media[k + 1],
-                semi_diameter=round(float(clear), 6),
-            )
+    stop, tangents = candidate.structure.stop_surface, FIELDS * goal.field_tangent
+    built, radius, order = _built(candidate, goal)
+    x, y, _ = aim(built, stop, radius, tangents, order)
+    radii, _ = clear_radii(built, x, y, np.tile(tangents, 4))
+    radii[stop] = radius
+    surfaces = tuple(
+        Surface(
+            curvature=round(curvature, 8),
+            thickness=round(max(thickness, 0.0), 6),
+            glass=glass,
+            semi_diameter=round(clear, 6),
         )
-    return Lens(name=name, surfaces=tuple(surfaces), stop=stop, f_number=goal.f_number, half_field=half_field)
+        for curvature, thickness, glass, clear in zip(
+            built.curvature.tolist(),
+            built.thickness.tolist(),
+            candidate.structure.media[1:],
+            radii.tolist(),
+            strict=True,
+        )
+    )
+    return Lens(name=name, surfaces=surfaces, stop=stop, f_number=goal.f_number, half_field=half_field)
 
 
 def structure_line(lens: Lens) -> str:

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core.display import default_style
 from .design import goal_of
-from .lens import AIR, DESIGN_WAVELENGTH, IMAGE_RADIUS, Lens, Rays, first_order_of, trace
+from .lens import AIR, DESIGN_WAVELENGTH, IMAGE_RADIUS, Array, Lens, first_order_of, launched, trace
 from .merit import FIELDS as MEASURED_FIELDS
 from .merit import FREQUENCIES as MEASURED_FREQUENCIES
-from .merit import aim
+from .merit import aimed
 from .psf_field import FIELDS, SIZE, PsfField
 from .render import field_rays, modulation, moments, nominal_rms
 
@@ -127,24 +126,17 @@ def draw_section(axes: Axes, lens: Lens) -> None:
     axes.set_yticks([])
 
 
-def _sag(c: float, k: float, r: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _sag(c: float, k: float, r: Array) -> Array:
     under = np.maximum(1.0 - (1.0 + k) * c * c * r * r, 0.0)
     return np.asarray(c * r * r / (1.0 + np.sqrt(under)))
 
 
-def _fan(
-    lens: Lens, place: float, vertex: npt.NDArray[np.float64]
-) -> list[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
+def _fan(lens: Lens, place: float, vertex: Array) -> list[tuple[Array, Array]]:
     """Return z and y in mm along seven meridional rays from a field point, starting in front of the lens."""
-    order, tangent = first_order_of(lens), place * lens.field_tangent
-    _, y, _ = aim(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(DESIGN_WAVELENGTH),
-        lens.stop, lens.stop_radius, np.array([tangent]), order.pupil_position, order.pupil_magnification,
-    )  # fmt: skip
+    tangent = place * lens.field_tangent
+    _, y, _ = aimed(lens, np.array([tangent]))
     heights = np.linspace(y[2], y[1], 7)
-    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-    zero, one = np.zeros(7), np.ones(7)
-    path, last = trace(lens, Rays(zero, heights, zero, zero, one * tangent * cosine, one * cosine, one), 0.55)
+    path, last = trace(lens, launched(np.zeros(7), heights, np.full(7, tangent)), DESIGN_WAVELENGTH)
     before = -0.15 * vertex[-1]
     return [
         (

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from ...core.compiled import njit
+from ...core.compiled import inner, njit
 from ...core.errors import DataError, first_misfit, unknown_name
 from ...core.files import write_bytes
 from ...core.types import Frozen
@@ -80,6 +80,18 @@ IMAGE_RADIUS = 14.3
 
 PIXEL = 0.012394
 """Size of an effective pixel in mm."""
+
+Array = npt.NDArray[np.float64]
+
+
+class Surfaces(NamedTuple):
+    """The surfaces of a lens at one wavelength."""
+
+    curvature: Array  # (K,) in 1/mm
+    conic: Array  # (K,)
+    thickness: Array  # (K,) distance to the next surface, in mm
+    index: Array  # (K + 1,) refractive indices in front of the first surface and behind each surface
+
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -148,12 +160,11 @@ class Lens(Frozen):
         """Return one attribute of all surfaces, float64 (K,), such as `lens.column("curvature")`."""
         return np.array([getattr(surface, name) for surface in self.surfaces], np.float64)
 
-    def indices(self, wavelength: float) -> npt.NDArray[np.float64]:
-        """Return the refractive indices in front of the first surface and behind each surface, (K + 1,), at a
-        wavelength in um.
-        """
+    def at(self, wavelength: float) -> Surfaces:
+        """Return the surfaces with the refractive indices at a wavelength in um."""
         media = [AIR, *(surface.glass for surface in self.surfaces)]
-        return np.array([refractive_index(glass, wavelength) for glass in media], np.float64)
+        index = np.array([refractive_index(glass, wavelength) for glass in media], np.float64)
+        return Surfaces(self.column("curvature"), self.column("conic"), self.column("thickness"), index)
 
 
 def read_lens(path: str | Path) -> Lens:
@@ -185,13 +196,12 @@ class FirstOrder(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
-    """Compute the fields of `FirstOrder` from curvatures (K,), thicknesses (K,) and refractive indices (K + 1,)."""
+def first_order(surfaces: Any, stop: int) -> FirstOrder:
+    curvature, _, thickness, index = surfaces
     height, slope = 1.0, 0.0
-    surfaces = curvature.size
-    for k in range(surfaces):
+    for k in range(curvature.size):
         slope = (index[k] * slope - height * curvature[k] * (index[k + 1] - index[k])) / index[k + 1]
-        if k < surfaces - 1:
+        if k < curvature.size - 1:
             height += thickness[k] * slope
     focal_length, back_focus = -1.0 / slope, -height / slope
 
@@ -206,15 +216,12 @@ def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[
     # The image of the stop's centre lies where the ray (y, u) crosses the axis; its size follows from the edge ray.
     position = -y / u
     magnification = y_edge + u_edge * position
-    return focal_length, back_focus, position, magnification
+    return FirstOrder(focal_length, back_focus, position, magnification)
 
 
 def first_order_of(lens: Lens, wavelength: float = DESIGN_WAVELENGTH) -> FirstOrder:
-    values = first_order(lens.column("curvature"), lens.column("thickness"), lens.indices(wavelength), lens.stop)
-    return FirstOrder(*(float(value) for value in values))
-
-
-Array = npt.NDArray[np.float64]
+    order: FirstOrder = first_order(lens.at(wavelength), lens.stop)
+    return order
 
 
 class Rays(NamedTuple):
@@ -230,10 +237,29 @@ class Rays(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, rays: Any, path: Any) -> None:
-    """Propagate rays, in place, from the vertex plane of the first surface in `curvature` (K,) through all of them."""
+def launched(x: Any, y: Any, tangent: Any) -> Rays:
+    """Return rays that start at x and y (R,) in the vertex plane of the first surface, with one field tangent per
+    ray.
+    """
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    return Rays(x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
+
+
+@inner
+def plane_points(rays: Any) -> Any:
+    """Return x and y of the points where rays cross the plane z = 0."""
+    t = -rays.z / rays.n
+    return rays.x + t * rays.l, rays.y + t * rays.m
+
+
+@njit(cache=True, error_model="numpy")
+def propagate(surfaces: Any, first: int, last: int, clear: Any, rays: Any, path: Any) -> None:
+    """Propagate rays, in place, from the vertex plane of surface `first` to that behind surface `last` - 1; surface k
+    blocks rays beyond `clear[k]`, and `path[k]` receives their points on it, unless `path` is empty.
+    """
+    curvature, conic, thickness, index = surfaces
     x, y, z, l, m, n, alive = rays  # noqa: E741
-    for k in range(curvature.size):
+    for k in range(first, last):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
         widest = clear[k] * clear[k]
         # Branch-free, so that the compiler can vectorise the loop.
@@ -267,11 +293,8 @@ def propagate(curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any
 
 def trace(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
     """Trace rays from the vertex plane of the first surface to the sensor; rims and the stop block none of them."""
-    carried, path = Rays(*(np.array(part, np.float64) for part in rays)), np.empty((len(lens.surfaces), 3, rays.x.size))
-    propagate(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(wavelength),
-        np.full(len(lens.surfaces), np.inf), tuple(carried), path,
-    )  # fmt: skip
-    to_plane = -carried.z / np.where(carried.n > 0.0, carried.n, 1.0)
-    x, y = carried.x + to_plane * carried.l, carried.y + to_plane * carried.m
+    count = len(lens.surfaces)
+    carried, path = Rays(*(part.copy() for part in rays)), np.empty((count, 3, rays.x.size))
+    propagate(lens.at(wavelength), 0, count, np.full(count, np.inf), carried, path)
+    x, y = plane_points(carried)
     return path, carried._replace(x=x, y=y, z=np.zeros_like(x))

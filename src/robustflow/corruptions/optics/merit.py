@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.compiled import inner, njit
-from .lens import Array, propagate
+from .lens import DESIGN_WAVELENGTH, Array, Lens, first_order_of, launched, plane_points, propagate
 
 FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 """Field points of the merit function, as fractions of the half diagonal."""
@@ -81,51 +81,27 @@ def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
     return c * c - s * s, 2 * c * s
 
 
-@inner
-def _launch(x: Any, y: Any, tangent: Any) -> Any:
-    """Return rays that start at x and y (R,) in the vertex plane of the first surface, with one field tangent per
-    ray.
-    """
-    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-    return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
-
-
-@inner
-def _plane_points(rays: Any) -> Any:
-    """Return x and y of the points where rays cross the plane z = 0."""
-    t = -rays[2] / rays[5]
-    return rays[0] + t * rays[3], rays[1] + t * rays[4]
-
-
 @njit(cache=True, error_model="numpy")
-def aim(
-    curvature: Any,
-    conic: Any,
-    thickness: Any,
-    index: Any,
-    stop: int,
-    radius: float,
-    tangents: Any,
-    pupil_position: float,
-    magnification: float,
-) -> Any:
-    """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method."""
-    fields = tangents.size
+def aim(surfaces: Any, stop: int, radius: float, tangents: Any, order: Any) -> Any:
+    """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method; return
+    their x and y (4 F,), and the largest miss in radii of the stop.
+    """
+    fields, magnification = tangents.size, order.pupil_magnification
     sign = np.zeros(4 * fields)
     sign[fields : 2 * fields], sign[2 * fields : 3 * fields] = 1.0, -1.0
     tangent = np.empty(4 * fields)
     for f in range(4 * fields):
         tangent[f] = tangents[f % fields]
-    x, y = np.zeros(4 * fields), sign * radius * magnification - pupil_position * tangent
+    x, y = np.zeros(4 * fields), sign * radius * magnification - order.pupil_position * tangent
     x[3 * fields :] = radius * magnification
     no_path = np.empty((0, 3, 0))
     slope = np.full(4 * fields, 1.0 / magnification)
     old_x, old_y, old_miss = x.copy(), y.copy(), np.zeros(4 * fields)
-    miss, unbounded = np.zeros(4 * fields), np.full(curvature.size, np.inf)
+    miss, unbounded = np.zeros(4 * fields), np.full(stop, np.inf)
     for step in range(8):
-        rays = _launch(x, y, tangent)
-        propagate(curvature[:stop], conic, thickness, index, unbounded, rays, no_path)
-        at_x, at_y = _plane_points(rays)
+        rays = launched(x, y, tangent)
+        propagate(surfaces, 0, stop, unbounded, rays, no_path)
+        at_x, at_y = plane_points(rays)
         for f in range(4 * fields):
             side = f >= 3 * fields
             miss[f] = (at_x[f] - radius) if side else (at_y[f] - sign[f] * radius)
@@ -144,25 +120,20 @@ def aim(
     return x, y, np.abs(miss).max() / radius
 
 
+def aimed(lens: Lens, tangents: Array) -> Any:
+    """Return what `aim` finds for a lens at the design wavelength."""
+    return aim(lens.at(DESIGN_WAVELENGTH), lens.stop, lens.stop_radius, tangents, first_order_of(lens))
+
+
 @njit(cache=True, error_model="numpy")
 def landing(
-    curvature: Any,
-    conic: Any,
-    thickness: Any,
-    index: Any,
-    clear: Any,
-    stop: int,
-    radius: float,
-    tangent: float,
-    bottom: float,
-    top: float,
-    side: float,
-    columns: int,
-    rows: int,
-    ramp: float,
-    margin: float,
+    surfaces: Any, clear: Any, stop: int, radius: float, tangent: float, pupil: Any, grid: Any, ramp: float, margin: Any
 ) -> Any:
-    """Trace a grid of rays for one field and wavelength through the half x > 0 of the pupil."""
+    """Trace a grid of rays, (columns, rows), for one field and wavelength through the half x > 0 of the pupil, which
+    extends from bottom to top and to one side; return where they land in mm, their weights, and the weights without
+    rims.
+    """
+    (bottom, top, side), (columns, rows) = pupil, grid
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
     x, y = np.empty(columns * rows), np.empty(columns * rows)
     for j in range(rows):
@@ -170,16 +141,16 @@ def landing(
             x[j * columns + i] = width * (i + 0.5) / columns
             y[j * columns + i] = middle + half * ((2 * j + 1.0) / rows - 1.0)
     no_path = np.empty((0, 3, 0))
-    rays = _launch(x, y, np.full(x.size, tangent))
-    propagate(curvature[:stop], conic, thickness, index, clear, rays, no_path)
-    at_x, at_y = _plane_points(rays)
+    rays = launched(x, y, np.full(x.size, tangent))
+    propagate(surfaces, 0, stop, clear, rays, no_path)
+    at_x, at_y = plane_points(rays)
     weight = np.empty(x.size)
     for i in range(x.size):
         r = np.sqrt(at_x[i] * at_x[i] + at_y[i] * at_y[i]) / radius
         weight[i] = min(max((1.0 + 0.5 * ramp - r) / ramp, 0.0), 1.0)
-    propagate(curvature[stop:], conic[stop:], thickness[stop:], index[stop:], clear[stop:], rays, no_path)
-    sx, sy = _plane_points(rays)
-    return sx, sy, weight * rays[6], weight
+    propagate(surfaces, stop, surfaces.curvature.size, clear, rays, no_path)
+    sx, sy = plane_points(rays)
+    return sx, sy, weight * rays.alive, weight
 
 
 @inner

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ...core.compiled import njit
 from ...core.errors import DataError
 from .design import CHANNELS, channel_wavelengths
-from .lens import DESIGN_WAVELENGTH, PIXEL, Lens, first_order_of
-from .merit import AIM_TOLERANCE, WINDOW_RADIUS, aim, landing
+from .lens import PIXEL, Array, Lens
+from .merit import AIM_TOLERANCE, WINDOW_RADIUS, aimed, landing
 from .psf_field import FIELDS, SHAPE, SIZE, PsfField
 
 
@@ -49,13 +49,8 @@ def field_rays(
     lens: Lens, fields: npt.NDArray[np.float64], columns: int = 96, rows: int = 192, samples: int = 5
 ) -> list[list[npt.NDArray[np.float64]]]:
     """Return the landing points of the rays for each field (outer list) and colour (inner list), float64 (3, R)."""
-    arrays = lens.column("curvature"), lens.column("conic"), lens.column("thickness")
-    order = first_order_of(lens)
     tangents = fields * lens.field_tangent
-    x, y, miss = aim(
-        *arrays, lens.indices(DESIGN_WAVELENGTH), lens.stop, lens.stop_radius, tangents,
-        order.pupil_position, order.pupil_magnification,
-    )  # fmt: skip
+    x, y, miss = aimed(lens, tangents)
     if not miss < AIM_TOLERANCE:
         raise DataError(lens.name, "for at least one field point, no ray reaches the edge of the stop")
     clear = lens.column("semi_diameter")
@@ -63,14 +58,13 @@ def field_rays(
     count = fields.size
     result = []
     for f in range(count):
+        pupil = y[2 * count + f], y[count + f], x[3 * count + f]
         colours = []
         for channel in CHANNELS:
             parts = []
             for wavelength in channel_wavelengths(channel, samples):
-                sx, sy, weights, _ = landing(
-                    *arrays, lens.indices(wavelength), clear, lens.stop, lens.stop_radius, tangents[f],
-                    y[2 * count + f], y[count + f], x[3 * count + f], columns, rows, 1e-9, 1.15,
-                )  # fmt: skip
+                surfaces, stop = lens.at(wavelength), (lens.stop, lens.stop_radius)
+                sx, sy, weights, _ = landing(surfaces, clear, *stop, tangents[f], pupil, (columns, rows), 1e-9, 1.15)
                 parts.append(np.stack([sx / PIXEL, sy / PIXEL, np.where(weights > 0.5, 1.0, 0.0)]))
             colours.append(np.concatenate(parts, axis=1))
         result.append(colours)
@@ -88,7 +82,6 @@ def render_psfs(lens: Lens) -> PsfField:
     return PsfField(stack)
 
 
-Array = npt.NDArray[np.float64]
 _PLACE = np.arange(SIZE) - SIZE // 2.0
 
 

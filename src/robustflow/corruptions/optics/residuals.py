@@ -13,8 +13,19 @@ from typing import Any
 import numpy as np
 
 from ...core.compiled import inner, njit
-from .lens import PIXEL, Array, first_order, propagate
-from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, Goal, Limits, aim, blur_statistics, landing
+from .lens import PIXEL, Array, Surfaces, first_order, launched, propagate
+from .merit import (
+    AIM_TOLERANCE,
+    FIELDS,
+    GRID_X,
+    GRID_Y,
+    LIMITS,
+    MECHANICAL_WEIGHT,
+    Goal,
+    aim,
+    blur_statistics,
+    landing,
+)
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
@@ -27,30 +38,33 @@ RIM = 1.03
 
 @njit(cache=True, error_model="numpy")
 def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: float) -> Any:
-    """Return curvatures, gaps, stop radius (0 for an infeasible lens), pupil position and magnification."""
-    surfaces = index.shape[1] - 1
-    curvature, thickness = np.zeros(surfaces), np.zeros(surfaces)
+    """Return the surfaces at the last wavelength, the stop radius (0 for an infeasible lens) and the first-order
+    properties.
+    """
+    count = index.shape[1] - 1
+    curvature, thickness = np.zeros(count), np.zeros(count)
+    surfaces = Surfaces(curvature, np.zeros(count), thickness, index[-1])
     position = 0
-    for k in range(surfaces):
+    for k in range(count):
         if k != stop:
             curvature[k] = free[position] / focal_length
             position += 1
-    for k in range(surfaces - 1):
+    for k in range(count - 1):
         thickness[k] = free[position] * focal_length
         position += 1
-    length, _, _, _ = first_order(curvature, thickness, index[-1], stop)
-    scale = focal_length / length
+    order = first_order(surfaces, stop)
+    scale = focal_length / order.focal_length
     if not 0.2 < scale < 5.0:
-        return curvature, thickness, 0.0, 0.0, 0.0
-    for k in range(surfaces):
+        return surfaces, 0.0, order
+    for k in range(count):
         curvature[k] /= scale
         thickness[k] *= scale
-    _, back, pupil, magnification = first_order(curvature, thickness, index[-1], stop)
-    thickness[-1] = back + free[position]
-    radius = focal_length / (2.0 * f_number * magnification)
-    if not (0.05 < magnification < 20.0) or thickness[-1] <= 0.0:
+    order = first_order(surfaces, stop)
+    thickness[-1] = order.back_focus + free[position]
+    radius = focal_length / (2.0 * f_number * order.pupil_magnification)
+    if not (0.05 < order.pupil_magnification < 20.0) or thickness[-1] <= 0.0:
         radius = 0.0
-    return curvature, thickness, radius, pupil, magnification
+    return surfaces, radius, order
 
 
 @inner
@@ -61,54 +75,50 @@ def _sag(c: float, h: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, y: Any, tangent: Any) -> Any:
+def clear_radii(surfaces: Any, x: Any, y: Any, tangent: Any) -> Any:
     """Return the clear radius of each surface in mm and the number of aimed rays that fail."""
-    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-    rays = (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
-    path = np.zeros((curvature.size, 3, x.size))
-    propagate(curvature, conic, thickness, index, np.full(curvature.size, np.inf), rays, path)
-    radii = np.zeros(curvature.size)
-    for k in range(curvature.size):
+    rays, count = launched(x, y, tangent), surfaces.curvature.size
+    path = np.zeros((count, 3, x.size))
+    propagate(surfaces, 0, count, np.full(count, np.inf), rays, path)
+    radii = np.zeros(count)
+    for k in range(count):
         for i in range(x.size):
             radii[k] = max(radii[k], RIM * np.sqrt(path[k, 0, i] ** 2 + path[k, 1, i] ** 2))
-    return radii, x.size - rays[6].sum()
+    return radii, x.size - rays.alive.sum()
 
 
 @njit(cache=True, error_model="numpy")
-def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
+def fill_residuals(free: Any, index: Any, stop: int, goal: Any, limits: Any, out: Any) -> bool:
     """Compute the residuals of a lens; return False if it is infeasible or cannot be traced. `index`
     contains refractive indices, (3 n + 1, K + 1).
     """
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
-    curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)
+    surfaces, radius, order = build_lens(free, index, stop, focal_length, f_number)
     if radius <= 0.0:
         return False
-    conic = np.zeros(curvature.size)
-    count = fields.size
-    tangents = fields * field_tangent
-    x, y, miss = aim(curvature, conic, thickness, index[-1], stop, radius, tangents, pupil, magnification)
+    curvature, conic, thickness, _ = surfaces
+    count = FIELDS.size
+    tangents = FIELDS * field_tangent
+    x, y, miss = aim(surfaces, stop, radius, tangents, order)
     if not miss < AIM_TOLERANCE:
         return False
-    radii, missed = clear_radii(
-        curvature, conic, thickness, index[-1], x, y, np.concatenate((tangents, tangents, tangents, tangents))
-    )
+    radii, missed = clear_radii(surfaces, x, y, np.concatenate((tangents, tangents, tangents, tangents)))
     if missed > 0:
         return False
     clear = radii.copy()
     clear[stop] = np.inf
     samples = (index.shape[0] - 1) // 3
-    columns, rows = np.int64(GRID_X), np.int64(GRID_Y)  # for constants, `landing` would be compiled once more
-    rays = columns * rows
+    grid = np.int64(GRID_X), np.int64(GRID_Y)  # for constants, `landing` would be compiled once more
+    rays = GRID_X * GRID_Y
     sx, sy, weight = np.empty((3, samples * rays)), np.empty((3, samples * rays)), np.empty((3, samples * rays))
     t, re, s = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5))
     rms, mean = np.empty(3), np.empty(3)
     unbounded, position, shadow = 0.0, 0, 0.0
     for f in range(count):
+        pupil = y[2 * count + f], y[count + f], x[3 * count + f]
         for w in range(3 * samples):
-            px, py, weights, unblocked = landing(
-                curvature, conic, thickness, index[w], clear, stop, radius, tangents[f],
-                y[2 * count + f], y[count + f], x[3 * count + f], columns, rows, 0.12, 1.06,
-            )  # fmt: skip
+            at = Surfaces(curvature, conic, thickness, index[w])
+            px, py, weights, unblocked = landing(at, clear, stop, radius, tangents[f], pupil, grid, 0.12, 1.06)
             colour, place = w // samples, (w % samples) * rays
             for i in range(rays):
                 sx[colour, place + i], sy[colour, place + i] = px[i] / PIXEL, py[i] / PIXEL
@@ -152,19 +162,17 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
     return True
 
 
-def residual_count(fields: int, surfaces: int) -> int:
+def residual_count(surfaces: int) -> int:
     """Return the number of residuals computed by `fill_residuals`."""
-    return fields * 51 + 2 + 4 * surfaces - 1
+    return FIELDS.size * 51 + 2 + 4 * surfaces - 1
 
 
-def damped_least_squares(
-    free: Array, index: Array, stop: int, fields: Array, goal: Goal, limits: Limits, iterations: int
-) -> tuple[Array, float]:
+def damped_least_squares(free: Array, index: Array, stop: int, goal: Goal, iterations: int) -> tuple[Array, float]:
     """Run Levenberg-Marquardt with forward differences; return the parameters and the sum of squared residuals."""
-    rows, columns = residual_count(fields.size, index.shape[1] - 1), free.size
+    rows, columns = residual_count(index.shape[1] - 1), free.size
     base, trial, jacobian = np.zeros(rows), np.zeros(rows), np.zeros((columns, rows))
     best = free.copy()
-    if not fill_residuals(best, index, stop, fields, goal, limits, base):
+    if not fill_residuals(best, index, stop, goal, LIMITS, base):
         return best, math.inf
     cost = _ordered_sum(base * base)
     damping = 1e-2
@@ -172,12 +180,12 @@ def damped_least_squares(
         for j in range(columns):
             moved = best.copy()
             moved[j] += STEP
-            filled = fill_residuals(moved, index, stop, fields, goal, limits, trial)
+            filled = fill_residuals(moved, index, stop, goal, LIMITS, trial)
             jacobian[j] = (trial - base) / STEP if filled else 0.0
         normal, gradient = _ordered_sum(jacobian[:, None] * jacobian), _ordered_sum(jacobian * base)
         for _ in range(6):
             moved = best - solve_damped(normal, gradient, damping)
-            filled = fill_residuals(moved, index, stop, fields, goal, limits, trial)
+            filled = fill_residuals(moved, index, stop, goal, LIMITS, trial)
             if filled and (new := _ordered_sum(trial * trial)) < cost:
                 break
             damping *= 5.0
