@@ -125,7 +125,7 @@ def test_calibration_depends_on_the_seed_only():
         (lambda: load_corruption("bit_error", scale="calibrated").parameter(1), UsageError, "bit_error"),
         (lambda: load_corruption(f"contrast+{GAP}:{MISSING}", scale="calibrated"), UsageError, GAP),
         (lambda: load_corruption("fog", scale="calibratd"), UsageError, "calibratd"),
-        (lambda: Ssim(SMALL["chelsea"])(SMALL["chelsea"][:, :-1]), DataError, ""),
+        (lambda: Ssim(SMALL["chelsea"])(SMALL["chelsea"][:, :-1]), DataError, "96x119"),
     ],
 )
 def test_impossible_calibrations_and_severities_are_refused(tmp_path, monkeypatch, call, error, culprit):
