@@ -6,7 +6,6 @@ are checked before memory is allocated, and nothing is unpickled.
 
 from __future__ import annotations
 
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +35,15 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
     """Read an .npy file with an array of real numbers, (H, W, *channels); `what` names the expected content in
     errors.
     """
-    with readable(path), open(path, "rb") as file:
-        version = np.lib.format.read_magic(file)
-        if version not in ((1, 0), (2, 0)):
-            raise DataError(path, f".npy version {version} is not supported; save the array with numpy.save")
-        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = header(file)
+    with readable(path):
+        stored = np.lib.format.open_memmap(path, mode="r")  # refuses pickled objects, and files that are too short
+        shape, dtype = stored.shape, stored.dtype
         if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
             expected = ", ".join(("H", "W", *map(str, channels)))
             raise DataError(path, f"{dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
         claimed_size(path, shape[1], shape[0])
-        exact_size(path, file.tell() + dtype.itemsize * prod(shape), path.stat().st_size, shape[1], shape[0])
-        return np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
+        exact_size(path, stored.offset + stored.nbytes, path.stat().st_size, shape[1], shape[0])
+        return np.array(stored)
 
 
 def read_depth_pfm(path: Path) -> Values:

@@ -23,6 +23,7 @@ from ..core import files
 from ..core.errors import DataError, first_line
 from ..core.text import is_utf8
 from ..core.types import Frame
+from .arrays import readable
 
 LARGEST = 2**30
 """Maximum size of an image file in bytes; the largest supported image needs half as much."""
@@ -47,7 +48,10 @@ _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 def read_image(path: str | Path) -> Frame:
     """Read an image as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP."""
     path = Path(path)
-    data = _contents(path)
+    with readable(path):
+        if path.stat().st_size > LARGEST:
+            raise DataError(path, f"larger than {LARGEST >> 20} MiB, so it is not a supported image; check the file")
+        data = path.read_bytes()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
@@ -121,37 +125,16 @@ def png_address(image: Frame) -> str:
 
 def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple[tuple[int, int], bool]:
     path = Path(path)
-    _check_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the caller decides which sizes are too large
+    with readable(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the caller decides which sizes are too large
+        try:
             with Image.open(path, formats=_FORMATS) as image:
                 width, height = image.size
                 if isinstance(image, TiffImagePlugin.TiffImageFile):  # `image.size` is the size after the rotation
                     width, height = image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
                 return (height, width), is_turned(image)
-    except PILLOW_ERRORS as error:
-        raise DataError(path, f"cannot be read as an image ({first_line(error)}); check the file") from error
-
-
-def _check_file(path: Path) -> None:
-    """Raise a DataError unless the path is a regular file; opening a pipe would block forever."""
-    if not path.is_file():
-        what = "not a file (a pipe, a device or a folder)" if path.exists() else "no such image file; check the path"
-        raise DataError(path, what)
-
-
-def _contents(path: Path) -> bytes:
-    _check_file(path)
-    try:
-        if path.stat().st_size > LARGEST:
-            raise DataError(path, f"larger than {LARGEST >> 20} MiB, so it is not a supported image; check the file")
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror or error}); check its permissions") from error
-    if not data:
-        raise DataError(path, "the file is empty; copy or download it again")
-    return data
+        except PILLOW_ERRORS as error:
+            raise DataError(path, f"cannot be read as an image ({first_line(error)}); check the file") from error
 
 
 def _open(path: Path, data: bytes) -> Image.Image:

@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...core.compiled import inner, njit
-from ...core.errors import DataError, first_line
+from ...core.errors import DataError
 from ...core.types import Camera, DepthMap, Flow, Mask, Sample, SceneDepth
+from ...media.arrays import readable
 
 SKY = 10_000.0
 """Depth of the sky, in metres."""
@@ -76,13 +77,10 @@ def existing(files: list[Path], title: str, parts: str) -> list[Path]:
 
 
 def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
-    try:
-        lines = path.read_text(encoding="ascii").splitlines()
-        table = np.array([[float(word) for word in line.split()] for line in lines if line.strip()], np.float64)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or first_line(error)
-        raise DataError(path, f"cannot be read as numbers ({why}); restore the file") from error
-    if table.ndim != 2 or table.shape[1] != columns or not np.isfinite(table).all():
+    with readable(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of NumPy, for an empty file, which has no columns
+        table = np.loadtxt(path, comments=None, ndmin=2, encoding="ascii")
+    if table.shape[1] != columns or not np.isfinite(table).all():
         raise DataError(path, f"expected {columns} numbers on every line; restore the file")
     return table
 
