@@ -22,7 +22,7 @@ import numpy as np
 from skimage import data
 
 from robustflow.data.video.clip import ClipFile, read_pictures, write_clip
-from robustflow.data.video.codec import Encoding, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
+from robustflow.data.video.codec import Options, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
 from robustflow.data.video.interpolation import FlowInterpolator
 from robustflow.data.video.open_clip import mean_of_windows
 from robustflow.data.video.variants import corrupted_stream
@@ -51,9 +51,9 @@ def _cpu() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
-def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Encoding) -> Callable[[], object]:
+def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Options) -> Callable[[], object]:
     """Encode with the ffmpeg program, in one thread."""
-    options = [part for name, value in encoding.options for part in (f"-{name}", value)]
+    options = [part for name, value in encoding.items() for part in (f"-{name}", value)]
     source = [
         "-f",
         "rawvideo",
@@ -86,7 +86,7 @@ def main() -> None:
         path, raw = Path(folder) / "a.mp4", Path(folder) / "a.yuv"
         raw.write_bytes(b"".join(picture.tobytes() for picture in pictures))
         for encoding in (crf(23), crf(51), abr(3_125_000), lossless("ultrafast"), lossless(args.preset)):
-            name = f"{encoding.name} {dict(encoding.options).get('preset', 'medium')}"
+            name = f"crf {encoding['crf']} {encoding.get('preset', 'medium')}" if "crf" in encoding else "abr medium"
             ours = rate(count, lambda e=encoding: write_clip(path, pictures, (HEIGHT, WIDTH), FPS, e))
             line = f"{f'encode {name}':36s} {ours:7.1f} frames/s"
             if args.ffmpeg:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from robustflow.data.video.clip import ClipFile, write_clip
-from robustflow.data.video.codec import Encoding, lossless, rgb_to_i420
+from robustflow.data.video.codec import Options, lossless, rgb_to_i420
 from robustflow.data.video.variants import Fill
 from robustflow.media.images import write_image
 
@@ -34,7 +34,7 @@ def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
 
 
 def clip(
-    path: Path, count: int, height: int = 48, width: int = 64, encoding: Encoding | None = None, fps: int = 960
+    path: Path, count: int, height: int = 48, width: int = 64, encoding: Options | None = None, fps: int = 960
 ) -> ClipFile:
     encoding = encoding or lossless("veryfast")
     return write_clip(path, pictures(count, height, width), (height, width), Fraction(fps), encoding)

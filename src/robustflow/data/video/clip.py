@@ -15,7 +15,7 @@ from typing import Any
 import av
 
 from ...core.errors import DataError
-from .codec import I420, Decoder, Encoding, Packet, configure, even_size, video_frame
+from .codec import I420, Decoder, Options, Packet, configure, even_size, video_frame
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ClipFile:
 
 
 def write_clip(
-    path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, encoding: Encoding
+    path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, options: Options
 ) -> ClipFile:
     temporary = path.with_name(f".{path.name}.part")
     height, width = even_size(*size)
@@ -42,7 +42,7 @@ def write_clip(
     # omit FFmpeg's version, so that the same frames and encoder always result in the same file
     with av.open(str(temporary), "w", format="mp4", options={"fflags": "+bitexact"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
-        configure(stream.codec_context, height, width, fps, encoding)
+        configure(stream.codec_context, height, width, fps, options)
         for picture in pictures:
             container.mux(stream.encode(video_frame(picture, count, fps)))
             count += 1

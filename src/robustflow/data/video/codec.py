@@ -25,7 +25,7 @@ import numpy.typing as npt
 from av.codec.context import Flags
 
 from ...core.compiled import njit
-from ...core.errors import DataError, UsageError, unknown_name
+from ...core.errors import DataError, unknown_name
 from ...core.types import Frame
 
 I420 = npt.NDArray[np.uint8]
@@ -104,12 +104,8 @@ class Packet:
     index: int
 
 
-@dataclass(frozen=True)
-class Encoding:
-    """Encoder settings: libx264 options, and a name that is used in records."""
-
-    name: str
-    options: tuple[tuple[str, str], ...]
+Options = dict[str, str]
+"""Options of libx264."""
 
 
 PRESETS = (
@@ -118,17 +114,14 @@ PRESETS = (
 """The presets of x264, fastest first."""
 
 
-def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
+def lossless(preset: str = "veryslow", every_frame: bool = False) -> Options:
     """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow)."""
     if preset not in PRESETS:
         raise unknown_name("x264 preset", preset, PRESETS)
-    options = [("crf", "0"), ("preset", preset)]
-    if every_frame:
-        options += [("g", "1")]
-    return Encoding("lossless", tuple(options))
+    return {"crf": "0", "preset": preset} | ({"g": "1"} if every_frame else {})
 
 
-EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"),)
+EXACT = {"x264-params": "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"}
 """Options for all lossy encodings, chosen so that the same frames result in the same stream on every machine.
 
 x264's macroblock tree controls the quality of each part of a frame. Its AVX-512 code (as of x264 core 165) reads
@@ -139,16 +132,13 @@ encoding does not use the tree, so it may use all instruction sets of the proces
 """
 
 
-def crf(value: int) -> Encoding:
-    if not 0 <= value <= 51:
-        raise UsageError("crf", f"{value} is not from 0 (lossless) to 51")
-    return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
+def crf(value: int) -> Options:
+    return {"crf": str(value)} | EXACT
 
 
-def abr(rate: int) -> Encoding:
-    if rate <= 0:
-        raise UsageError("rate", f"{rate} is invalid; give bits per second")
-    return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
+def abr(rate: int) -> Options:
+    """Encode at an average rate, in bits per second."""
+    return dict.fromkeys(("b", "maxrate", "bufsize"), str(rate)) | EXACT
 
 
 def check_size(height: int, width: int) -> None:
@@ -156,14 +146,14 @@ def check_size(height: int, width: int) -> None:
         raise DataError(f"frames of {width}x{height}", f"H.264 encodes at most {_LONGEST_SIDE} pixels per side")
 
 
-def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
+def configure(context: Any, height: int, width: int, fps: Fraction, options: Options) -> None:
     """Set up an encoder context; `height` and `width` are even. Raises the errors of `check_size`."""
     check_size(height, width)
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"
     context.flags |= Flags.global_header  # as in MP4 files; otherwise, rate control would count the header
-    context.options = dict(encoding.options)
+    context.options = options
 
 
 def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
@@ -175,10 +165,10 @@ def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
 class Encoder:
     """Encodes the I420 frames of one clip as a stream of packets, in coded order."""
 
-    def __init__(self, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
+    def __init__(self, height: int, width: int, fps: Fraction, options: Options) -> None:
         self._context: Any = av.CodecContext.create("libx264", "w")
         self._fps = fps
-        configure(self._context, height, width, fps, encoding)
+        configure(self._context, height, width, fps, options)
         self._context.open()
         self.header = bytes(self._context.extradata or b"")
 

@@ -21,10 +21,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
+from av.bitstream import BitStreamFilterContext
 
-from ...core.compiled import njit
-from ...core.errors import DataError, UsageError
+from ...core.errors import DataError
 from ...core.files import make_folder
 from ...core.types import Frame
 from ...media.images import read_image
@@ -39,48 +40,21 @@ class Damage:
     """The effect of bit errors on a stream: counts and the display indices of the frames with damaged packets."""
 
     amount: int
-    bytes_total: int = 0
     bytes_changed: int = 0
     frames_hit: list[int] = field(default_factory=list)
 
 
-class NoiseFilter:
-    """The filter state for one stream; packets must be passed in file order."""
-
-    def __init__(self, amount: int) -> None:
-        if isinstance(amount, bool) or not isinstance(amount, int) or not 1 <= amount < 2**31:
-            raise UsageError("noise amount", f"{amount!r} is invalid; give an integer from 1 to 2**31 - 1")
-        self.amount = amount
-        self.state = 0
-
-    def __call__(self, data: bytes) -> tuple[bytes, int]:
-        buffer = np.frombuffer(data, np.uint8).copy()
-        state, changed = _apply(buffer, self.state, self.amount)
-        self.state = int(state)
-        return buffer.tobytes(), int(changed)
-
-
 def damage_packets(packets: Iterable[Packet], damage: Damage) -> Iterator[Packet]:
-    noise = NoiseFilter(damage.amount)
+    """Damage the packets of one stream, in file order."""
+    noise = BitStreamFilterContext(f"noise={damage.amount}")
     for packet in packets:
-        data, changed = noise(packet.data)
-        damage.bytes_total += len(data)
-        damage.bytes_changed += changed
+        (filtered,) = noise.filter(av.Packet(bytearray(packet.data)))  # the filter writes into the memory it is given
+        data = bytes(filtered)
+        changed = np.count_nonzero(np.frombuffer(data, np.uint8) != np.frombuffer(packet.data, np.uint8))
+        damage.bytes_changed += int(changed)
         if changed:
             damage.frames_hit.append(packet.index)
         yield Packet(data, packet.index)
-
-
-@njit(cache=True, nogil=True)
-def _apply(buffer: Any, state: Any, amount: Any) -> Any:
-    changed = 0
-    for i in range(buffer.size):
-        state = (state + int(buffer[i]) + 1) & 0xFFFFFFFF
-        if state % amount == 0:
-            hit = state & 255
-            changed += hit != buffer[i]
-            buffer[i] = hit
-    return state, changed
 
 
 REORDER = 32
@@ -155,26 +129,22 @@ class Stream:
 
 def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Stream:
     """Yield all frames of the master after a video corruption, in order and without gaps."""
-    height, width = master.stored_size
-    fill = Fill(master.count)
+    damage = None
     if corruption == "bit_error":
-        damage = Damage(parameter)
-        decoder = Decoder(read_header(master), height, width)
+        damage, header = Damage(parameter), read_header(master)
         packets = damage_packets(read_packets(master), damage)
-        return Stream(fill_lost(decoder.decode(packets), fill), decoder, fill, damage)
-    if corruption not in ("h264_crf", "h264_abr"):
-        raise UsageError(corruption, "not a video corruption; choose h264_crf, h264_abr or bit_error")
-    encoding = crf(parameter) if corruption == "h264_crf" else abr(parameter)
-    encoder = Encoder(height, width, master.fps, encoding)
-    decoder = Decoder(encoder.header, height, width)
-    stream = Stream(iter(()), decoder, fill)
+    else:
+        options = {"h264_crf": crf, "h264_abr": abr}[corruption](parameter)
+        encoder = Encoder(*master.stored_size, master.fps, options)
+        header, packets = encoder.header, encoder.encode(read_pictures(master))
+    stream = Stream(iter(()), Decoder(header, *master.stored_size), Fill(master.count), damage)
 
     def counted() -> Iterator[Packet]:
-        for packet in encoder.encode(read_pictures(master)):
+        for packet in packets:
             stream.bytes_coded += len(packet.data)
             yield packet
 
-    stream.pictures = fill_lost(decoder.decode(counted()), fill)
+    stream.pictures = fill_lost(stream.decoder.decode(counted()), stream.fill)
     return stream
 
 
@@ -192,8 +162,8 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
                 changed += not (shown == read_image(clip.key_frame_path(index))).all()
                 yield picture
 
-    encoding = lossless("ultrafast", every_frame=True)
-    write_clip(folder / FRAMES_FILE, key_pictures(), (master.height, master.width), master.fps, encoding)
+    options = lossless("ultrafast", every_frame=True)
+    write_clip(folder / FRAMES_FILE, key_pictures(), (master.height, master.width), master.fps, options)
     return _record(clip, corruption, parameter, stream, changed)
 
 
@@ -215,7 +185,7 @@ def _record(clip: PreparedClip, corruption: str, parameter: int, stream: Stream,
         "master_sha256": clip.manifest.master_sha256,
         "encoder": encoder_versions(),
         "frames": stream.fill.count,
-        "bytes_coded": damage.bytes_total if damage else stream.bytes_coded,
+        "bytes_coded": stream.bytes_coded,
         "packets_refused": stream.decoder.refused_packets,
         "pictures_dropped": stream.fill.dropped + stream.decoder.strange_pictures,
         "frames_lost": stream.fill.frames_lost,
