@@ -17,7 +17,7 @@ from ..core.errors import DataError, RobustFlowError, UsageError
 from ..core.paths import VIDEO_SUFFIXES
 from ..core.types import Sample
 from ..data.datasets.pairs import read_frames
-from ..data.video.source import open_video
+from ..data.video.reader import open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size
 from .pairs import PairSource, clip_pairs, one_pair

@@ -13,8 +13,7 @@ import pytest
 
 from robustflow.core.errors import DataError, UsageError
 from robustflow.data.datasets import Dataset, load_dataset
-from robustflow.data.video.reader import VideoReader
-from robustflow.data.video.source import upright
+from robustflow.data.video.reader import VideoReader, upright
 from robustflow.media.images import read_image
 from tests.data.video.videos import video, write_video
 from tests.refusals import refusal

@@ -108,15 +108,14 @@ class Video(Samples):
 
     def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
         self._path, self._step = path, positive("step", step)
-        self._first, self._second = VideoReader(path), VideoReader(path)
-        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, len(self._first))
-        self._end = min(end, len(self._first))
+        self._readers = {0: VideoReader(path)}  # by offset: each decodes forward
+        total = len(self._readers[0])
+        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, total)
+        self._end = min(end, total)
         if self._end - begin <= step:
-            count = max(0, self._end - begin)
-            raise too_few_frames(count, step, path, len(self._first))
+            raise too_few_frames(max(0, self._end - begin), step, path, total)
         self._begin = begin
         self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
-        self._around: dict[int, VideoReader] = {}
 
     def keys(self) -> list[str]:
         return list(self._keys)
@@ -126,9 +125,7 @@ class Video(Samples):
         return [self._path]
 
     def load(self, key: str) -> Sample:
-        index = self._index(key)
-        frames = (self._first.frame(index), self._second.frame(index + self._step))
-        return Sample(key, frames, group=self._path.stem)
+        return Sample(key, (self.frame(key, 0), self.frame(key, 1)), group=self._path.stem)
 
     def around(self, key: str, reach: int) -> range:
         index = self._index(key)
@@ -136,9 +133,9 @@ class Video(Samples):
         return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
 
     def frame(self, key: str, offset: int) -> Frame:
-        if offset not in self._around:
-            self._around[offset] = copy(self._first)  # a copy reopens the file
-        return self._around[offset].frame(self._index(key) + offset * self._step)
+        if offset not in self._readers:
+            self._readers[offset] = copy(self._readers[0])  # a copy reopens the file
+        return self._readers[offset].frame(self._index(key) + offset * self._step)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         return self.files(key)
@@ -157,4 +154,4 @@ class Video(Samples):
         chosen = position(option, value)
         if chosen is None:
             return default
-        return self._first.index_at(chosen) if isinstance(chosen, float) else chosen
+        return self._readers[0].index_at(chosen) if isinstance(chosen, float) else chosen

@@ -32,7 +32,7 @@ from ...media.images import read_image
 from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
 from .codec import I420, Decoder, Encoder, Packet, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
 from .prepared import PreparedClip
-from .source import open_video
+from .reader import open_video
 
 
 @dataclass
