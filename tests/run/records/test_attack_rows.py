@@ -37,8 +37,8 @@ def test_runs_of_attacks_alone_are_packed_and_compared_in_a_table(tmp_path):
     ]  # fmt: skip
     assert verified(record_bytes(runs[0])).ok
     (table,) = tables_of(runs, published=False, wanted=["security"])
-    assert "1 pair, severity 1" in table.remarks[-1]
-    assert "2 pairs, severity 2" in table.remarks[-1]
+    assert "severity 1, 1 pair" in table.remarks[-1]
+    assert "severity 2, 2 pairs" in table.remarks[-1]
 
 
 def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
