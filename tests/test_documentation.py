@@ -147,7 +147,7 @@ def test_formats_name_every_field(generated):
     from robustflow.metrics import METRICS
     from robustflow.metrics.rows import ROW_SCHEMA
     from robustflow.run.identity import Identity
-    from robustflow.run.records.contents import Manifest, Record
+    from robustflow.run.records.format import Manifest, Record
     from robustflow.run.summary import Measured
 
     pages = generated("formats").files()

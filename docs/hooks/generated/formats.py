@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from robustflow.metrics import measures, regions, rows
 from robustflow.run import summary
-from robustflow.run.records import contents
+from robustflow.run.records import format
 
 from .tables import table
 
@@ -85,7 +85,7 @@ def _manifest() -> str:
         "The configuration of a run. A record contains the fields below; a run's folder also contains the command line "
         "and the machine's name and system, which `robustflow record pack` omits.",
     ]
-    for model in (contents.Manifest, *_used_by(contents.Manifest)):
+    for model in (format.Manifest, *_used_by(format.Manifest)):
         parts += _model(model)
     return "\n\n".join(parts)
 
@@ -93,11 +93,11 @@ def _manifest() -> str:
 def _record() -> str:
     parts = [
         "# Records",
-        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) describes the "
+        f"`record.json` of a `.robustflow` file, version {format.VERSION}. [The guide](../records.md) describes the "
         "other entries of the file, what `record verify` checks, and what it cannot show. See also "
         "[`manifest.json`](manifest.md) and the [columns of `rows.csv`](rows.md).",
     ]
-    parts += _model(contents.Record)
+    parts += _model(format.Record)
     return "\n\n".join(parts)
 
 

@@ -113,15 +113,16 @@ def _compare_rows(reader: "Reader", data: Path | None, model: "ModelSpec | None"
 
 def _print(result: "Verification") -> None:
     from ..core.text import plain
-    from ..run.records.verify import VERIFICATION_CHECKS
+    from ..run.records.verify import CHECKS, CHECKS_ON_REQUEST
 
     container, *others = result.checks
     if container.status == "failed" and not any(check.status == "ok" for check in others):
         typer.echo(f"not verified: {plain(container.message, None)}")  # not a record, so there are no further checks
         return
     typer.echo(plain(result.file, 200))
+    descriptions = {name: words for name, (words, _) in CHECKS.items()} | CHECKS_ON_REQUEST
     for check in result.checks:
-        about = f"{VERIFICATION_CHECKS[check.name]}{f': {check.message}' if check.message else ''}"
+        about = f"{descriptions[check.name]}{f': {check.message}' if check.message else ''}"
         typer.echo(f"  {check.status:11s}  {check.name:12s}  {about}")
     stated = result.facts.model_dump(include={"author", "link", "description"}) if result.facts else {}
     for name, text in stated.items():

@@ -169,9 +169,10 @@ def unsealed(data: bytes) -> bytes | None:
     """Return the JSON text of an object without its digest, or None if the digest does not match."""
     try:
         content = json.loads(data)
+        whole = isinstance(content, dict) and content == sealed(content)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(content, dict) or content != sealed(content):
+    if not whole:
         return None
     return json.dumps({name: value for name, value in content.items() if name != _DIGEST}).encode()
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from operator import eq
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import polars as pl
@@ -23,7 +22,7 @@ from ..core.files import json_bytes, read_bounded
 from ..core.text import counted, file_name, plain
 from ..data.benchmarks import benchmark_facts
 from ..metrics.rows import ROW_SCHEMA
-from ..run.records.contents import rows_to_text
+from ..run.records.format import rows_to_text
 from ..run.records.read import Reader
 from ..run.run import Run
 from ..stats.exclusion import exclusion_reasons
@@ -174,11 +173,9 @@ def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
     """Check that each file matches an export of the record, byte for byte; return a sentence with the number of
     files.
     """
-    with TemporaryDirectory(prefix="robustflow-") as folder:
-        reader.extract(Path(folder))
-        run = Run(folder)
-        for path in paths:
-            _check(path, run)
+    run = reader.open(Run)
+    for path in paths:
+        _check(path, run)
     return counted(len(paths), "file")
 
 

@@ -13,8 +13,7 @@ import polars as pl
 
 from robustflow.core.files import json_bytes
 from robustflow.core.files import sealed as with_digest
-from robustflow.run.records.container import container_bytes, read_container
-from robustflow.run.records.contents import rows_from_text, rows_to_text
+from robustflow.run.records.format import container_bytes, read_container, rows_from_text, rows_to_text
 from robustflow.run.records.read import Reader
 from robustflow.run.records.verify import Verification, verify_read
 

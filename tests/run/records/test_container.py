@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.core.errors import DataError
-from robustflow.run.records.container import LIMITS, container_bytes, read_container, read_file
+from robustflow.run.records.format import LIMITS, container_bytes, read_container, read_file
 
 from ...refusals import refusal
 from .forge import assert_fails, entries_of

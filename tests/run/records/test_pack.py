@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from robustflow.api import Result, evaluate
 from robustflow.core.errors import DataError, RunError, UsageError
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
-from robustflow.run.records.contents import rows_from_text, rows_to_text, shareable_manifest
+from robustflow.run.records.format import rows_from_text, rows_to_text, shareable_manifest
 from robustflow.run.records.pack import is_record, load_any_run, pack, record_bytes
 from robustflow.run.records.verify import verify
 from robustflow.run.shards import write_shard

@@ -9,25 +9,43 @@ has one canonical form, so that changes can be reviewed line by line.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from ...core.errors import DataError
-from ...core.files import make_folder, write_bytes, write_json
+from pydantic import Field, ValidationError
+
+from ...core.errors import DataError, first_misfit
+from ...core.files import json_bytes, make_folder, read_bounded, write_bytes
+from ...core.types import Untrusted
 from ..run import Run
-from .container import read_file
 from .pack import SUFFIX, record_bytes
 from .read import Reader
 from .verify import verified
 
 LIST = "records.json"
 RECORDS = "records"
-VERSION = 3
-"""Version of `records.json`."""
-_ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
+_LARGEST = 1 << 26
+
+
+class Entry(Untrusted):
+    """A record of a collection, whose file is named after its hash."""
+
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    model: str
+    benchmark: str
+    sentence: str
+
+    @property
+    def file(self) -> str:
+        return f"{RECORDS}/{self.sha256[:16]}{SUFFIX}"
+
+
+class Collection(Untrusted):
+    """The content of `records.json`."""
+
+    version: Literal[4] = 4
+    records: tuple[Entry, ...] = ()
 
 
 class Added(NamedTuple):
@@ -39,32 +57,25 @@ class Added(NamedTuple):
 
 def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
     """Verify records and copy either all or none of them into a collection. A missing collection is created."""
-    before = {entry["file"]: entry for entry in _entries(folder)}
+    before = {entry.file: entry for entry in _read(folder)}
     contents: dict[Path, bytes] = {}
-    added = {}
-    for file in sources:
-        data = record_bytes(Run(file)) if file.is_dir() else read_file(file)
-        reader = Reader(data, str(file))
-        subject = verified(reader)
-        name = f"{RECORDS}/{reader.sha256[:16]}{SUFFIX}"
-        values = (name, reader.sha256, subject.model, subject.benchmark, subject.sentence())
-        added[name] = dict(zip(_ENTRY, values, strict=True))
-        contents[folder / name] = data
-    about = {(entry["model"], entry["benchmark"]) for entry in added.values()}
-    earlier = {
-        name: entry
-        for name, entry in before.items()
-        if name not in added and (entry["model"], entry["benchmark"]) in about
-    }
-    entries = before | added
+    added: dict[str, Entry] = {}
+    for source in sources:
+        reader = Reader(record_bytes(Run(source)) if source.is_dir() else source, str(source))
+        about = verified(reader)
+        entry = Entry(sha256=reader.sha256, model=about.model, benchmark=about.benchmark, sentence=about.sentence())
+        added[entry.file], contents[folder / entry.file] = entry, reader.data
+    new = {(entry.model, entry.benchmark) for entry in added.values()}
+    earlier = [e for name, e in before.items() if name not in added and (e.model, e.benchmark) in new]
+    gone = {entry.file for entry in earlier} if supersede else set()
     make_folder(folder / RECORDS)
     for path, data in contents.items():
         write_bytes(path, data)
-    listed = [entries[name] for name in sorted(entries) if not (supersede and name in earlier)]
-    write_json(folder / LIST, {"version": VERSION, "records": listed})
-    for name in earlier if supersede else ():
+    listed = [entry for name, entry in sorted((before | added).items()) if name not in gone]
+    write_bytes(folder / LIST, json_bytes(Collection(records=tuple(listed)).model_dump()))
+    for name in gone:
         (folder / name).unlink()
-    return Added(list(contents), [f"{name} ({entry['sentence']})" for name, entry in earlier.items()])
+    return Added(list(contents), [f"{entry.file} ({entry.sentence})" for entry in earlier])
 
 
 def is_collection(folder: Path) -> bool:
@@ -75,29 +86,19 @@ def is_collection(folder: Path) -> bool:
 def collected(folder: Path) -> list[Path]:
     """Return the records of a collection."""
     paths = []
-    for entry in _entries(folder):
-        paths.append(folder / entry["file"])
-        if hashlib.sha256(read_file(paths[-1])).hexdigest() != entry["sha256"]:
-            raise DataError(
-                paths[-1], f"not the file listed in {LIST}; restore it, or remove its entry and add it again"
-            )
+    for entry in _read(folder):
+        path = folder / entry.file
+        if not path.is_file() or Reader(path).sha256 != entry.sha256:
+            raise DataError(path, f"not the file listed in {LIST}; restore it, or remove its entry and add it again")
+        paths.append(path)
     return paths
 
 
-def _entries(folder: Path) -> list[dict[str, Any]]:
+def _read(folder: Path) -> tuple[Entry, ...]:
     if not is_collection(folder):
-        return []
-    path = folder / LIST
+        return ()
+    remedy = "restore it, or add the records to a new folder"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        if (version := document["version"]) != VERSION:
-            raise DataError(path, f"has version {str(version)[:20]}, but version {VERSION} is required")
-        entries = [{key: str(entry[key]) for key in _ENTRY} for entry in document["records"]]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DataError(path, "not a list of records; restore it, or add the records to a new folder") from error
-    for entry in entries:
-        if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
-            raise DataError(path, f"{entry['file'][:60]!r} is not named after its hash; add the record again")
-        if not (folder / entry["file"]).is_file():
-            raise DataError(folder / entry["file"], f"listed in {LIST} but missing; restore it, or remove its entry")
-    return entries
+        return Collection.model_validate_json(read_bounded(folder / LIST, _LARGEST, remedy)).records
+    except ValidationError as error:
+        raise DataError(folder / LIST, f"not a list of records ({first_misfit(error)}); {remedy}") from error

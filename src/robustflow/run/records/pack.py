@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
-import weakref
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import mkdtemp
-from typing import TypeVar, overload
+from typing import overload
 
 import polars as pl
 from pydantic import ValidationError
@@ -20,9 +17,8 @@ from ...core.paths import user_path
 from ..costs import PROFILE, read_cost
 from ..run import Run
 from ..trust import document_bytes
-from .container import check_text, container_bytes, read_file
-from .contents import Record, rows_to_text, shareable_manifest
-from .read import Reader
+from .format import Record, check_text, container_bytes, rows_to_text, shareable_manifest
+from .read import AnyRun, Reader
 from .verify import verified, verify_read
 
 SUFFIX = ".robustflow"
@@ -32,17 +28,15 @@ def pack(
     run: Run,
     path: str | Path | None = None,
     *,
-    author: str = "",
-    link: str = "",
-    description: str = "",
+    overwrite: bool = False,
     partial: bool = False,
     keep_paths: bool = False,
-    overwrite: bool = False,
+    **texts: str,
 ) -> Path:
     """Write a run as a record; `docs/records.md` describes its contents. The same run and texts always produce the same
     bytes.
     """
-    data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
+    data = record_bytes(run, partial=partial, keep_paths=keep_paths, **texts)
     target = user_path(path) if path is not None else Path(run.path.absolute().name + SUFFIX)
     if target.suffix != SUFFIX:
         raise UsageError(target, f"the name of a record must end in {SUFFIX}")
@@ -59,26 +53,14 @@ def pack(
 
 def _run_of(path: Path) -> str | None:
     """Return the digest of the run in a record file, or None if the file is not a record."""
-    reader = Reader(read_file(path), str(path))
     try:
-        reader.container()
-        reader.record()
+        return Reader(path).facts.run
     except DataError:
         return None
-    return reader.facts.run
 
 
-def record_bytes(
-    run: Run,
-    *,
-    author: str = "",
-    link: str = "",
-    description: str = "",
-    partial: bool = False,
-    keep_paths: bool = False,
-) -> bytes:
-    """Return the bytes of the file that `record pack` writes."""
-    texts = {"author": author, "link": link, "description": description}
+def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, **texts: str) -> bytes:
+    """Return the bytes of the file that `record pack` writes; `texts` are the author, link and description."""
     stated = {name: " ".join(text.split()) for name, text in texts.items()}
     for name, text in stated.items():
         check_text(text, f"--{name}")
@@ -104,9 +86,6 @@ def record_bytes(
     return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})
 
 
-AnyRun = TypeVar("AnyRun", bound=Run)
-
-
 @overload
 def load_any_run(path: str | Path) -> Run: ...
 
@@ -118,7 +97,13 @@ def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote."""
     path = user_path(path)
-    return _open_record(path, kind) if path.is_file() else kind(path)
+    if not path.is_file():
+        return kind(path)
+    if not is_record(path):
+        raise RunError(path, "neither a run folder nor a record; give one written by 'run' or 'record pack'")
+    reader = Reader(path)
+    verified(reader)
+    return reader.open(kind)
 
 
 def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
@@ -145,20 +130,3 @@ def is_record(path: str | Path) -> bool:
     except OSError:
         return False
     return head.startswith(b"PK\x03\x04") and head[30:].startswith(b"record.json")
-
-
-def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
-    if not is_record(path):
-        raise RunError(path, "neither a run folder nor a record; give one written by 'run' or 'record pack'")
-    reader = Reader(read_file(path), str(path))
-    verified(reader)
-    folder = Path(mkdtemp(prefix="robustflow-"))
-    try:
-        reader.extract(folder)
-        run = kind(folder)
-        run.record = reader.sha256
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    weakref.finalize(run, shutil.rmtree, folder, True)
-    return run

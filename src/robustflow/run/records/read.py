@@ -1,146 +1,123 @@
-"""Read a record file step by step: each step trusts only what the previous ones have checked."""
+"""Read a record file: every property of `Reader` trusts only what the previous ones have checked, or raises."""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import shutil
+import weakref
+from functools import cached_property
 from pathlib import Path
+from tempfile import mkdtemp
+from typing import TypeVar
 
 import polars as pl
 from pydantic import ValidationError
 
 from ...core.errors import DataError, first_misfit
-from ...core.files import make_folder, write_bytes
+from ...core.files import json_bytes, write_bytes
 from ...core.text import plain
-from ...core.types import TRUTHS
 from ...corruptions.api import STREAM_VERSION
-from ...metrics.rows import ROW_KEY, ROW_SCHEMA, SIGNED
 from ..costs import PROFILE, parse_cost
 from ..manifest import Manifest
+from ..run import Run
 from ..shards import PACK, write_shard
-from ..trust import parse_document
-from .container import check_text, read_container, read_json
-from .contents import MOST_ROWS, VERSION, Record, rows_from_text
+from ..trust import document_bytes, parse_document
+from .format import MOST_ROWS, Record, check_text, read_container, read_file, rows_from_text, texts
+from .row_rules import SINGLE_ROW_RULES, check_rules
 
-_ALWAYS = (
-    *("sample", "group", "corruption", "severity", "truth", "frames_digest", "height", "width", "n_invalid", "n_all"),
-    *("rcre_all_sum", "pred_magnitude_sum", "n_photometric", "photometric_sum", "photometric_still_sum"),
-)
-"""Columns without empty cells."""
-_LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
-_LOWEST = {"attack_way_gone": -_LARGEST_SUM, **dict.fromkeys(SIGNED, -1.0)}
-"""Lowest value of each column that may be negative."""
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 class Reader:
-    """Reader of one record: `container`, `record`, `hashes`, `manifest` and `rows`, in this order. Every step returns a
-    sentence that describes what it checked, or raises."""
+    """Reader of one record, a file or its bytes."""
 
-    entries: dict[str, bytes]
-    facts: Record
-    plan: Manifest
-    frame: pl.DataFrame
+    def __init__(self, source: Path | bytes, name: str = "") -> None:
+        self._source = source
+        self.name = name or str(source)
 
-    def __init__(self, data: bytes, name: str) -> None:
-        self._data = data
-        self.name = name
-        self.sha256 = hashlib.sha256(data).hexdigest()
+    @cached_property
+    def data(self) -> bytes:
+        return self._source if isinstance(self._source, bytes) else read_file(self._source)
+
+    @cached_property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.data).hexdigest()
+
+    @cached_property
+    def entries(self) -> dict[str, bytes]:
+        """The entries of the zip file: exactly those of a record, uncompressed."""
+        return read_container(self.data, self.name)
+
+    @cached_property
+    def facts(self) -> Record:
+        """The content of `record.json`."""
+        data = self.entries["record.json"]
+        try:
+            facts = Record.model_validate_json(data)
+        except ValidationError as error:
+            why = f"{plain(first_misfit(error), 200)}; use the version that packed it"
+            raise DataError("record.json", why) from error
+        _check_json("record.json", data, json_bytes(facts.model_dump()))
+        return facts
+
+    @cached_property
+    def plan(self) -> Manifest:
+        """The manifest, which a record can contain, and whose cells fit into memory."""
+        name, data = "manifest.json", self.entries["manifest.json"]
+        plan = parse_document(Manifest, data, name, "use the version that packed it")
+        if not any(part.corruptions or part.attacks for part in plan.planned):
+            raise DataError(name, "no corruption or attack of a sample is planned")
+        if (planned := sum(part.count() for part in plan.planned)) > MOST_ROWS:
+            raise DataError(name, f"{planned} rows are planned; the limit for a record is {MOST_ROWS}")
+        _check_json(name, data, plan.shareable().document())
+        if (streams := plan.identity.frames.streams) != STREAM_VERSION:
+            why = f"has frames of version {streams}, not {STREAM_VERSION}; use the version that packed it"
+            raise DataError(name, why)
+        if plan.identity_digest != self.facts.run:
+            raise DataError("record.json", f"states the run {self.facts.run}, but {name} is of {plan.identity_digest}")
+        if PROFILE in self.entries:
+            cost = parse_cost(self.entries[PROFILE], PROFILE)
+            _check_json(PROFILE, self.entries[PROFILE], document_bytes(cost.model_dump()))
+            if cost.run != plan.identity_digest:
+                raise DataError(PROFILE, "belongs to a different run")
+        return plan
 
     @property
     def attacks(self) -> tuple[str, ...]:
-        """Return the attacks of the run; empty before the `manifest` step."""
-        plan = getattr(self, "plan", None)
-        return () if plan is None else plan.attacks
+        return self.plan.attacks
 
-    def container(self) -> str:
-        """Check that the file is a zip with exactly the entries of a record, uncompressed."""
-        self.entries = read_container(self._data, self.name)
-        return f"{len(self.entries)} entries, {len(self._data)} bytes"
+    @cached_property
+    def frame(self) -> pl.DataFrame:
+        """The rows: unique, with the right types, printable text and numbers in range."""
+        rows = rows_from_text(self.entries["rows.csv"])
+        check_rules(rows, SINGLE_ROW_RULES)
+        return rows
 
-    def record(self) -> str:
-        """Check that this package can read the version of `record.json`."""
-        data = self.entries["record.json"]
-        version = read_json(data, "record.json").get("version")
-        if version != VERSION:
-            raise DataError("record.json", f"has version {plain(str(version), 20)}; this RobustFlow reads {VERSION}")
+    def open(self, kind: type[AnyRun]) -> AnyRun:
+        """Return the run, in a temporary folder that is deleted with it: fixed file names, rows serialized again."""
+        folder = Path(mkdtemp(prefix="robustflow-"))
         try:
-            self.facts = Record.model_validate_json(data)
-        except ValidationError as error:
-            raise DataError("record.json", plain(first_misfit(error), 200)) from error
-        return f"version {VERSION}"
+            (folder / "rows").mkdir()
+            for name in self.entries.keys() & {"manifest.json", PROFILE}:
+                write_bytes(folder / name, self.entries[name])
+            write_shard(folder / "rows", PACK, self.frame)
+            run = kind(folder)
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        run.record = self.sha256
+        weakref.finalize(run, shutil.rmtree, folder, True)
+        return run
 
-    def hashes(self) -> str:
-        """Check that every entry has the hash listed in `record.json`."""
-        found = {name: hashlib.sha256(data).hexdigest() for name, data in self.entries.items() if name != "record.json"}
-        if self.facts.entries.keys() != found.keys():
-            raise DataError("record.json", f"does not list exactly the entries of the file: {', '.join(found)}")
-        for name, sha256 in found.items():
-            if self.facts.entries[name] != sha256:
-                raise DataError(name, "does not match its SHA-256 in record.json: it was changed or damaged")
-        return f"{len(found)} entries"
 
-    def manifest(self) -> str:
-        """Check that `manifest.json` is whole, and that a record can contain all its rows."""
-        data = self.entries["manifest.json"]
-        read_json(data, "manifest.json")
-        self.plan = parse_document(Manifest, data, "manifest.json", "use the version that packed it")
-        if not any(part.corruptions or part.attacks for part in self.plan.planned):
-            raise DataError("manifest.json", "no corruption or attack of a sample is planned")
-        planned = sum(part.count() for part in self.plan.planned)
-        if planned > MOST_ROWS:
-            raise DataError("manifest.json", f"{planned} rows are planned; the limit for a record is {MOST_ROWS}")
-        if self.plan.shareable().document() != data:
-            raise DataError(
-                "manifest.json",
-                "has fields that a record must omit (environment.command, places, the version of the operating system, "
-                "fields with their default values); pack the run again",
-            )
-        if (streams := self.plan.identity.frames.streams) != STREAM_VERSION:
-            raise DataError(
-                "manifest.json",
-                f"has frames of version {streams}, but this RobustFlow makes version {STREAM_VERSION}; use the version "
-                "that packed it",
-            )
-        digest = self.plan.identity_digest
-        if digest != self.facts.run:
-            raise DataError("record.json", f"states the run {self.facts.run}, but manifest.json is that of {digest}")
-        if PROFILE in self.entries:
-            read_json(self.entries[PROFILE], PROFILE)
-            if parse_cost(self.entries[PROFILE], PROFILE).run != digest:
-                raise DataError(PROFILE, "belongs to a different run")
-        return f"run {digest}"
-
-    def rows(self) -> str:
-        """Check that rows have the right types, are unique, and contain only numbers in range and printable text."""
-        frame = rows_from_text(self.entries["rows.csv"])
-        if nulls := [name for name in _ALWAYS if frame[name].null_count()]:
-            raise DataError("rows.csv", f"the column '{nulls[0]}' has empty cells")
-        duplicates = frame.select(ROW_KEY).is_duplicated()
-        if duplicates.any():
-            sample, corruption, severity = frame.filter(duplicates).select(ROW_KEY).row(0)
-            where = f"sample '{plain(sample)}', {plain(corruption)} severity {severity}"
-            raise DataError("rows.csv", f"{where} appears twice")
-        for column in ("sample", "group", "corruption"):
-            for text in frame[column].unique():
-                check_text(text, f"rows.csv, {column}")
-                if not 0 < len(text) <= 500:
-                    raise DataError("rows.csv", f"a {column} has {len(text)} characters; expected 1 to 500")
-        for column in ("frames_digest", "truth_digest"):
-            if not frame[column].drop_nulls().str.contains("^[0-9a-f]{32}$").all():
-                raise DataError("rows.csv", f"a {column} does not consist of 32 hexadecimal digits")
-        if not frame["truth"].is_in(TRUTHS).all():
-            raise DataError("rows.csv", f"a row has an unknown truth; expected {' or '.join(TRUTHS)}")
-        if not frame["truth_digest"].is_null().equals(frame["n_valid"].is_null()):
-            raise DataError("rows.csv", "a row has a truth_digest but no pixels with ground truth, or vice versa")
-        for column, kind in ROW_SCHEMA.items():
-            lowest, largest = (0, _LARGEST_INT) if kind is pl.Int64 else (_LOWEST.get(column, 0.0), _LARGEST_SUM)
-            if kind is not pl.String and not frame[column].drop_nulls().is_between(lowest, largest).all():
-                raise DataError("rows.csv", f"a value of '{column}' is negative, not finite, or too large")
-        self.frame = frame
-        return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
-
-    def extract(self, folder: Path) -> None:
-        """Write the checked contents as a run folder, with fixed file names and the rows serialized again."""
-        make_folder(folder / "rows")
-        for name in self.entries.keys() & {"manifest.json", PROFILE}:
-            write_bytes(folder / name, self.entries[name])
-        write_shard(folder / "rows", PACK, self.frame)
+def _check_json(name: str, data: bytes, written: bytes) -> None:
+    """Raise if a JSON entry differs from what `record pack` writes, or contains text that cannot be displayed."""
+    for where, text in texts(json.loads(data)):
+        check_text(text, f"{name}, {where or 'a name'}")
+    if written != data:
+        raise DataError(
+            name,
+            "not as 'robustflow record pack' writes it (order of keys, notation of numbers, fields that a record "
+            "omits); pack the run again",
+        )

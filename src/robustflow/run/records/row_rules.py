@@ -1,5 +1,5 @@
 """Rules that every row of a run satisfies, whatever the model and the frames; a row that breaks one was not measured
-or was changed afterwards. Ranges of single columns are checked by `Reader.rows`.
+or was changed afterwards.
 
 Most rules follow from the declarations of the measures (`metrics.measures`): sums and counts are missing together, and
 no mean exceeds the range of its unit. Sums of lengths are compared up to a relative rounding error of 1e-9.
@@ -7,7 +7,7 @@ no mean exceeds the range of its unit. Sums of lengths are compared up to a rela
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import reduce
 from operator import add
 
@@ -17,11 +17,19 @@ from ...attacks.ball import GREY_LEVELS
 from ...attacks.registry import norm_of
 from ...attacks.result import WARNINGS
 from ...core.arguments import SEVERITIES
+from ...core.errors import DataError
+from ...core.text import plain
+from ...core.types import TRUTHS
 from ...metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, REGION_MEASURES, Measure
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
-from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA
+from ...metrics.rows import CLEAN, COVERAGES, ROW_KEY, ROW_SCHEMA, SIGNED
 
+_UNSAFE = r"[\p{Cc}\p{Cf}\p{Co}\p{Zl}\p{Zp}]"
+"""Characters that control a terminal or the direction of text."""
 _CLOSE = 1e-9
+_LARGEST_SUM = 1e18
+_LOWEST = {"attack_way_gone": -_LARGEST_SUM, **dict.fromkeys(SIGNED, -1.0)}
+"""Lowest value of each column that may be negative."""
 _BEFORE = "_clean"
 """Suffix of the columns of the sample's clean row."""
 _LARGEST = {"%": 1.0, "grey levels": 255.0}
@@ -71,6 +79,34 @@ def _varies(column: str, where: _Expr) -> _Expr:
     """Whether a column differs between the rows of a sample that satisfy a condition."""
     return where & pl.col(column).ne_missing(pl.col(column).filter(where).first().over("sample"))
 
+
+SINGLE_ROW_RULES: dict[str, _Expr] = {
+    "a cell has one row": pl.struct(ROW_KEY).is_duplicated(),
+    "no cell of these columns is empty": _any(
+        pl.col(name).is_null()
+        for name in (
+            *("sample", "group", "corruption", "severity", "truth", "frames_digest", "height", "width", "n_invalid"),
+            *("n_all", "rcre_all_sum", "pred_magnitude_sum"),
+            *("n_photometric", "photometric_sum", "photometric_still_sum"),
+        )
+    ),
+    "names have 1 to 500 printable characters": _any(
+        ~pl.col(name).str.len_chars().is_between(1, 500) | pl.col(name).str.contains(_UNSAFE)
+        for name in ("sample", "group", "corruption")
+    ),
+    "digests have 32 hexadecimal digits, not all zero": _any(
+        ~pl.col(name).str.contains("^[0-9a-f]{32}$") | pl.col(name).str.contains("^0+$")
+        for name in ("frames_digest", "truth_digest")
+    ),
+    "the truth is known": ~pl.col("truth").is_in(TRUTHS),
+    "a digest of the truth is that of measured pixels": pl.col("truth_digest").is_null() != pl.col("n_valid").is_null(),
+    "numbers are finite, not too large, and positive where they have to be": _any(
+        ~pl.col(name).is_between(*((0, 2**53) if kind is pl.Int64 else (_LOWEST.get(name, 0.0), _LARGEST_SUM)))
+        for name, kind in ROW_SCHEMA.items()
+        if kind is not pl.String
+    ),
+}
+"""Name of each rule of a row by itself -> condition under which a row breaks it."""
 
 RULES: dict[str, _Expr] = {
     "sums and their counts are measured together": _any(
@@ -166,18 +202,33 @@ RULES: dict[str, _Expr] = {
 `_attack` says whether the row is that of an attack, and `_linf` and `_rms` are its budgets in grey levels."""
 
 
-def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Yield each rule with the rows that break it."""
+def in_context(rows: pl.DataFrame, attacks: Collection[str] = ()) -> pl.DataFrame:
+    """Return rows with the columns that `RULES` compares them with."""
     clean = rows.filter(corruption=CLEAN).unique("sample")
     both = rows.join(clean.select("sample", pl.exclude("sample").name.suffix(_BEFORE)), on="sample", how="left")
-    budgets = [
-        (name, level, *(GREY_LEVELS[norm][level - 1] if norm_of(name) == norm else None for norm in ("linf", "rms")))
-        for name in attacks
-        for level in SEVERITIES
-    ]
-    columns = {"corruption": pl.String, "severity": pl.Int64, "_linf": pl.Float64, "_rms": pl.Float64}
-    limits = pl.DataFrame(budgets, schema=columns, orient="row")
-    both = both.join(limits, on=["corruption", "severity"], how="left")
-    both = both.with_columns(_attack=pl.col("corruption").is_in(list(attacks)))
-    for rule, condition in RULES.items():
-        yield rule, both.filter(condition.fill_null(False))
+    budgets = {
+        f"_{norm}": pl.when(pl.col("corruption").is_in([name for name in attacks if norm_of(name) == norm])).then(
+            pl.col("severity").replace_strict(dict(zip(SEVERITIES, GREY_LEVELS[norm], strict=True)), default=None)
+        )
+        for norm in ("linf", "rms")
+    }
+    return both.with_columns(_attack=pl.col("corruption").is_in(list(attacks)), **budgets)
+
+
+def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[tuple[str, pl.DataFrame]]:
+    """Yield each of `RULES` with the rows that break it."""
+    both = in_context(rows, attacks)
+    return ((rule, both.filter(broken.fill_null(False))) for rule, broken in RULES.items())
+
+
+def check_rules(rows: pl.DataFrame, rules: Mapping[str, pl.Expr]) -> None:
+    """Raise a DataError that names the first row that breaks a rule."""
+    for rule, broken in rules.items():
+        if (wrong := rows.filter(broken.fill_null(False))).height:
+            where = cell_in_words(wrong.select(ROW_KEY).row(0))
+            raise DataError(where, f"breaks the rule: {rule}; so do {wrong.height - 1} more rows")
+
+
+def cell_in_words(cell: tuple[str, str, int]) -> str:
+    """Name a cell of an untrusted file."""
+    return f"sample '{plain(cell[0])}', {plain(cell[1])} severity {cell[2]}"

@@ -4,23 +4,41 @@ what no check of the file can prove.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
+from itertools import chain
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Literal
 
-from ...core.errors import RobustFlowError, RunError
+import polars as pl
+
+from ...attacks.registry import CONTROLS
+from ...core.errors import DataError, RobustFlowError, RunError, UsageError
 from ...core.paths import user_path
 from ...core.text import counted, plain
 from ...core.types import Frozen
+from ...corruptions.registry import CORRUPTIONS
+from ...corruptions.stack import levels_of, split_stack
+from ...data.benchmarks import benchmark_facts
 from ...data.benchmarks.facts import truth_remark
+from ...metrics.rows import CLEAN, ROW_KEY
+from ...models.provenance import Training, parse_training_sets, training_of
 from ..cells import UNEVEN
+from ..identity import Provenance
+from ..manifest import Manifest
+from ..plan import lacking_levels
 from ..run import Run
-from .claims import check_cells, check_measurements, check_training
-from .container import read_file
-from .contents import Record
+from .format import Record
 from .read import Reader
+from .row_rules import RULES, cell_in_words, check_rules, in_context
+
+_MOST_SHARED = 0.5
+"""Largest fraction of a sample's rows whose digest may also occur under a different condition."""
+
+DataCheck = Callable[[Reader], str]
+"""A check of a record, possibly against data, data and a model, or exported files. It returns a one-sentence summary,
+and raises if something differs."""
 
 
 class Subject(Frozen):
@@ -40,6 +58,22 @@ class Subject(Frozen):
     crer: float | None
     rcre: float | None
 
+    @classmethod
+    def of(cls, reader: Reader) -> Subject:
+        """Return the subject of a verified record."""
+        run, plan = reader.open(Run), reader.plan
+        return cls(
+            model=plain(run.name),
+            benchmark=plain(run.benchmark),
+            truth=truth_remark(plan.identity.frames.protocol),
+            pairs=run.measured.samples,
+            corruptions=len(plan.corruptions),
+            severities=len(plan.severities),
+            uneven=plan.uneven,
+            setting=run.setting,
+            **{name: getattr(run, name) for name in ("epe_clean", "epe", "cre", "crer", "rcre")},
+        )
+
     def sentence(self) -> str:
         """Return all fields in one line."""
         named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
@@ -51,36 +85,113 @@ class Subject(Frozen):
         return f"{self.model} on {on} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 
-VERIFICATION_CHECKS = {
-    "container": "the file contains exactly the entries of a record",
-    "record": "this version can read the format",
-    "hashes": "every entry matches its SHA-256",
-    "manifest": "the description of the run is complete, and matches its digest",
-    "rows": "rows have the right columns and are unique, finite and in range",
-    "training": "the setting matches the training sets",
-    "cells": "all rows were planned, and their corruptions are known",
-    "measurements": "rows are plausible and consistent with each other",
+def check_hashes(reader: Reader) -> str:
+    """Check that every entry has the hash listed in `record.json`."""
+    found = {name: hashlib.sha256(data).hexdigest() for name, data in reader.entries.items() if name != "record.json"}
+    listed = reader.facts.entries
+    if listed.keys() != found.keys():
+        raise DataError("record.json", f"does not list exactly the entries of the file: {', '.join(found)}")
+    for name, sha256 in found.items():
+        if listed[name] != sha256:
+            raise DataError(name, "does not match its SHA-256 in record.json: it was changed or damaged")
+    return f"{len(found)} entries"
+
+
+def check_training(reader: Reader) -> str:
+    """Check that the setting follows from the training sets; a declaration cannot override a checkpoint's hash."""
+    plan = reader.plan
+    declared, frames = plan.provenance, plan.identity.frames
+    known = training_of(plan.identity.model.settings)
+    if known.basis == "undeclared" and declared.basis == "declared":
+        known = Training(parse_training_sets("+".join(declared.trained_on or [])), "declared")
+    due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
+    if declared != due.model_copy(update={"note": declared.note}):
+        stated, expected = (plain(str(one.model_dump(exclude={"note"})), 200) for one in (declared, due))
+        raise DataError("provenance", f"the manifest states {stated}; it should be {expected}")
+    return plan.judged().provenance.setting
+
+
+def check_cells(reader: Reader) -> str:
+    """Check that exactly the planned rows exist, that their conditions do, and that their frames can differ."""
+    plan, rows = reader.plan, reader.frame
+    _check_conditions(plan)
+    planned = set(chain.from_iterable(chain(part.corrupted(), part.attacked()) for part in plan.planned))
+    present = set(rows.select(ROW_KEY).iter_rows())
+    if extra := present - planned:
+        raise DataError(cell_in_words(min(extra)), f"{len(extra)} rows were not planned, of which this is the first")
+    missing = planned - present
+    if bool(missing) == reader.facts.complete:
+        stated = "complete" if reader.facts.complete else "not complete"
+        raise DataError("record.json", f"stated as {stated}, but {len(missing)} of {len(planned)} rows are missing")
+    if without := {sample for sample, _, _ in present} - {sample for sample, name, _ in present if name == CLEAN}:
+        raise DataError(f"sample '{plain(min(without))}'", "has no row for its clean frames")
+    of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
+    several = of_sample.filter(pl.col("len") > 1)
+    if 2 * (shared := several.filter(pl.col("shared") > _MOST_SHARED).height) > several.height:
+        raise DataError("frames_digest", f"equal under different corruptions in {shared} of {several.height} samples")
+    if not plan.identity.measuring.allow_invalid and rows["n_invalid"].sum():
+        raise DataError("n_invalid", "the rows count NaN or infinite pixels, which the run did not allow")
+    return f"{len(present)} of {len(planned)} planned rows"
+
+
+def _check_conditions(plan: Manifest) -> None:
+    """Check that corruptions are from this package, an installed package, the identity's list of user-defined
+    corruptions, or a benchmark that provides corrupted frames, that the planned severities exist on the severity scale,
+    and that those left out do not. The attacks, which are known once the manifest is read, have to include their
+    random-noise baseline."""
+    frames = plan.identity.frames
+    known = {*CORRUPTIONS.names(), *frames.corruptions, *benchmark_facts(frames.benchmark).paper_corruptions}
+    for name in {**dict.fromkeys(plan.corruptions), **plan.left_out}:
+        try:
+            fits = all(part in known for part, _ in split_stack(name))
+        except UsageError:
+            fits = False
+        if not fits:
+            raise DataError(plain(name, 60), "unknown corruption; install the package that provides it")
+    for part in plan.planned:
+        attacked = {level for levels in part.attacks.values() for level in levels}
+        if missing := [name for name in CONTROLS if not attacked <= {*part.attacks.get(name, ())}]:
+            raise DataError(missing[0], "not among the attacks, but every run with attacks includes it")
+    planned = [item for part in plan.planned for item in part.corruptions.items()]
+    wrong = [name for name, levels in planned if levels_of(name, levels, frames.scale) != levels]
+    wrong += [name for name, levels in plan.left_out.items() if lacking_levels(name, levels, frames.scale) != levels]
+    if wrong:
+        raise DataError(plain(wrong[0], 60), f"planned, or left out, at wrong severities of the {frames.scale} scale")
+
+
+def check_measurements(reader: Reader) -> str:
+    """Check that no row breaks a rule of `row_rules`."""
+    check_rules(in_context(reader.frame, reader.attacks), RULES)
+    return f"{reader.frame.height * len(RULES)} comparisons"
+
+
+CHECKS: dict[str, tuple[str, DataCheck]] = {
+    "container": ("the file contains exactly the entries of a record", lambda reader: f"{len(reader.entries)} entries"),
+    "record": ("this version can read the format", lambda reader: f"version {reader.facts.version}"),
+    "hashes": ("every entry matches its SHA-256", check_hashes),
+    "manifest": (
+        "the description of the run is complete, and matches its digest",
+        lambda reader: f"run {reader.plan.identity_digest}",
+    ),
+    "rows": (
+        "rows have the right columns and are unique, finite and in range",
+        lambda reader: f"{reader.frame.height} rows of {reader.frame['sample'].n_unique()} samples",
+    ),
+    "training": ("the setting matches the training sets", check_training),
+    "cells": ("all rows were planned, and their corruptions are known", check_cells),
+    "measurements": ("rows are plausible and consistent with each other", check_measurements),
+}
+"""Every check of the file, in order, with a description of what it asserts."""
+CHECKS_ON_REQUEST = {
     "frames": "corrupted frames computed locally match the digests in the rows",
     "predictions": "predictions of the local model match the rows",
     "exported": "files exported from the run match the record",
 }
-"""Every check, in order, with a description of what it asserts."""
-
-_ON_REQUEST = ("frames", "predictions", "exported")
-
-DataCheck = Callable[[Reader], str]
-"""A function that compares a record with data, with data and a model, or with exported files. It returns a one-sentence
-summary, and raises if something differs."""
-
-_CHECKS: dict[str, DataCheck] = {
-    "container": Reader.container,
-    "record": Reader.record,
-    "hashes": Reader.hashes,
-    "manifest": Reader.manifest,
-    "rows": Reader.rows,
-    "training": check_training,
-    "cells": check_cells,
-    "measurements": check_measurements,
+_UNPROVEN = {
+    "frames": "that the rows were measured on these data: --data FOLDER recomputes the frames of some rows",
+    "predictions": "that this model made the predictions: --data FOLDER --model NAME predicts some rows again",
+    "attacks": "that the attacks were run on this model: no check repeats them; run them again",
+    "training": "what the model was trained on, if that is only declared and not known from a checkpoint's hash",
 }
 
 
@@ -93,7 +204,7 @@ class Check(Frozen):
 
 
 class Verification(Frozen):
-    """The outcome of the checks of a record."""
+    """The outcome of the checks of a record; `unproven` is what they cannot show."""
 
     file: str
     sha256: str
@@ -112,31 +223,18 @@ class Verification(Frozen):
         return next((f"{check.name}: {check.message}" for check in self.checks if check.status == "failed"), "")
 
 
-def verify(
-    path: str | Path,
-    *,
-    frames: DataCheck | None = None,
-    predictions: DataCheck | None = None,
-    exported: DataCheck | None = None,
-) -> Verification:
-    """Verify a record file. Its contents are never executed, written under a name from the file, or trusted before they
-    are checked.
+def verify(path: str | Path, **on_request: DataCheck | None) -> Verification:
+    """Verify a record file, and compare it with data, predictions or exported files (`CHECKS_ON_REQUEST`). Its contents
+    are never executed, written under a name from the file, or trusted before they are checked.
     """
-    given = zip(_ON_REQUEST, (frames, predictions, exported), strict=True)
-    later = {name: compare for name, compare in given if compare is not None}
-    try:
-        data = read_file(user_path(path))
-    except RobustFlowError as error:
-        others = [Check(name=name, status="not checked") for name in (*_CHECKS, *later)][1:]
-        unreadable = Check(name="container", status="failed", message=plain(str(error), 600))
-        return Verification(file=str(path), sha256="", facts=None, checks=(unreadable, *others))
-    return verify_read(Reader(data, str(path)), later)
+    wanted = {name: check for name in CHECKS_ON_REQUEST if (check := on_request.get(name)) is not None}
+    return verify_read(Reader(user_path(path)), wanted)
 
 
-def verify_read(reader: Reader, later: Mapping[str, DataCheck] = MappingProxyType({})) -> Verification:
-    """Verify a record in memory, up to the first check that fails; those in `later` come last."""
+def verify_read(reader: Reader, on_request: Mapping[str, DataCheck] = MappingProxyType({})) -> Verification:
+    """Verify a record up to the first check that fails."""
     checks: list[Check] = []
-    for name, check in {**_CHECKS, **later}.items():
+    for name, check in {**{name: check for name, (_, check) in CHECKS.items()}, **on_request}.items():
         if checks and checks[-1].status != "ok":
             checks.append(Check(name=name, status="not checked"))
             continue
@@ -144,50 +242,21 @@ def verify_read(reader: Reader, later: Mapping[str, DataCheck] = MappingProxyTyp
             checks.append(Check(name=name, status="ok", message=plain(check(reader), 600)))
         except RobustFlowError as error:
             checks.append(Check(name=name, status="failed", message=plain(str(error), 600)))
-    claims = [
-        *(() if "frames" in later else (_UNPROVEN["frames"],)),
-        *(() if "predictions" in later else (_UNPROVEN["predictions"],)),
-        *((_UNPROVEN["attacks"],) if reader.attacks else ()),
-        _UNPROVEN["training"],
-    ]
+    ok = checks[-1].status == "ok"
+    proven = {*on_request, *(() if ok and reader.attacks else ("attacks",))}
+    read = vars(reader)
     return Verification(
         file=reader.name,
-        sha256=reader.sha256,
-        facts=getattr(reader, "facts", None),
+        sha256=reader.sha256 if "data" in read else "",
+        facts=read.get("facts"),
         checks=tuple(checks),
-        subject=_subject(reader) if checks[-1].status == "ok" else None,
-        unproven=tuple(claims),
+        subject=Subject.of(reader) if ok else None,
+        unproven=tuple(words for name, words in _UNPROVEN.items() if name not in proven),
     )
 
 
-_UNPROVEN = {
-    "frames": "that the rows were measured on these data: --data FOLDER recomputes the frames of some rows",
-    "predictions": "that this model made the predictions: --data FOLDER --model NAME predicts some rows again",
-    "attacks": "that the attacks were run on this model: no check repeats them; run them again",
-    "training": "what the model was trained on, if that is only declared and not known from a checkpoint's hash",
-}
-
-
-def _subject(reader: Reader) -> Subject:
-    plan = reader.plan
-    with TemporaryDirectory(prefix="robustflow-") as folder:
-        reader.extract(Path(folder))
-        run = Run(folder)
-        return Subject(
-            model=plain(run.name),
-            benchmark=plain(run.benchmark),
-            truth=truth_remark(plan.identity.frames.protocol),
-            pairs=run.measured.samples,
-            corruptions=len(plan.corruptions),
-            severities=len(plan.severities),
-            uneven=plan.uneven,
-            setting=run.setting,
-            **{name: getattr(run, name) for name in ("epe_clean", "epe", "cre", "crer", "rcre")},
-        )
-
-
 def verified(reader: Reader) -> Subject:
-    """Verify a record in memory and return its subject."""
+    """Verify a record and return its subject."""
     verification = verify_read(reader)
     if verification.subject is None:
         raise RunError(
