@@ -76,16 +76,16 @@ def _picture(address: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("changed", "says"),
+    ("changed", "culprit"),
     [
         ({"layers": [{"name": "fog", "severity": 6}]}, "severity"),
         ({"layers": [{"name": "fog", "severity": True}]}, "severity"),
         ({"layers": [{"name": "fog:2+snow", "severity": 1}]}, "name"),
         ({"layers": []}, "layers"),
         ({"layers": [{"name": "fog", "severity": 1}] * 5}, "layers"),
-        ({"model": "os:system"}, "unknown model of this app 'os:system'"),
-        ({"model": "/etc"}, "unknown model of this app"),
-        ({"source": "../../etc"}, "no longer kept"),
+        ({"model": "os:system"}, "os:system"),
+        ({"model": "/etc"}, "/etc"),
+        ({"source": "../../etc"}, "frames"),
         ({"index": -1}, "index"),
         ({"seed": 2**40}, "seed"),
         ({"seed": 1.5}, "seed"),
@@ -95,30 +95,23 @@ def _picture(address: str) -> np.ndarray:
         ({"checkpoint": "things"}, "dis: "),
     ],
 )
-def test_impossible_request_is_refused_in_one_line(app, changed, says):
+def test_impossible_request_is_refused_in_one_line(app, changed, culprit):
     status, (answer,) = app.preview(**changed)
     assert status == 400
-    assert says in answer["error"]
+    assert culprit in answer["error"]
     assert "\n" not in answer["error"]
 
 
-@pytest.mark.parametrize(
-    ("changed", "says"),
-    [
-        ({"layers": [{"name": "no_such_thing", "severity": 1}]}, "unknown corruption 'no_such_thing'"),
-        ({"index": 1}, "pair 2 of Motorcycle (Middlebury 2014) does not exist"),
-    ],
-)
-def test_unknown_corruption_or_pair_is_reported_as_the_last_message(app, changed, says):
-    _, messages = app.preview(**changed)
-    assert says in messages[-1]["error"]
+def test_unknown_corruption_or_pair_is_reported_as_the_last_message(app):
+    layers = [{"name": "no_such_thing", "severity": 1}]
+    assert "no_such_thing" in app.preview(layers=layers)[1][-1]["error"]
+    assert "pair 2" in app.preview(index=1)[1][-1]["error"]
 
 
 @pytest.mark.parametrize("body", ["", "[]", "null", "{", '{"a": NaN}', "[" * 10000, '"\\ud800"', b"\xff\xfe"])
 def test_malformed_request_body_is_refused(app, body):
     status, answer, _ = app.ask("POST", "/preview", body)
-    assert status == 400
-    assert list(json.loads(answer)) == ["error"]
+    assert (status, list(json.loads(answer))) == (400, ["error"])
 
 
 def test_too_large_request_is_refused(app):

@@ -78,33 +78,33 @@ def _claims(width: int, height: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("files", "says"),
+    ("files", "culprit"),
     [
-        ({"frame1": ("a.png", b"only text\n")}, "a.png: cannot be read as an image"),
-        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: not an image"),
-        ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: not an image"),
+        ({"frame1": ("a.png", b"only text\n")}, "a.png: "),
+        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: "),
+        ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: "),
         ({"frame1": ("a.png", _png(FRAME)[:-100])}, "a.png: "),
         ({"frame1": ("a.png", b"")}, "a.png: "),
-        ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "more than 8.3 megapixels"),
-        ({"frame1": ("a.png", _claims(60000, 60000))}, "decompression bomb"),
+        ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "8.3"),
+        ({"frame1": ("a.png", _claims(60000, 60000))}, "a.png: "),
         ({"frame1": ("a.png", _png(FRAME[:-1]))}, "resize one"),
         ({"truth": ("gt.flo", b"PIEH")}, "gt.flo"),
-        ({"truth": ("gt.flo", _flo(9, 9, True))}, "the flow is float32 (9, 9, 2); expected"),
-        ({"truth": ("gt.flo", _flo(96, 144, False))}, "no pixel with known flow"),
-        ({"truth": ("gt.npz", b"PK")}, "gt.npz: not ground truth"),
+        ({"truth": ("gt.flo", _flo(9, 9, True))}, "(9, 9, 2)"),
+        ({"truth": ("gt.flo", _flo(96, 144, False))}, "gt.flo: "),
+        ({"truth": ("gt.npz", b"PK")}, "gt.npz: "),
         ({"truth": ("gt.png", _png(FRAME))}, "gt.png"),
-        ({"truth": ("gt.png", _claims(9999, 9999))}, "gt.png: 9999x9999 is not the size of the frames"),
-        ({"more": ("c.png", b"")}, "Too many files"),
-        ({"clip": ("c.mp4", b"")}, "give two frames"),
-        (None, "give two frames"),
-        ({"frame2": None}, "give two frames"),
+        ({"truth": ("gt.png", _claims(9999, 9999))}, "9999x9999"),
+        ({"more": ("c.png", b"")}, "files"),
+        ({"clip": ("c.mp4", b"")}, "two frames"),
+        (None, "two frames"),
+        ({"frame2": None}, "two frames"),
     ],
 )  # fmt: skip
-def test_unusable_upload_is_refused_in_one_line(app, files, says):
+def test_unusable_upload_is_refused_in_one_line(app, files, culprit):
     sent = {} if files is None else (_pair(truth=("gt.flo", b"")) if "more" in files else _pair()) | files
     status, answer = app.upload(**{field: file for field, file in sent.items() if file is not None})
     assert status == 400
-    assert says in answer["error"]
+    assert culprit in answer["error"]
     assert "\n" not in answer["error"]
     assert "/tmp" not in answer["error"]
     assert "robustflow-app" not in answer["error"]

@@ -300,14 +300,6 @@ def test_app_has_no_serious_accessibility_violation(opened, serious_violations):
     assert serious_violations(page, colours_alone=True) == []
 
 
-def test_without_scripts_the_page_says_what_it_needs(browser, app):
-    context = browser.new_context(java_script_enabled=False)
-    page = context.new_page()
-    page.goto(app.address)
-    assert page.locator("#status").inner_text() == "This page needs JavaScript."
-    context.close()
-
-
 def test_the_theme_can_be_chosen(opened, app):
     seen = opened(color_scheme="dark")
     body = "getComputedStyle(document.body).backgroundColor"

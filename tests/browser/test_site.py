@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 import pytest
-import skimage
 
-from robustflow.api import evaluate
-from robustflow.report.site import render_site, run_content
 from robustflow.stats.published.tables import published_results
 from tests.made_rows import values_frame
 
@@ -316,22 +313,6 @@ def test_downloads_contain_the_numbers(opened, tmp_path):
         joined = frame.join(published, on=["benchmark", "setting", "model", "metric", "corruption"], suffix="_paper")
         assert joined.height == frame.height
         assert (joined["value"] - joined["value_paper"]).abs().max() == 0
-
-
-def test_a_long_name_of_a_corruption_does_not_run_into_its_numbers(visit, small_demo, tmp_path, monkeypatch):
-    monkeypatch.setattr(skimage, "__file__", small_demo)
-    stack = "camera_motion_blur+gaussian_noise+jpeg_compression"
-    run = evaluate("farneback", "demo", output=tmp_path / "run", examples=False, corruptions=[stack], severities=[2])
-    (tmp_path / "page.html").write_text(render_site(run_content(run)), encoding="utf-8")
-    page = visit().page
-    page.goto((tmp_path / "page.html").as_uri())
-    for width in (390, 1440):
-        page.set_viewport_size({"width": width, "height": 900})
-        names = page.locator(".tables tbody th")
-        assert any("jpeg" in text.lower() for text in names.all_inner_texts())
-        spare = names.evaluate_all("cells => cells.map(cell => cell.clientWidth - cell.scrollWidth)")
-        assert min(spare) >= 0
-        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
 def test_printed_page_has_every_row_and_no_control(opened):

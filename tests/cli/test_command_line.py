@@ -1,15 +1,30 @@
-"""At startup, only the options of the named command are built, but the output is the same as with all of them."""
+"""The command line as a whole: what is built at startup, help with its examples, completion as a shell asks for it,
+and the end on Ctrl-C.
+"""
+
+from __future__ import annotations
 
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
+import typer
 import typer.main
+from rich.text import Text
 from typer.testing import CliRunner
 
 from robustflow.cli.main import app, command_line
 
+
+def _commands(command, path: str) -> Iterator[tuple[str, object]]:
+    yield path, command
+    for name, child in getattr(command, "commands", {}).items():
+        yield from _commands(child, f"{path} {name}")
+
+
+COMMANDS = dict(_commands(typer.main.get_command(app), "robustflow"))
 NAMES = sorted(typer.main.get_command(app).commands)
 
 
@@ -94,3 +109,43 @@ def test_version_and_help_do_not_import_the_heavy_parts():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "robustflow run --model dis" in done.stdout
+
+
+def test_help_texts_contain_no_markup():
+    texts = {path: command.help.replace("\b", "") for path, command in COMMANDS.items() if command.help}
+    for path, command in COMMANDS.items():
+        texts |= {f"{path} {one.name}": one.help for one in command.params if getattr(one, "help", None)}
+    assert len(texts) > 300
+    assert [where for where, text in texts.items() if Text.from_markup(text).plain != text] == []
+
+
+def test_help_of_every_command_shows_an_example_of_it():
+    for path, command in COMMANDS.items():
+        if not hasattr(command, "commands"):
+            written = path.replace("reproduce table", "reproduce")  # "table" may be omitted
+            words = CliRunner().invoke(app, [*path.split()[1:], "--help"]).output.replace("│", "").split()
+            shown = " ".join(words)
+            assert written in shown.partition("Example")[2], path
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("robustflow record verif", {"verify"}),
+        ("robustflow reproduce aud", {"audit"}),
+        ("robustflow reproduce tab2 --mod", {"--models"}),
+        ("robustflow run --model farne", {"farneback"}),
+        ("robustflow run --corruptions fog,fro", {"fog,frost"}),
+        ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),
+        ("robustflow run --benchmark kitti", {"kitti-fc"}),
+        ("robustflow run -c fog -c snow --benchmark kitti", {"kitti-fc"}),
+        ("robustflow run --output=~no-such-user/x --benchmark kitti", {"kitti-fc"}),
+    ],
+)
+def test_tab_in_bash_completes_commands_and_names(typed, offered):
+    words = typed.split()
+    asked = {"_ROBUSTFLOW_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
+    answer = CliRunner().invoke(app, env=asked, prog_name="robustflow")
+    assert answer.stderr == ""
+    assert offered <= set(answer.stdout.split())
+    assert all(word.startswith(words[-1]) for word in answer.stdout.split())

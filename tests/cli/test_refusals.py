@@ -48,7 +48,7 @@ CASES = [
     ("run -m dis -o ~no-such-user/x", DataError, "~no-such-user/x"),
     ("corrupt a.png b.png", UsageError, "--corruptions"),
     ("corrupt frames/000.png frames/none.png -c contrast", DataError, "frames/none.png"),
-    ("corrupt odd/000.png odd/001.png -c contrast", DataError, "sample '000', frame 2"),
+    ("corrupt odd/000.png odd/001.png -c contrast", DataError, "odd/001.png"),
     ("corrupt --check -c fog", UsageError, "--corruptions"),
     ("gallery --clip frames --focal 700", UsageError, "--focal"),
     ("gallery --clip frames -m dis", UsageError, "--model"),

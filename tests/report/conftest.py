@@ -1,15 +1,13 @@
-"""Fixtures: runs that tables, figures and pages show, and the command that draws the gallery."""
+"""Fixtures: runs that tables, figures and pages show."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from robustflow.api import Result, evaluate
-from robustflow.cli.main import main
 from robustflow.media.images import write_image
 from robustflow.run.identity import Provenance
 from robustflow.run.run import Run
@@ -52,18 +50,3 @@ def runs_without_truth(tmp_path_factory) -> list[Result]:
         write_image(folder / f"{index}.png", rng.integers(0, 255, (32, 40, 3), np.uint8))
     chosen = {"corruptions": ["elastic_transform", "fog"], "severities": [1]}
     return [evaluate(model, "folder", folder, folder / model, **chosen) for model in ("dis", "farneback")]
-
-
-@pytest.fixture
-def gallery_command(tmp_path, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
-    """Run `robustflow gallery` in an empty folder; return its exit code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        shown = capsys.readouterr()
-        return int(stop.value.code or 0), shown.out, shown.err
-
-    return call

@@ -119,17 +119,17 @@ def test_gallery_page_loads_nothing_shows_names_as_text_and_bounds_its_pictures(
         assert len(picture) < 200_000
 
 
-def test_the_command_writes_three_files(gallery_command, tmp_path, pair):
+def test_the_command_writes_three_files(robustflow, tmp_path, pair):
     for name, frame in zip(("a.png", "b.png"), pair, strict=True):
         write_image(tmp_path / name, frame)
     chosen = ("-s", 4, "-c", "contrast,fog+jpeg_compression", "-o", "out")
-    code, out, _ = gallery_command("--frames", "a.png", "b.png", *chosen)
+    code, out, _ = robustflow("gallery", "--frames", "a.png", "b.png", *chosen)
     assert (code, out.split()) == (0, ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"])
     assert Image.open("out/gallery.png").size[0] == 1920
     assert len(Elements((tmp_path / "out/gallery.html").read_text()).all("img")) == 3
 
 
-def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(gallery_command, tmp_path, monkeypatch):
+def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(robustflow, tmp_path, monkeypatch):
     rows = []
 
     def recorded(clean, attacked, model):
@@ -140,7 +140,7 @@ def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(gallery_com
     for path, frame in zip(("a.png", "b.png"), TexturePairs(1, (40, 48)).load("0").frames, strict=True):
         write_image(tmp_path / path, frame)
     asked = ("--frames", "a.png", "b.png", "--attacks", "square:queries=5", "-o", "out")
-    code, out, _ = gallery_command(*asked, "--model", "dis", "-s", 3)
+    code, out, _ = robustflow("gallery", *asked, "--model", "dis", "-s", 3)
     assert (code, out) == (0, "out/attacks.webp\n")
     assert [(name, linf) for name, linf, _ in rows if name != "random_gauss"] == [("random_sign", 4), ("square", 4)]
     assert len(rows) == 3

@@ -132,7 +132,7 @@ def test_corruption_that_a_clip_cannot_show_is_refused(name, scale):
     refusal(lambda: chosen_corruptions([name], scale), UsageError, name)
 
 
-def test_corruptions_left_out_of_a_clip_are_named_on_the_page_and_in_the_terminal(gallery_command, video, monkeypatch):
+def test_corruptions_left_out_of_a_clip_are_named_on_the_page_and_in_the_terminal(robustflow, video, monkeypatch):
     chosen, (remark,) = chosen_corruptions(None, "paper")
     assert set(CLIP) - set(chosen) == {"object_motion_blur", "rolling_shutter"}
     assert "rolling_shutter" in remark
@@ -141,14 +141,16 @@ def test_corruptions_left_out_of_a_clip_are_named_on_the_page_and_in_the_termina
     assert all(name in remark for name in CLIP)
     monkeypatch.setattr(gallery_cells, "IMAGE_PAIR", ("contrast",))
     monkeypatch.setattr(gallery_cells, "MADE_FROM_CLIP", ("h264_crf",))
-    code, _, error = gallery_command("--clip", video, "--length", 2)
+    code, _, error = robustflow("gallery", "--clip", video, "--length", 2)
     assert code == 0
     assert "rolling_shutter" in error
     assert "rolling_shutter" in Path("gallery/gallery.html").read_text()
 
 
-def test_the_command_plays_a_video(gallery_command, video):
-    code, out, error = gallery_command("--clip", video, "-c", "snow,h264_crf", "--length", 4, "-s", 4, "-o", "out")
+def test_the_command_plays_a_video(robustflow, video):
+    code, out, error = robustflow(
+        "gallery", "--clip", video, "-c", "snow,h264_crf", "--length", 4, "-s", 4, "-o", "out"
+    )
     assert (code, error) == (0, "walk.mp4: corrupting 10/10 (100 %), 0 s left\n")
     assert out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
     text = Path("out/gallery.html").read_text()
@@ -170,7 +172,7 @@ def test_the_command_plays_a_video(gallery_command, video):
     ("arguments", "code"),
     [("--length 1", 2), ("--length 100", 2), ("-c object_motion_blur", 2), ("--start 20", 1)],
 )
-def test_a_part_that_cannot_be_shown_is_refused_in_one_line(gallery_command, video, arguments, code):
-    got, _, error = gallery_command("--clip", video, *arguments.split())
+def test_a_part_that_cannot_be_shown_is_refused_in_one_line(robustflow, video, arguments, code):
+    got, _, error = robustflow("gallery", "--clip", video, *arguments.split())
     assert (got, error.count("\n")) == (code, 1), error
     assert not Path("gallery").exists()

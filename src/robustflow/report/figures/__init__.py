@@ -15,7 +15,7 @@ from .canvas import FILE_FORMATS, MarkedFigure, figure_bytes, write_figures
 from .crer_by_family import crer_by_family
 from .curves import displacement_figure, severity_curves
 from .scatter import clean_against_cre, effective_trend, relations
-from .styles import FigureStyles
+from .styles import PLAIN_STYLES, FigureStyles
 
 __all__ = [
     "FILE_FORMATS",
@@ -59,7 +59,7 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
 
 
 def figures_by_sample_set(
-    results: Iterable[ModelResult], styling: FigureStyles | None = None
+    results: Iterable[ModelResult], styling: FigureStyles = PLAIN_STYLES
 ) -> dict[str, dict[str, MarkedFigure]]:
     """Draw the figures of results, by name, for each sample set of a benchmark with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
@@ -67,5 +67,5 @@ def figures_by_sample_set(
         figures[frames] = {}
         for name, draw in _DRAWN.items():
             with suppress(UsageError):  # Some sets of results lack the data for some figures.
-                figures[frames][name] = draw(part, styling or FigureStyles())
+                figures[frames][name] = draw(part, styling)
     return figures

@@ -126,7 +126,8 @@ _OVERLAP = 10.0
 _MISREAD = 4.0
 """Cost of a name that is nearer to a different marker than to its own."""
 
-_Place = tuple[float, float, Literal["left", "center", "right"]]
+_ALIGN = {"left": 0.0, "center": 0.5, "right": 1.0}
+_Place = tuple[tuple[float, float], Literal["left", "center", "right"]]
 
 
 def new_figure(
@@ -176,58 +177,49 @@ def ends_text(ends: IntervalEnds | None) -> str:
 WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
 
 
-def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
-    """Place names next to their points, choosing the position with the least overlap with names and points already
-    placed. A line connects a name with its point if a different marker is nearer. With more than
-    `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
+def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float]) -> list[Annotation]:
+    """Place names next to their points, whose markers have `radii` in points, at the position with the least overlap
+    with names and points already placed. A line connects a name with its point if a different marker is nearer. With
+    more than `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
     axes.get_xlim()  # sets the limits of both axes from the data
     per_point = figure.dpi / 72
-    dots = [axes.transData.transform((x, y)) for x, y, _ in points]
-    centres = np.array(dots)
-    radii = radii or [4.0] * len(points)
+    centres = np.array([axes.transData.transform((x, y)) for x, y, _ in points])
     edges = np.array(radii) * per_point
-    placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each name drawn so far
-    shown = 0
+    placed = np.empty((0, 2, 2))  # lower left and upper right corner of each name drawn so far
     texts = []
-    for index, ((x, y, label), dot, radius) in enumerate(zip(points, dots, radii, strict=True)):
+    for index, ((x, y, label), dot, radius) in enumerate(zip(points, centres, radii, strict=True)):
         text = axes.annotate(
             name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
         )
         with any_script():
             size = text.get_window_extent()
-        best: tuple[float, _Place, tuple[float, float, float, float], bool] | None = None
-        for rank, (dx, dy, side) in enumerate(_places(radius)):
-            x0 = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
-            y0 = dot[1] + dy * per_point - size.height / 2
-            x1, y1 = x0 + size.width, y0 + size.height
-            others = placed[:shown]
-            overlaps = (others[:, 0] <= x1) & (others[:, 2] >= x0) & (others[:, 1] <= y1) & (others[:, 3] >= y0)
-            covered = (centres >= (x0, y0)).all(axis=1) & (centres <= (x1, y1)).all(axis=1)
-            cost = _OVERLAP * int(overlaps.sum()) + 0.1 * rank
-            cost += 3.0 * int(covered.sum())
-            inside = axes.bbox.x0 <= x0 and x1 <= axes.bbox.x1 and axes.bbox.y0 <= y0 and y1 <= axes.bbox.y1
-            cost += 20.0 * (not inside)
-            gaps = np.hypot(*(centres - np.clip(centres, (x0, y0), (x1, y1))).T) - edges
-            misread = bool(gaps.min() < gaps[index])
-            cost += _MISREAD * misread + min(3, int((gaps < 0).sum()))
-            if best is None or cost < best[0]:
-                best = (cost, (dx, dy, side), (x0, y0, x1, y1), misread)
-        assert best is not None
-        text.set_position(best[1][:2])
-        text.set_horizontalalignment(best[1][2])
+        places = _places(radius)
+        offsets = np.array([place for place, _ in places]) * per_point
+        align = np.array([_ALIGN[side] for _, side in places])
+        low = dot + offsets - np.stack([align * size.width, np.full(len(places), size.height / 2)], axis=1)
+        boxes = np.stack([low, low + np.array((size.width, size.height))], axis=1)[:, None]  # place, 1, corner, axis
+        overlaps = (placed[:, 0] <= boxes[..., 1, :]) & (placed[:, 1] >= boxes[..., 0, :])
+        covered = (centres >= boxes[..., 0, :]) & (centres <= boxes[..., 1, :])
+        outside = (boxes[:, 0, 0] < axes.bbox.min) | (boxes[:, 0, 1] > axes.bbox.max)
+        gaps = np.linalg.norm(centres - np.clip(centres, boxes[..., 0, :], boxes[..., 1, :]), axis=-1) - edges
+        misread = gaps.min(axis=1) < gaps[:, index]
+        cost = 0.1 * np.arange(len(places)) + _OVERLAP * overlaps.all(axis=-1).sum(axis=1)
+        cost += 3.0 * covered.all(axis=-1).sum(axis=1) + 20.0 * outside.any(axis=1)
+        cost += _MISREAD * misread + np.minimum(3, (gaps < 0).sum(axis=1))
+        best = int(cost.argmin())
+        text.set_position(places[best][0])
+        text.set_horizontalalignment(places[best][1])
         texts.append(text)
-        if len(points) > _NAMES_AT_ANY_COST and best[0] >= _OVERLAP:
+        if len(points) > _NAMES_AT_ANY_COST and cost[best] >= _OVERLAP:
             text.set_visible(False)
-        else:
-            placed[shown] = best[2]
-            shown += 1
-            if best[3]:
-                end = np.clip(dot, best[2][:2], best[2][2:])
-                ends = axes.transData.inverted().transform((dot, end)).T
-                axes.plot(*ends, color=text.get_color(), linewidth=0.5, scalex=False, scaley=False)
+            continue
+        placed = np.concatenate([placed, boxes[best]])
+        if misread[best]:
+            ends = axes.transData.inverted().transform((dot, np.clip(dot, *boxes[best, 0]))).T
+            axes.plot(*ends, color=text.get_color(), linewidth=0.5, scalex=False, scaley=False)
     return texts
 
 
@@ -236,8 +228,8 @@ def _places(radius: float) -> list[_Place]:
     alignment."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20, radius + 32):
-        slant = 0.8 * reach
-        places += [(reach, 0.0, "left"), (-reach, 0.0, "right"), (0.0, reach + 2, "center")]
-        places += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]
-        places += [(slant, -slant, "left"), (-slant, -slant, "right")]
+        slant, up = 0.8 * reach, reach + 2
+        places += [((reach, 0.0), "left"), ((-reach, 0.0), "right"), ((0.0, up), "center"), ((0.0, -up), "center")]
+        places += [((slant, slant), "left"), ((-slant, slant), "right")]
+        places += [((slant, -slant), "left"), ((-slant, -slant), "right")]
     return places

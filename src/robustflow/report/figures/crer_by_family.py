@@ -16,7 +16,7 @@ from ...stats.published.tables import of_paper
 from ...stats.results import FAMILY_LABELS
 from ..leaderboard import by_error
 from .canvas import WITH_INTERVALS, Mark, MarkedFigure, ends_text, fair_limits, new_figure
-from .styles import MODEL_STYLES, OTHER, FigureStyles, Style, distinct_styles
+from .styles import MODEL_STYLES, OTHER, PLAIN_STYLES, FigureStyles, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
@@ -24,9 +24,9 @@ LEAST_CRER = 0.5
 
 
 @default_style()
-def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Draw bars of CREr per family, on one axis."""
-    styling, crer = styling or FigureStyles(), {line: line.family_crer for line in results if line.family_crer}
+    crer = {line: line.family_crer for line in results if line.family_crer}
     published = of_paper(results)
     models = REPRESENTATIVE if published else tuple(line.name for line in crer)
     lowest = [name for name in dict.fromkeys(line.name for line in sorted(crer, key=by_error)) if name in models]

@@ -35,7 +35,7 @@ from .canvas import (
     settle_layout,
     spread_labels,
 )
-from .styles import OTHER, FigureStyles, by_setting, kind_key, model_key
+from .styles import OTHER, PLAIN_STYLES, FigureStyles, by_setting, kind_key, model_key
 
 _AREA = 260.0
 """Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
@@ -103,10 +103,9 @@ def _finish(
 
 
 @default_style()
-def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in panels with the same axes."""
-    styling, together = styling or FigureStyles(), not by_setting(results)
-    without = not_discussed(results)
+    together, without = not by_setting(results), not_discussed(results)
     groups: dict[str, list[_Point]] = {}
     for setting in settings_in_order(line.setting for line in results):
         for line in results:
@@ -142,11 +141,10 @@ def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles | No
 
 
 @default_style()
-def effective_trend(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot panels with the same axes. The factor printed for a model is its EPE divided by the EPE predicted from the
     trend of the other models.
     """
-    styling = styling or FigureStyles()
     settings = effective_robustness(results, by_setting=by_setting(results))
     styles = styling.of(results)
     figure, axes = new_figure(4.6, 4.2, len(settings))
@@ -199,12 +197,11 @@ def _log_limits(values: list[float]) -> tuple[float, float]:
 
 
 @default_style()
-def relations(results: Sequence[ModelResult], styling: FigureStyles | None = None) -> MarkedFigure:
+def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE,
     each with its correlations. A quantity has the same axis range in every panel.
     """
-    styling, together = styling or FigureStyles(), not by_setting(results)
-    without, styles = not_discussed(results), styling.of(results)
+    together, without, styles = not by_setting(results), not_discussed(results), styling.of(results)
     groups: dict[str, dict[ModelResult, dict[str, float]]] = {}
     for line in results:
         values = {

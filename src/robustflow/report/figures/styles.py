@@ -82,6 +82,10 @@ class FigureStyles:
         return {line: self.styles.get(line, by_place[line.name]) for line in results}
 
 
+PLAIN_STYLES = FigureStyles()
+"""A style per kind of published model or per model, with a legend."""
+
+
 def by_setting(results: Sequence[ModelResult]) -> bool:
     """Return whether to draw one panel per setting, as for the paper's values and for a model measured in two
     settings."""
