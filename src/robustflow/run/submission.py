@@ -14,7 +14,7 @@ from ..core.errors import DataError, ModelError, RunError, UsageError
 from ..core.files import digest_of_value, make_folder, read_bounded, write_json
 from ..core.types import Flow
 from ..data.benchmarks.base import spread
-from ..data.datasets.robustspring import CLEAN, DIRECTIONS, Condition
+from ..data.datasets.robustspring import CLEAN, Condition
 from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
 from ..models import ModelSpec
@@ -32,7 +32,7 @@ _LARGEST = 1 << 20
 
 @dataclass(frozen=True)
 class ConditionPairs:
-    """The pairs of one condition in one temporal direction."""
+    """The pairs of one condition, in both temporal directions."""
 
     condition: str
     pairs: Condition
@@ -73,18 +73,16 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
     """Return the conditions of a submission, clean first; every condition has the same pairs."""
     if limit is not None and limit < 1:
         raise UsageError("--limit", f"must be at least 1; got {limit}")
-    clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
-    wanted = {*spread(sorted(key for pairs in clean.values() for key in pairs.keys()), limit)}  # noqa: SIM118
+    clean = Condition(root)
+    wanted = tuple(spread(clean.keys(), limit))
     conditions = []
     for condition in dict.fromkeys((CLEAN, *corruptions)):
-        for direction in DIRECTIONS:
-            pairs = clean[direction] if condition == CLEAN else Condition(root, condition, direction)
-            keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
-            if gone := set(keys) - set(pairs.keys()):
-                raise DataError(
-                    root, f"{condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
-                )
-            conditions.append(ConditionPairs(condition, pairs, tuple(keys)))
+        pairs = clean if condition == CLEAN else Condition(root, condition)
+        if gone := set(wanted) - set(pairs.keys()):
+            raise DataError(
+                root, f"{condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
+            )
+        conditions.append(ConditionPairs(condition, pairs, wanted))
     return conditions
 
 

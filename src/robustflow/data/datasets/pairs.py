@@ -109,7 +109,8 @@ class PairDataset(Samples):
 
     def around(self, key: str, reach: int) -> range:
         first, second = self.pair(key).frames
-        return range(-len(_walk(self._steps[1], first, reach)), 2 + len(_walk(self._steps[0], second, reach)))
+        ahead, back = self._directions(first, second)
+        return range(-len(_walk(back, first, reach)), 2 + len(_walk(ahead, second, reach)))
 
     def frame(self, key: str, offset: int) -> Frame:
         first = self.pair(key).frames[0]
@@ -117,9 +118,9 @@ class PairDataset(Samples):
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         ordered = sorted(set(offsets))
-        before, (first, second) = max(0, -ordered[0]), self.pair(key).frames
-        earlier = _walk(self._steps[1], first, before)
-        later = _walk(self._steps[0], second, max(0, ordered[-1] - 1))
+        first, second = self.pair(key).frames
+        ahead, back = self._directions(first, second)
+        earlier, later = _walk(back, first, max(0, -ordered[0])), _walk(ahead, second, max(0, ordered[-1] - 1))
         frames = [*reversed(earlier), first, second, *later]
         return [frames[len(earlier) + offset] for offset in ordered]
 
@@ -134,6 +135,11 @@ class PairDataset(Samples):
     def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
+
+    def _directions(self, first: Path, second: Path) -> tuple[dict[Path, Path], dict[Path, Path]]:
+        """Return the steps in the direction of a pair, and those against it; pairs may go back in time."""
+        steps, reverse = self._steps
+        return (reverse, steps) if reverse.get(first) == second else (steps, reverse)
 
     def truth(self, pair: PairFiles) -> Truth | None:
         """Read the ground truth of a pair; override if it is not just a flow file."""

@@ -20,16 +20,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from pathlib import Path
 
 from ...core.arguments import choice
 from ...core.errors import DataError, UsageError
 from ...core.paths import folders, locate, user_path
-from ...core.types import Frame, Sample
+from ...core.types import Frame
 from ...corruptions.registry import ROBUSTSPRING
 from .base import DatasetFacts
-from .layout import Layout, LayoutDataset, matching
-from .pairs import PairFiles, Samples, read_frames
+from .layout import Layout, matching
+from .pairs import PairDataset, PairFiles, read_frames
 
 CLEAN = "clean"
 
@@ -44,9 +45,9 @@ _SIDES = ("left", "right")
 _CLEAN_NAMES = ("spring", CLEAN)
 
 
-class Condition(LayoutDataset):
-    """The pairs of one condition in one direction, for both cameras. A key is the path of a flow below CONDITION/test;
-    a group is a sequence, because both cameras see the same scene.
+class Condition(PairDataset):
+    """The pairs of one condition, for both cameras and directions. A key is the path of a flow below CONDITION/test; a
+    group is a sequence, because both cameras see the same scene.
     """
 
     name = "robustspring"
@@ -58,21 +59,19 @@ class Condition(LayoutDataset):
         "{sequence}",
     )
 
-    def __init__(
-        self, root: str | Path, condition: str = CLEAN, direction: str = "FW", spring: str | Path | None = None
-    ) -> None:
-        choice("condition", condition, (CLEAN, *CORRUPTIONS))
-        self.options = {"direction": (choice("direction", direction, DIRECTIONS),)}
-        super().__init__(condition_folder(root, condition, spring))
+    def __init__(self, root: str | Path, condition: str = CLEAN, spring: str | Path | None = None) -> None:
+        self.folder = condition_folder(root, choice("condition", condition, (CLEAN, *CORRUPTIONS)), spring)
+        self._pairs_of: dict[str, dict[str, PairFiles]] = {direction: {} for direction in DIRECTIONS}
+        for sequence in (each.name for each in folders(self.folder) if re.fullmatch(r"\d{4}", each.name)):
+            for side, (direction, pairs) in product(_SIDES, self._pairs_of.items()):
+                frames = self.folder / sequence / f"frame_{side}"
+                if not frames.is_dir():
+                    raise DataError(frames, "no such folder; unpack the frames of both cameras")
+                pairs |= self.layout.pairs(self.folder, sequence=sequence, side=side, direction=direction)
+        super().__init__(self._pairs_of["FW"] | self._pairs_of["BW"], self.folder)
 
-    def find(self, root: Path, words: dict[str, str]) -> tuple[Path, dict[str, PairFiles]]:
-        pairs: dict[str, PairFiles] = {}
-        for sequence in folders(root):
-            for side in _SIDES if re.fullmatch(r"\d{4}", sequence.name) else ():
-                if not (sequence / f"frame_{side}").is_dir():
-                    raise DataError(sequence / f"frame_{side}", "no such folder; unpack the frames of both cameras")
-                pairs |= self.layout.pairs(root, sequence=sequence.name, side=side, **words)
-        return root, pairs
+    def steps(self) -> Iterable[tuple[Path, Path]]:
+        return (pair.frames for pair in self._pairs_of["FW"].values())
 
 
 def submitted() -> Iterator[str]:
@@ -103,13 +102,11 @@ def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path
     return next(top / name / "test" for name in names if (top / name / "test").is_dir())
 
 
-class RobustSpring(Samples):
+class RobustSpring(Condition):
     """The clean pairs of both cameras in both directions, with their frames under all unpacked corruptions. Implements
     `Dataset` and `CorruptedClips`.
     """
 
-    name = "robustspring"
-    has_flow = False
     facts = DatasetFacts(
         title="RobustSpring",
         description="Spring's ten test sequences, 1080x1920, under 20 corruptions, which are distributed as files.",
@@ -126,9 +123,8 @@ class RobustSpring(Samples):
     )
 
     def __init__(self, root: str | Path, spring: str | Path | None = None) -> None:
+        super().__init__(root, CLEAN, spring)
         self.root = user_path(root)
-        self._clean = {direction: Condition(self.root, CLEAN, direction, spring) for direction in DIRECTIONS}
-        self._condition_of = {key: pairs for pairs in self._clean.values() for key in pairs.keys()}  # noqa: SIM118
         self._corrupted = {
             ROBUSTSPRING.local_name(own): condition_folder(self.root, own)
             for own in CORRUPTIONS
@@ -137,29 +133,11 @@ class RobustSpring(Samples):
         for folder in self._corrupted.values():
             self._check_whole(folder)
 
-    def keys(self) -> list[str]:
-        return sorted(self._condition_of)
-
-    def load(self, key: str) -> Sample:
-        return self._condition(key).load(key)
-
-    def files(self, key: str) -> list[Path]:
-        return self._condition(key).files(key)
-
-    def around(self, key: str, reach: int) -> range:
-        return self._condition(key).around(key, reach)
-
-    def frame(self, key: str, offset: int) -> Frame:
-        return self._condition(key).frame(key, offset)
-
-    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        return self._condition(key).frame_files(key, offsets)
-
     def has_corrupted(self, corruption: str) -> bool:
         return corruption in self._corrupted
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        clean, *_ = self._condition(key).files(key)
+        clean, *_ = self.files(key)
         return read_frames((clean, *self.corrupted_files(key, corruption, severity)))[1:]
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
@@ -169,19 +147,15 @@ class RobustSpring(Samples):
         (clean,) = self.frame_files(key, [offset])
         return read_frames((self.files(key)[0], self._corrupted_file(corruption, severity, clean)))[1]
 
-    def _condition(self, key: str) -> Condition:
-        return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
-
     def _corrupted_file(self, corruption: str, severity: int, clean: Path) -> Path:
         if corruption not in self._corrupted or severity != 1:
             raise UsageError(corruption, f"not in {self.root} at severity {severity}; corruptions exist at severity 1")
-        return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
+        return self._corrupted[corruption] / clean.relative_to(self.folder)
 
     def _check_whole(self, folder: Path) -> None:
         """Raise if a clean frame has no corrupted version."""
-        clean = self._clean["FW"]
-        frames = matching(folder, clean.layout.frame).values()
+        frames = matching(folder, self.layout.frame).values()
         there = {path for numbered in frames for path in numbered.values()}
-        wanted = {folder / path.relative_to(clean.folder) for key in clean.keys() for path in clean.files(key)}  # noqa: SIM118
+        wanted = {folder / path.relative_to(self.folder) for key in self.keys() for path in self.files(key)}
         if lacking := wanted - there:
             raise DataError(min(lacking), "missing; unpack the complete archive")
