@@ -19,7 +19,7 @@ from ..core.plugins import needed_options
 from ..core.types import Sample
 from ..corruptions import Corruption
 from ..data.benchmarks.paper import DEMO_CLASSES
-from ..data.datasets.clips import Video
+from ..data.datasets.folder import Video
 from ..data.datasets.motorcycle import Motorcycle
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods

@@ -14,7 +14,7 @@ from .registry import BETWEEN_FRAMES
 class ClipCorruption(Corruption):
     """A deterministic corruption of a clip, which cannot be applied to two images.
 
-    A dataset with clips (`robustflow.data.datasets.gopro`) provides frames that are already corrupted.
+    A dataset with clips (`robustflow.data.datasets.gopro_fc`) provides frames that are already corrupted.
     """
 
     temporal = True

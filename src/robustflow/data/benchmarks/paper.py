@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ from .base import Benchmark
 from .facts import EXPORTED, BenchmarkFacts, QuickSubset
 
 if TYPE_CHECKING:
-    from ..datasets.gopro import GoProFCPrepared
+    from ..datasets.gopro_fc import GoProFCPrepared
     from ..datasets.kitti import KittiPairs
     from ..datasets.released import ReleasedPairs
 
@@ -98,11 +99,12 @@ class KittiFC:
         keys = selected(split, dataset.keys(), dataset.name) if split else dataset.keys()
         if isinstance(dataset, KittiFCReleased):
             if split is None and len(keys) < _PAIRS:
-                _warn("KITTI-FC", f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {dataset.folder}")
+                lacks = f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {dataset.folder}"
+                warnings.warn(f"{lacks}; the result is not a KITTI-FC result", stacklevel=4)
             return released("kitti-fc", dataset, keys, KittiFC.facts)
         if split is None:
             keys, wanted = (kitti_split(every).evaluation for every in (keys, KITTI_KEYS))
-            _warn_unless_whole("KITTI-FC", "pair", wanted, keys, ": unpack all 200 pairs to get one")
+            _warn_unless_whole("KITTI-FC", "pair", wanted, keys)
         return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR, facts=KittiFC.facts)
 
 
@@ -131,16 +133,16 @@ class GoProFC:
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
-        from ..datasets.gopro import GoProFCPrepared
+        from ..datasets.gopro_fc import GoProFCPrepared
         from ..datasets.released import GoProFCReleased
         from ..video.prepare_folder import SEQUENCES, prepare_video
-        from ..video.prepared import is_prepared
+        from ..video.prepared import FOLDER_MANIFEST
 
         if data is None:
             raise UsageError("--data", f"gopro-fc needs {GoProFC.facts.data}")
         if split is not None:
             raise UsageError("--split", "gopro-fc has no split; omit it")
-        if data.is_file() or is_prepared(data):
+        if data.is_file() or (data / FOLDER_MANIFEST).is_file():
             benchmark = _prepared(GoProFCPrepared(prepare_video(data) if data.is_file() else data))
         elif (data / "clean").is_dir():
             files = GoProFCReleased(data)
@@ -156,10 +158,11 @@ class GoProFC:
 
 
 def _prepared(dataset: GoProFCPrepared) -> Benchmark:
-    from ..video.prepared import slow_blur
+    from ..video.prepared import REACH
 
     for clip in dataset.clips:
-        if (span := slow_blur(clip)) is not None:
+        span = (2 * REACH + 1) / clip.master.fps  # at the highest severity
+        if span > Fraction(2 * REACH + 1, 960):
             rate = f"{clip.name} has {float(clip.master.fps):g} frames per second, so"
             blur = f"object_motion_blur and the readout of rolling_shutter take up to {float(span):.2f} s, not 0.03 s"
             warnings.warn(f"{rate} {blur} as in the paper; prepare it with --factor to shorten both", stacklevel=2)
@@ -201,21 +204,11 @@ def export_settings(folder: Path) -> dict[str, Any] | None:
     return settings if isinstance(settings, dict) else {}
 
 
-def _warn_unless_whole(
-    title: str, noun: str, wanted: Sequence[str], evaluated: Sequence[str], remedy: str = ""
-) -> None:
+def _warn_unless_whole(title: str, noun: str, wanted: Sequence[str], evaluated: Sequence[str]) -> None:
     """Warn if the evaluated pairs or sequences are not those of a benchmark."""
-    missing = [name for name in wanted if name not in set(evaluated)]
-    others = len(set(evaluated) - set(wanted))
-    remarks = []
-    if missing:
-        names = first_of(missing, _MOST_NAMED)
-        remarks.append(f"{len(missing)} of {title}'s {len(wanted)} {noun}s are missing ({names})")
-    if others:
-        remarks.append(f"{others} of the {len(evaluated)} evaluated are not part of {title}")
-    if remarks:
-        _warn(title, ", and ".join(remarks), remedy)
-
-
-def _warn(title: str, what: str, remedy: str = "") -> None:
-    warnings.warn(f"{what}; the result is not a {title} result{remedy}", stacklevel=5)
+    missing, others = [name for name in wanted if name not in set(evaluated)], len(set(evaluated) - set(wanted))
+    if missing or others:
+        names = f" ({first_of(missing, _MOST_NAMED)})" if missing else ""
+        lacks = f"{len(missing)} of {title}'s {len(wanted)} {noun}s are missing{names}"
+        what = f"{lacks}, and {others} of the {len(evaluated)} evaluated are not part of it"
+        warnings.warn(f"{what}; the result is not a {title} result", stacklevel=4)

@@ -18,7 +18,6 @@ from ...core.plugins import Registry, called, import_target, is_target
 from ...corruptions import IMAGE_PAIR
 from ..datasets import DATASETS, PreCorrupted, dataset_facts, load_dataset
 from ..datasets.base import facts_of
-from ..datasets.folder import benchmark_of_folder, different_benchmark
 from ..datasets.own import OwnDepth, check_members, open_own_dataset, own_source
 from ..datasets.split import read_split, selected
 from .base import Benchmark
@@ -142,17 +141,39 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
     try:
         return _opened(name, root, chosen, options, reserved)
     except DataError as error:
-        fitting = different_benchmark(root, name) if root is not None else None
-        if fitting is None:
+        fitting = _fitting(root) if root is not None else None
+        if fitting is None or name in (fitting, *_ALSO_READ_BY.get(fitting, ())):
             raise
         raise DataError(error.culprit, f"{error.args[-1]}; it looks like the data of --benchmark {fitting}") from error
+
+
+_MARKS = {
+    "kitti2012": ("training/colored_0", "colored_0", "training/image_0", "image_0"),
+    "kitti-fc": ("training/image_2", "image_2", "clean/val/image_2"),
+    "sintel": ("training/clean", "training/final"),
+    "hd1k": ("hd1k_input/image_2",),
+    "spring": ("train/0001/frame_left",),
+    "middlebury": ("other-gt-flow",),
+    "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
+    "gopro-fc": ("gopro_fc.json",),
+}
+"""For each benchmark, paths that exist only in its folder."""
+
+_ALSO_READ_BY = {"kitti-fc": ("kitti2015", "kitti_multiview", "kitti_fc_released"), "gopro-fc": ("gopro_fc_prepared",)}
+"""Datasets that read the folder of a benchmark, too."""
+
+
+def _fitting(root: Path) -> str | None:
+    """Return the benchmark whose layout matches a folder."""
+    fitting = (name for name, marks in _MARKS.items() if any((root / mark).exists() for mark in marks))
+    return next(fitting, None)
 
 
 def _benchmark_of(root: Path) -> str:
     """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset."""
     if not root.exists():
         raise DataError(root, "no such file or folder; check the path")
-    if (fitting := benchmark_of_folder(root)) is not None:
+    if fitting := _fitting(root):
         raise UsageError("--benchmark", f"{root} looks like the data of {fitting}; give --benchmark {fitting}")
     return "folder"
 

@@ -1,5 +1,5 @@
 """The frames around a pair, for multi-frame models: find and read them, corrupt them with the pair's random draw,
-and put them in order; and a video file as a dataset, decoded on demand in constant memory.
+and put them in order.
 
 Within a run, these frames come after the two frames of the pair, so that everything that uses a pair (metrics,
 digests, pictures) sees the same bytes as with a two-frame model.
@@ -7,22 +7,18 @@ digests, pictures) sees the same bytes as with a two-frame model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ...core.arguments import positive
 from ...core.errors import UsageError
 from ...core.plugins import called
 from ...core.types import Frame, Sample, check_frame
 from ...corruptions.api import corrupt_clip
 from ...corruptions.base import Corruption
 from ...models.base import AnyModel, ClipModel, FlowModel, Window, window_of
-from ..video.reader import VideoReader
 from . import DATASETS, dataset_facts
 from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
-from .pairs import Position, Samples, position, too_few_frames
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
@@ -96,62 +92,3 @@ class ContextFrames:
 
     def _numbers(self, key: str) -> tuple[int, ...]:
         return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))
-
-
-class Video(Samples):
-    """A dataset of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
-    because frames of a video are not independent. Implements `Dataset` and `Clips`.
-    """
-
-    name = "folder"
-    has_flow = False
-
-    def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
-        self._path, self._step = path, positive("step", step)
-        self._readers = {0: VideoReader(path)}  # by offset: each decodes forward
-        total = len(self._readers[0])
-        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, total)
-        self._end = min(end, total)
-        if self._end - begin <= step:
-            raise too_few_frames(max(0, self._end - begin), step, path, total)
-        self._begin = begin
-        self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
-
-    def keys(self) -> list[str]:
-        return list(self._keys)
-
-    def files(self, key: str) -> list[Path]:
-        self._index(key)
-        return [self._path]
-
-    def load(self, key: str) -> Sample:
-        return Sample(key, (self.frame(key, 0), self.frame(key, 1)), group=self._path.stem)
-
-    def around(self, key: str, reach: int) -> range:
-        index = self._index(key)
-        last = (self._end - 1 - index) // self._step
-        return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
-
-    def frame(self, key: str, offset: int) -> Frame:
-        if offset not in self._readers:
-            self._readers[offset] = copy(self._readers[0])  # a copy reopens the file
-        return self._readers[offset].frame(self._index(key) + offset * self._step)
-
-    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        return self.files(key)
-
-    def frame_names(self, key: str) -> tuple[int, int]:
-        index = self._index(key)
-        return index, index + self._step
-
-    def _index(self, key: str) -> int:
-        number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
-        if not 0 <= number < len(self._keys) or self._keys[number] != key:
-            raise UsageError(key, f"no such sample; keys go from '{self._keys[0]}' to '{self._keys[-1]}'")
-        return int(key)
-
-    def _frame_number(self, option: str, value: Position, default: int) -> int:
-        chosen = position(option, value)
-        if chosen is None:
-            return default
-        return self._readers[0].index_at(chosen) if isinstance(chosen, float) else chosen

@@ -6,15 +6,18 @@ its subfolders are used only if there are none.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from copy import copy
 from pathlib import Path
 
 from ...core.arguments import positive
 from ...core.errors import DataError, UsageError
 from ...core.paths import VIDEO_SUFFIXES, folders, user_path
+from ...core.types import Frame, Sample
 from ...media.images import IMAGE_SUFFIXES, image_size, images_in, natural_order
+from ..video.reader import VideoReader
 from .base import DatasetFacts, described
-from .clips import Video
-from .pairs import PairDataset, PairFiles, Position, pairs_at_step, position
+from .pairs import PairDataset, PairFiles, Position, Samples, pairs_at_step, position, too_few_frames
 
 FACTS = DatasetFacts(
     title="Your own frames",
@@ -64,6 +67,66 @@ class FrameFolder(PairDataset):
         self._pairs = {key: pairs[key] for key in order}
 
 
+class Video(Samples):
+    """Pairs of video frames `step` apart, decoded on demand in constant memory. Keys are frame numbers from "000000".
+    All pairs form one group, because frames of a video are not independent. Implements `Dataset` and `Clips`.
+    """
+
+    name = OWN_FRAMES
+    has_flow = False
+    facts = FACTS
+
+    def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
+        self._path, self._step = path, positive("step", step)
+        self._readers = {0: VideoReader(path)}  # by offset: each decodes forward
+        total = len(self._readers[0])
+        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, total)
+        self._end = min(end, total)
+        if self._end - begin <= step:
+            raise too_few_frames(max(0, self._end - begin), step, path, total)
+        self._begin = begin
+        self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
+
+    def keys(self) -> list[str]:
+        return list(self._keys)
+
+    def files(self, key: str) -> list[Path]:
+        self._index(key)
+        return [self._path]
+
+    def load(self, key: str) -> Sample:
+        return Sample(key, (self.frame(key, 0), self.frame(key, 1)), group=self._path.stem)
+
+    def around(self, key: str, reach: int) -> range:
+        index = self._index(key)
+        last = (self._end - 1 - index) // self._step
+        return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
+
+    def frame(self, key: str, offset: int) -> Frame:
+        if offset not in self._readers:
+            self._readers[offset] = copy(self._readers[0])  # a copy reopens the file
+        return self._readers[offset].frame(self._index(key) + offset * self._step)
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        return self.files(key)
+
+    def frame_names(self, key: str) -> tuple[int, int]:
+        index = self._index(key)
+        return index, index + self._step
+
+    def _index(self, key: str) -> int:
+        number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
+        if not 0 <= number < len(self._keys) or self._keys[number] != key:
+            raise UsageError(key, f"no such sample; keys go from '{self._keys[0]}' to '{self._keys[-1]}'")
+        return int(key)
+
+    def _frame_number(self, option: str, value: Position, default: int) -> int:
+        chosen = position(option, value)
+        if chosen is None:
+            return default
+        return self._readers[0].index_at(chosen) if isinstance(chosen, float) else chosen
+
+
 @described(FACTS)
 def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: Position = None) -> FrameFolder | Video:
     """Open the dataset `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
@@ -98,30 +161,3 @@ def _check(folder: Path, frames: list[Path]) -> None:
         if image_size(frame) != size:
             (h, w), (other_h, other_w) = size, image_size(frame)
             raise DataError(frame, f"{other_h}x{other_w}, but {frames[0]} is {h}x{w}; use separate folders, or resize")
-
-
-_MARKS = {
-    "kitti2012": ("training/colored_0", "colored_0", "training/image_0", "image_0"),
-    "kitti-fc": ("training/image_2", "image_2", "clean/val/image_2"),
-    "sintel": ("training/clean", "training/final"),
-    "hd1k": ("hd1k_input/image_2",),
-    "spring": ("train/0001/frame_left",),
-    "middlebury": ("other-gt-flow",),
-    "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
-    "gopro-fc": ("gopro_fc.json",),
-}
-"""For each benchmark, paths that exist only in its folder."""
-
-_ALSO_READ_BY = {"kitti-fc": ("kitti2015", "kitti_multiview", "kitti_fc_released"), "gopro-fc": ("gopro_fc_prepared",)}
-"""Datasets that read the folder of a benchmark, too."""
-
-
-def different_benchmark(root: Path, name: str) -> str | None:
-    """Return the benchmark whose layout matches a folder; None if `name` reads this layout, or if none matches."""
-    fitting = benchmark_of_folder(root)
-    return None if fitting is None or name in (fitting, *_ALSO_READ_BY.get(fitting, ())) else fitting
-
-
-def benchmark_of_folder(root: Path) -> str | None:
-    fitting = (name for name, marks in _MARKS.items() if any((root / mark).exists() for mark in marks))
-    return next(fitting, None)

@@ -29,11 +29,11 @@ _TARGETS = {
     "flyingchairs": "in_files:FlyingChairs",
     "flyingthings3d": "in_files:FlyingThings3D",
     "tartanair": "rendered:TartanAir",
-    "gopro": "gopro:GoPro",
+    "gopro": "in_files:GoPro",
     "folder": "folder:open_folder",
     "shapes": "shapes.dataset:FlyingShapes",
     "kitti_fc_released": "released:KittiFCReleased",
-    "gopro_fc_prepared": "gopro:GoProFCPrepared",
+    "gopro_fc_prepared": "gopro_fc:GoProFCPrepared",
     "gopro_fc_released": "released:GoProFCReleased",
 }
 for _name, _target in _TARGETS.items():

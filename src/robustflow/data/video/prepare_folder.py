@@ -138,21 +138,15 @@ PROBE = 8
 class DiskEstimate:
     """Bytes required permanently, additional bytes required while the largest clip is prepared, and free bytes."""
 
-    masters: int
-    key_frames: int
+    kept: int
     temporary: int
     variants: int
     free: int
 
-    @property
-    def kept(self) -> int:
-        return self.masters + self.key_frames
-
     def __str__(self) -> str:
         return (
-            f"about {_gb(self.kept)} permanently (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
-            f"{_gb(self.temporary)} more during preparation, later up to {_gb(self.variants)} for transcoded variants; "
-            f"{_gb(self.free)} free"
+            f"about {_gb(self.kept)} permanently, {_gb(self.temporary)} more during preparation, "
+            f"later up to {_gb(self.variants)} for transcoded variants; {_gb(self.free)} free"
         )
 
 
@@ -160,16 +154,15 @@ def estimate_disk(
     sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
     """Estimate the disk space from the first `PROBE` frames of every clip, always using the interpolator "flow"."""
-    masters, key_frames, segments, variants = 0, 0, [0], 0
+    kept, segments, variants = 0, [0], 0
     for source in sources:
         timing = clip_timing(source, preparation)
         coded, picture = _bytes_per_frame(source, preparation.factor)
-        masters += timing.count * coded
-        key_frames += len(timing.key_frames) * picture
+        kept += timing.count * coded + len(timing.key_frames) * picture
         variants += 15 * len(timing.key_frames) * picture
         segments.append(timing.count * coded if preparation.factor > 1 else 0)
     temporary = sum(sorted(segments)[-workers:])
-    return DiskEstimate(masters, key_frames, temporary, min(variants, cache_limit), _free(output))
+    return DiskEstimate(kept, temporary, min(variants, cache_limit), _free(output))
 
 
 def check_room(estimate: DiskEstimate, output: Path) -> None:

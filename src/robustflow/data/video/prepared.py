@@ -214,13 +214,3 @@ def _read(path: Path, kind: type[R]) -> R:
     if manifest.version != VERSION:
         raise DataError(path, "written by a different version of RobustFlow; prepare the clips again")
     return manifest
-
-
-def is_prepared(data: Path) -> bool:
-    return (data / FOLDER_MANIFEST).is_file()
-
-
-def slow_blur(clip: PreparedClip) -> Fraction | None:
-    """Return the longest averaging time of object motion blur, in seconds, if it exceeds the paper's 31/960 s."""
-    span = (2 * REACH + 1) / clip.master.fps
-    return span if span > Fraction(2 * REACH + 1, 960) else None

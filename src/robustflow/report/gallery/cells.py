@@ -22,8 +22,7 @@ from ...data.video.variants import ShortClip, frame_rate
 from ...media.colours import depth_colours
 
 if TYPE_CHECKING:
-    from ...data.datasets.clips import Video
-    from ...data.datasets.folder import FrameFolder
+    from ...data.datasets.folder import FrameFolder, Video
 
 
 @dataclass(frozen=True)

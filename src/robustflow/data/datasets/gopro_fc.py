@@ -1,10 +1,4 @@
-"""GoPro: frames of 33 hand-held sequences at 720x1280, no ground truth. The prepared GoPro-FC: pairs of key frames
-of clips, and the corruptions that need the whole clip.
-
-    test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
-    test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
-
-Sequences may also be directly in the root. Source: Nah, Kim and Lee, CVPR 2017.
+"""The prepared GoPro-FC: pairs of key frames of clips, and the corruptions that need the whole clip.
 
 Image corruptions are computed on the fly as for every dataset. Object motion blur, rolling shutter and the three video
 corruptions are generated from the clip (see `data.video.open_clip`); the runner receives these frames corrupted.
@@ -17,10 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ...core.arguments import choice, positive
-from ...core.errors import DataError, UsageError
+from ...core.errors import UsageError
 from ...core.files import cache_folder
-from ...core.paths import consecutive, folders, locate, user_path
+from ...core.paths import user_path
 from ...core.types import Frame, Sample
 from ...corruptions.api import load_corruption
 from ...corruptions.registry import CLIP, FAMILIES
@@ -28,65 +21,7 @@ from ...media.images import read_image
 from ..video.open_clip import OpenClip, read_record, record_of_variant
 from ..video.prepared import FolderCache, PreparedClip, read_folder
 from .base import FC_PAPER, DatasetFacts
-from .layout import matching
-from .pairs import PairDataset, PairFiles, Samples, pairs_at_step
-
-_KINDS = ("sharp", "blur", "blur_gamma")
-
-
-class GoPro(PairDataset):
-    """The GoPro dataset. `root` contains `train/` and `test/`, or sequences."""
-
-    name = "gopro"
-    has_flow = False
-    facts = DatasetFacts(
-        title="GoPro",
-        description="33 hand-held sequences, 720x1280, recorded at 240 frames per second.",
-        ground_truth="none",
-        clips="always",
-        licence="CC BY 4.0",
-        citation="Nah, Kim and Lee, Deep Multi-scale CNN for Dynamic Scene Deblurring, CVPR 2017",
-        layout="train/GOPR0372_07_00/sharp, test/..., or folders of frames",
-        training_set="gopro",
-    )
-
-    def __init__(self, root: str | Path, split: str = "all", images: str = "sharp", step: int = 1) -> None:
-        choice("split", split, ("all", "train", "test"))
-        choice("images", images, _KINDS)
-        positive("step", step)
-        root = user_path(root)
-        pairs: dict[str, PairFiles] = {}
-        for sequence in _sequences(root, split):
-            group = sequence.relative_to(root).as_posix()
-            for first, second in pairs_at_step(_frames(sequence, images), step, sequence):
-                pairs[f"{group}/{first.stem}"] = PairFiles((first, second), group=group)
-        super().__init__(pairs, root)
-
-
-def _sequences(root: Path, split: str) -> list[Path]:
-    parts = ("train", "test") if split == "all" else (split,)
-    if sequences := [folder for part in parts for folder in folders(root / part)]:
-        return sequences
-    plain = [folder for folder in folders(root) if _is_sequence(folder)]
-    if plain and split == "all":
-        return plain
-    if root.is_dir() and _is_sequence(root):
-        raise DataError(root, "a single sequence; give its parent folder, or read it as dataset 'folder'")
-    return folders(locate(GoPro.facts.title, root, parts, expected=GoPro.facts.layout))
-
-
-def _is_sequence(folder: Path) -> bool:
-    return any((folder / kind).is_dir() for kind in _KINDS) or bool(matching(folder, "{n}.png"))
-
-
-def _frames(sequence: Path, images: str) -> list[Path]:
-    kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
-    if kinds and images not in kinds:
-        raise DataError(sequence / images, f"no such folder; choose images from {', '.join(kinds)}")
-    frames = matching(sequence / images if kinds else sequence, "{n}.png").get((), {})
-    consecutive(frames, stride=None)
-    return list(frames.values())
-
+from .pairs import Samples
 
 VARIANTS = "variants"
 
