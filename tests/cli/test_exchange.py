@@ -88,7 +88,7 @@ def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow
     first, kept = sorted(collected(Path("site")), key=lambda path: path.read_bytes() != records[0].read_bytes())
     code, _, error = robustflow(*add, records[1])
     assert code == 0
-    assert error.startswith(f"records/{first.name} (Farneback on demo")
+    assert error.startswith(f"records/{first.name} (Farneback (knowledge) on ")
     assert "--supersede removes it" in error
     assert error.count("\n") == 1
     assert len(collected(Path("site"))) == 3

@@ -40,7 +40,7 @@ def test_verify_repeats_predictions_on_request(robustflow, records):
     out = robustflow.prints("record", "verify", records[0], "--model", "dis")
     assert "3 of 3 rows" in out
     assert "predicted again and agree" in out
-    assert "DIS on demo" in out
+    assert "DIS (knowledge) on " in out
     assert "that this model made the predictions" not in out
     code, out, _ = robustflow("record", "verify", records[1], "--model", "dis")
     assert code == 1

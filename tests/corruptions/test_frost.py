@@ -34,7 +34,7 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.media.images import read_image, write_image
-from robustflow.run.setup import set_up_frames
+from robustflow.run.setup import recorded_plan
 from robustflow.run.stages import FrameStage, frames_digest, no_seconds
 from robustflow.testing import ZeroFlow
 
@@ -276,7 +276,8 @@ def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(n
 
 def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photographs, tmp_path):
     run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions="frost", severities=2)
-    dataset, options = set_up_frames(run.manifest.identity, None, {})
+    plan = recorded_plan(run.manifest.identity, None, {})
+    dataset, options = plan.benchmark.dataset, plan.options
     frames = FrameStage(dataset, options, no_seconds()).corrupt(dataset.load("motorcycle"), "frost", 2)
     (row,) = run.rows.filter(corruption="frost").to_dicts()
     assert frames_digest(frames) == row["frames_digest"]

@@ -106,7 +106,7 @@ def test_weights_at_a_fixed_path_that_changed_stop_a_run(tmp_path, frames, monke
     np.save(tmp_path / "weights.npy", 4.0)
     for severities in ([1], [1, 2]):
         run = partial(_run, tmp_path, frames, severities, "model_with_weights_for_test:Model")
-        refusal(run, RunError, "0001")
+        refusal(run, RunError, "0000")
     np.save(tmp_path / "weights.npy", 1.0)
     after = _run(tmp_path, frames, [1, 2], "model_with_weights_for_test:Model")
     assert after.rows.filter(after.rows["severity"] < 2).equals(before)

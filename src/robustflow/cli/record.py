@@ -131,6 +131,6 @@ def _print(result: "Verification") -> None:
     verdict = "verified" if result.ok else "not verified"
     typer.echo(f"  {verdict}{f', SHA-256 {result.sha256}' if result.sha256 else ''}")
     if result.ok and result.subject is not None:
-        typer.echo(f"  {result.subject.sentence()}")
+        typer.echo(f"  {result.subject.sentence}")
         for claim in result.unproven:
             typer.echo(f"  not proven: {claim}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from pydantic import Field, SkipValidation, ValidationError, field_validator
 from pydantic.fields import FieldInfo
@@ -194,19 +194,11 @@ class RunConfig(Frozen):
     compute: Compute = Compute()
     output: Output = Output()
 
-    parts: ClassVar[Mapping[str, type[Frozen]]] = {
-        "selection": Selection,
-        "frames": FrameOptions,
-        "measuring": MeasuringOptions,
-        "compute": Compute,
-        "output": Output,
-    }
-
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> RunConfig:
         """Return the options among some arguments, by name; an invalid value raises a UsageError."""
         made: dict[str, Any] = {}
-        for name, part in cls.parts.items():
+        for name, part in _PARTS.items():
             given = {field: arguments[field] for field in part.model_fields if field in arguments}
             try:
                 made[name] = part(**given)
@@ -218,7 +210,6 @@ class RunConfig(Frozen):
 
 DEFAULTS = RunConfig()
 
-FIELDS: dict[str, FieldInfo] = {
-    name: field for part in RunConfig.parts.values() for name, field in part.model_fields.items()
-}
+_PARTS = {name: type(part) for name, part in DEFAULTS}
+FIELDS: dict[str, FieldInfo] = {name: field for part in _PARTS.values() for name, field in part.model_fields.items()}
 """Every option of a run by name: the keyword arguments of `evaluate`."""

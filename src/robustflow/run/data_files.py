@@ -14,6 +14,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 from ..core.errors import DataError, RunError
@@ -53,19 +54,23 @@ def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
 def check_listed(known: Mapping[Path, str], more: Iterable[Path] = ()) -> None:
     """Compare files, by their digests if these are known, with the nearest `DIGEST_LIST` in a parent folder; files
     without a list pass. `more` is read only if there is a list."""
-    nearest: dict[Path, Path | None] = {}
-    if not any(_nearest_list(path.absolute().parent, nearest) for path in known):
+    listed = cache(read_list)
+
+    @cache
+    def nearest(folder: Path) -> Path | None:
+        if (folder / DIGEST_LIST).is_file():
+            return folder
+        return None if folder == folder.parent else nearest(folder.parent)
+
+    if not any(nearest(path.absolute().parent) for path in known):
         return
-    lists: dict[Path, dict[str, str]] = {}
     wanted: dict[Path, str] = {}
     unlisted: dict[Path, list[Path]] = {}
     for path in {**known, **dict.fromkeys(more)}:
-        folder = _nearest_list(path.absolute().parent, nearest)
+        folder = nearest(path.absolute().parent)
         if folder is None:
             continue
-        if folder not in lists:
-            lists[folder] = read_list(folder)
-        if digest := lists[folder].get(path.absolute().relative_to(folder).as_posix()):
+        if digest := listed(folder).get(path.absolute().relative_to(folder).as_posix()):
             wanted[path] = digest
         else:
             unlisted.setdefault(folder, []).append(path)
@@ -74,7 +79,7 @@ def check_listed(known: Mapping[Path, str], more: Iterable[Path] = ()) -> None:
         of = f"({len(differing)} of {counted(len(wanted), 'file')} differ)"
         raise DataError(
             differing[0],
-            f"does not match its digest in the {DIGEST_LIST} of {nearest[differing[0].absolute().parent]} {of}; "
+            f"does not match its digest in the {DIGEST_LIST} of {nearest(differing[0].absolute().parent)} {of}; "
             f"copy the data again, or, if the change is intended, {_REWRITE}",
         )
     for folder, paths in unlisted.items():
@@ -114,15 +119,6 @@ def read_list(folder: Path) -> dict[str, str]:
     if None in matches:
         raise DataError(path, f"line {matches.index(None) + 1} is not a digest and a name; {_REWRITE}")
     return {match[2]: match[1] for match in matches if match}
-
-
-def _nearest_list(folder: Path, known: dict[Path, Path | None]) -> Path | None:
-    """Return the nearest folder with a `DIGEST_LIST`, among a folder and its parents; `known` caches the results."""
-    if folder not in known:
-        above = folder.parent
-        here = (folder / DIGEST_LIST).is_file()
-        known[folder] = folder if here else None if above == folder else _nearest_list(above, known)
-    return known[folder]
 
 
 def _files_below(folder: Path, passed: set[str]) -> Iterator[Path]:

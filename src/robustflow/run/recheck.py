@@ -16,13 +16,13 @@ import polars as pl
 
 from ..core.errors import RunError, UsageError
 from ..core.rng import Rng
-from ..data.datasets.clips import window_on
 from ..models import ModelSpec
-from ..models.base import AnyModel, describe_cell
+from ..models.base import describe_cell
+from .config import MeasuringOptions
 from .identity import Identity
 from .named_model import name_model
 from .plan import Unit
-from .setup import set_up_frames
+from .setup import recorded_plan
 from .trust import row_difference
 from .worker import NoMotion, temporary_worker
 
@@ -44,19 +44,17 @@ def recheck(
     if count < 1:
         raise UsageError("--check-frames", f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
-    dataset, run_options = set_up_frames(identity, data, options or {})
-    predictor: AnyModel = NoMotion()
-    if model is not None:
-        predictor = name_model(model).model
-        measuring = run_options.measuring.model_copy(update={"draws": identity.measuring.draws})
-        run_options = replace(run_options, window=window_on(predictor, dataset), measuring=measuring)
+    named = None if model is None else name_model(model)
+    plan = recorded_plan(identity, data, options or {}, named)
+    dataset, predictor = plan.benchmark.dataset, NoMotion() if named is None else named.model
+    measuring = MeasuringOptions(allow_invalid=True, draws=identity.measuring.draws if named else 1)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
     known = set(dataset.keys())
     if absent := sorted(set(chosen["sample"]) - known):
         raise RunError(absent[0], f"this dataset has no such sample (it has {len(known)}); use the data of the run")
     problems = []
-    with temporary_worker(dataset, predictor, run_options) as worker:
+    with temporary_worker(dataset, predictor, replace(plan.options, measuring=measuring)) as worker:
         for row in chosen.iter_rows(named=True):
             (now,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if what := row_difference(row, now, model=model is not None, pixels=TOLERANCE_PX):

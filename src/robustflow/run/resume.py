@@ -2,14 +2,13 @@
 
 The settings have to be equal, and so do the files of the data, by their digests. That does not cover everything: for a
 user's model, the identity includes the source file, but no imported modules or other files, and some datasets have no
-files. So one clean row is measured again, for the sample with the most recently changed files. Frames and ground truth
-are always compared; the prediction is compared unless the model is identified by a hash of its content. All other
-samples are compared in the same way when their units continue (see `MeasureStage`).
+files. So one clean row is measured again. Frames and ground truth are always compared; the prediction is compared
+unless the model is identified by a hash of its content. All other samples are compared in the same way when their units
+continue (see `MeasureStage`).
 """
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -137,7 +136,7 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     stored = stored_clean_rows(folder, plan.benchmark.keys)
     if not stored:
         return
-    before = stored[_last_changed(plan, stored)]
+    before = stored[min(stored)]
     only_data = job.options.window is None and is_named_by_content(plan.model_identity)
     model = NoMotion() if only_data else job.load_model()
     alone = job.options.measuring.model_copy(update={"confidence": None})
@@ -160,13 +159,6 @@ def is_named_by_content(identity: dict[str, Any]) -> bool:
     """Return whether a model is identified by the SHA-256 of its weights or files, and has no user code."""
     users = "source" in identity or "object" in identity
     return not users and any(isinstance(value, str) and _HASH.fullmatch(value) for value in identity.values())
-
-
-def _last_changed(plan: Plan, keys: Iterable[str]) -> str:
-    """Return the sample with the most recently changed files, by the file system's change time, which cannot be
-    copied along with a file, unlike its modification time."""
-    files = _files(plan, keys, _depths_read(plan))
-    return max(files, key=lambda key: max((os.stat(path).st_ctime_ns for path in files[key]), default=0))
 
 
 def now() -> str:

@@ -95,38 +95,46 @@ def set_up(
 def restore_setup(run: Run, source: RunSource) -> Setup:
     """Set up a finished run again from its manifest, with the model and the data named in `source`."""
     identity = run.manifest.identity
-    benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
     if source.model is None:
         raise RunError(run.path, "run with a Python object, which has no name; specify --model NAME")
     try:
         named = name_model(source.model)
     except RobustFlowError as error:
         raise RunError(run.path, f"its model can no longer be loaded: {error}") from error
-    measuring, window = identity.measuring.options, window_on(named.model, benchmark.dataset)
-    options = replace(_options_of(identity, benchmark), measuring=measuring, window=window)
-    check_confidence(measuring.confidence, named.model)
-    plan = Plan(benchmark, options, named.identity)
+    check_confidence(identity.measuring.confidence, named.model)
+    plan = recorded_plan(identity, source.data, source.data_options, named)
     if (now := plan.identity()) != identity:
         raise RunError(run.path, f"the setup differs from the run's in: {difference(now, identity)}; use its options")
     return Setup(plan, named)
 
 
-def set_up_frames(
-    identity: Identity, data: str | Path | None, data_options: dict[str, Any]
-) -> tuple[Dataset, RunOptions]:
-    """Return the dataset and options needed to recompute the frames of a run without its model."""
-    benchmark = _benchmark_of(identity.frames, data, data_options)
-    options = _options_of(identity, benchmark)
-    made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
-    if made != recorded:
-        differing = differing_fields(made, recorded)
+def recorded_plan(
+    identity: Identity, data: str | Path | None, data_options: dict[str, Any], named: NamedModel | None = None
+) -> Plan:
+    """Return the plan of a run from its identity, without its attacks, which are not repeated. The frames have to be
+    the same, but the model may be different, or absent."""
+    recorded = identity.frames
+    benchmark = _benchmark_of(recorded, data, data_options)
+    if unknown := [name for name in recorded.corruptions if not is_known(name)]:
+        why = "unknown corruption of the run: give it with --own-corruption, or install its package"
+        raise RunError(plain(unknown[0]), why)
+    options = RunOptions(
+        recorded.options,
+        # invalid pixels depend on the model, which may be absent
+        identity.measuring.options if named else MeasuringOptions(allow_invalid=True),
+        window=window_on(named.model, benchmark.dataset) if named else None,
+        attack_sources=recorded.attack_sources,
+        **_benchmark_options(benchmark, recorded.corruptions, recorded.variant),
+    )
+    plan = Plan(benchmark, options, named.identity if named else {})
+    if differing := differing_fields(made := plan.identity().frames, recorded):
         parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
         remedies = [words for name, words in _REMEDIES.items() if name in differing]
         raise RunError(
             f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
             f"{remedies[0] if remedies else 'use the version of the run'}"
         )
-    return benchmark.dataset, options
+    return plan
 
 
 _REMEDIES = {
@@ -167,22 +175,6 @@ def open_benchmark(
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     return chosen.still() if still else chosen
-
-
-def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
-    """Return the options recorded in an identity, without its attacks, which are not repeated."""
-    frames = identity.frames
-    for name in frames.corruptions:
-        if not is_known(name):
-            raise RunError(
-                plain(name), "unknown corruption of the run: give it with --own-corruption, or install its package"
-            )
-    return RunOptions(
-        frames.options,
-        MeasuringOptions(allow_invalid=True),  # invalid pixels depend on the model, which may be absent
-        attack_sources=frames.attack_sources,
-        **_benchmark_options(benchmark, frames.corruptions, frames.variant),
-    )
 
 
 def _benchmark_options(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:

@@ -166,7 +166,7 @@ class RunFolder:
         return scan_shards(list_shards(self.rows_folder))
 
     def digest(self) -> str:
-        """Return a hash of the shards on disk: equal digests mean equal rows. No row is decoded."""
+        """Return a hash of the shards on disk, which are intact: equal digests mean equal rows. No row is decoded."""
         return self._read(shards_digest)
 
     def _read(self, read: Callable[[list[Path]], T]) -> T:

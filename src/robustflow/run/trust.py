@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import io
 import json
-import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from functools import cache
 from math import isclose
 from pathlib import Path
@@ -93,8 +93,12 @@ def read_array(path: Path, made_of: str) -> Array | None:
     return array if isinstance(array, np.ndarray) and array.dtype == np.float32 else None
 
 
-_FRAME_COLUMNS = ("frames_digest", "height", "width")
-_TRUTH_COLUMNS = ("truth", "truth_digest")
+_EQUAL = {
+    "frames": ("frames_digest", "height", "width"),
+    "group": ("group",),
+    "ground truth": ("truth", "truth_digest"),
+}
+"""Columns that are equal whatever the model, by what differs if they are not."""
 _TRUTH_SUMS = ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
 _MEANS = {
     "pred_magnitude_sum": "n_all",
@@ -106,7 +110,7 @@ _MEANS = {
 }
 """Sums that depend on the model, and what they are divided by."""
 COMPARED = (
-    *(*_FRAME_COLUMNS, "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
+    *("frames_digest", "height", "width", "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
     *("pred_magnitude_sum", "photometric_sum", "epe_sum"),
 )
 """The columns of a clean row that are compared when a run continues."""
@@ -125,26 +129,21 @@ def row_difference(
         model: whether the same model predicted both flows.
         relative, pixels: tolerances for the means of a flow's errors.
     """
-
-    def differ(columns: tuple[str, ...]) -> bool:
-        return any(before[column] != now[column] for column in columns if column in before)
-
     whole = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
-    if differ(_FRAME_COLUMNS):
-        return "frames"
-    if differ(("group",)):
-        return "group"
-    if differ(_TRUTH_COLUMNS) or (whole and differ(_TRUTH_SUMS)):
-        return "ground truth"
-    if not model:
-        return ""
-    known = [(total, count) for total, count in _MEANS.items() if total in before]
-    means = ((_mean(before, total, count), _mean(now, total, count)) for total, count in known)
-    close = all(
-        then is today if then is None or today is None else isclose(then, today, rel_tol=relative, abs_tol=pixels)
-        for then, today in means
-    )
-    return "" if close else "flow"
+    for what, columns in (*_EQUAL.items(), *((("ground truth", _TRUTH_SUMS),) if whole else ())):
+        if any(before[column] != now[column] for column in columns if column in before):
+            return what
+    for total, count in _MEANS.items() if model else ():
+        if total not in before:
+            continue
+        then, today = _mean(before, total, count), _mean(now, total, count)
+        if then is None or today is None:
+            close = then is today
+        else:
+            close = isclose(then, today, rel_tol=relative, abs_tol=pixels)
+        if not close:
+            return "flow"
+    return ""
 
 
 def check_same(before: Mapping[str, Any], now: Mapping[str, Any], *, model: bool = True) -> None:
@@ -174,7 +173,7 @@ def _mean(row: Mapping[str, Any], total: str, count: str) -> float | None:
 def source_digest(folder: Path, rows: str, manifest: bytes, *, beside: bool) -> str:
     """Return a hash of everything from which a file of a run is made: the digest of its rows, its manifest, the code
     and, if the file shows them, the other files `beside` it."""
-    files = list(_files(folder)) if beside else []
+    files = _files(folder, _NOT_BESIDE) if beside else []
     return digest_of_value([rows, digest_of_bytes(manifest), files, code_digest()], size=16)
 
 
@@ -234,38 +233,26 @@ def _list_derived(folder: Path, name: str, entry: dict[str, Any]) -> None:
 
 def _read(path: Path) -> bytes | None:
     try:
-        if path.is_file() and path.stat().st_size <= _LARGEST_DERIVED:
-            return path.read_bytes()
-    except OSError:
-        pass
-    return None
+        return read_bounded(path, _LARGEST_DERIVED, "") if path.is_file() else None
+    except DataError:
+        return None
 
 
-def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
-    """Yield name, size and modification time of everything in a run's folder except rows and derived files."""
+def _files(folder: Path, left_out: Collection[str] = ()) -> list[tuple[str, int, int]]:
+    """Return name, size and modification time of the files in a folder, except hidden and compiled ones."""
+    out = []
     for path in sorted(folder.rglob("*")):
-        inside = path.relative_to(folder)
-        hidden = any(part.startswith(".") for part in inside.parts)
-        if not hidden and inside.parts[0] not in _NOT_BESIDE and (stat := _stat(path)) is not None:
-            yield str(inside), stat.st_size, stat.st_mtime_ns
+        parts = path.relative_to(folder).parts
+        if parts[0] in left_out or any(part.startswith((".", "__pycache__")) for part in parts):
+            continue
+        with suppress(OSError):  # deleted in the meantime
+            stat = path.stat()
+            if S_ISREG(stat.st_mode):
+                out.append(("/".join(parts), stat.st_size, stat.st_mtime_ns))
+    return out
 
 
 @cache
 def code_digest() -> str:
     """Return a hash of the installed package: name, size and modification time of its files."""
-    package = Path(__file__).parents[1]
-    stats = [
-        (str(path.relative_to(package)), stat)
-        for path in sorted(package.rglob("*"))
-        if "__pycache__" not in path.parts and (stat := _stat(path)) is not None
-    ]
-    return digest_of_value([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats], size=16)
-
-
-def _stat(path: Path) -> os.stat_result | None:
-    """Return the status of a file; None for anything else, and for a file that disappears in the meantime."""
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return stat if S_ISREG(stat.st_mode) else None
+    return digest_of_value(_files(Path(__file__).parents[1]), size=16)

@@ -63,7 +63,7 @@ def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) 
     for source in sources:
         reader = Reader(record_bytes(Run(source)) if source.is_dir() else source, str(source))
         about = verified(reader)
-        entry = Entry(sha256=reader.sha256, model=about.model, benchmark=about.benchmark, sentence=about.sentence())
+        entry = Entry(sha256=reader.sha256, model=about.model, benchmark=about.benchmark, sentence=about.sentence)
         added[entry.file], contents[folder / entry.file] = entry, reader.data
     new = {(entry.model, entry.benchmark) for entry in added.values()}
     earlier = [e for name, e in before.items() if name not in added and (e.model, e.benchmark) in new]

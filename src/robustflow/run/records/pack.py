@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import overload
@@ -99,7 +98,7 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
     path = user_path(path)
     if not path.is_file():
         return kind(path)
-    if not is_record(path):
+    if path.suffix != SUFFIX:
         raise RunError(path, "neither a run folder nor a record; give one written by 'run' or 'record pack'")
     reader = Reader(path)
     verified(reader)
@@ -113,20 +112,12 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
         if not path.is_dir() or (path / "manifest.json").exists():
             found.append(path)
             continue
-        inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
+        inside = [
+            each
+            for each in sorted(path.iterdir())
+            if (each / "manifest.json").is_file() or (each.suffix == SUFFIX and each.is_file())
+        ]
         if not inside:
             raise RunError(path, "contains no run or record; give a run folder, or a folder that contains runs")
         found += inside
     return found
-
-
-def is_record(path: str | Path) -> bool:
-    """Return whether a path looks like a record: a zip file whose first entry is `record.json`."""
-    if not os.path.isfile(path):  # reading a pipe would block, or take the bytes from the next reader
-        return False
-    try:
-        with open(path, "rb") as file:
-            head = file.read(64)
-    except OSError:
-        return False
-    return head.startswith(b"PK\x03\x04") and head[30:].startswith(b"record.json")

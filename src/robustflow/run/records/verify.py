@@ -16,15 +16,13 @@ import polars as pl
 from ...attacks.registry import CONTROLS
 from ...core.errors import DataError, RobustFlowError, RunError, UsageError
 from ...core.paths import user_path
-from ...core.text import counted, plain
+from ...core.text import plain
 from ...core.types import Frozen
 from ...corruptions.registry import CORRUPTIONS
 from ...corruptions.stack import levels_of, split_stack
 from ...data.benchmarks import benchmark_facts
-from ...data.benchmarks.facts import truth_remark
 from ...metrics.rows import CLEAN, ROW_KEY
 from ...models.provenance import Training, parse_training_sets, training_of
-from ..cells import UNEVEN
 from ..identity import Provenance
 from ..manifest import Manifest
 from ..plan import lacking_levels
@@ -46,43 +44,27 @@ class Subject(Frozen):
 
     model: str
     benchmark: str
-    truth: str = ""
-    pairs: int
-    corruptions: int
-    severities: int
-    uneven: bool = False
     setting: str
+    pairs: int
     epe_clean: float | None
     epe: float | None
     cre: float | None
     crer: float | None
     rcre: float | None
+    sentence: str
 
     @classmethod
     def of(cls, reader: Reader) -> Subject:
         """Return the subject of a verified record."""
-        run, plan = reader.open(Run), reader.plan
+        run = reader.open(Run)
         return cls(
             model=plain(run.name),
             benchmark=plain(run.benchmark),
-            truth=truth_remark(plan.identity.frames.protocol),
-            pairs=run.measured.samples,
-            corruptions=len(plan.corruptions),
-            severities=len(plan.severities),
-            uneven=plan.uneven,
             setting=run.setting,
+            pairs=run.measured.samples,
             **{name: getattr(run, name) for name in ("epe_clean", "epe", "cre", "crer", "rcre")},
+            sentence=": ".join(str(run).splitlines()[:-1]),  # the last line is its folder
         )
-
-    def sentence(self) -> str:
-        """Return all fields in one line."""
-        named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
-        scores = ", ".join(f"{name} {value:.2f}" for name, value in named.items() if value is not None)
-        on = f"{self.benchmark}, {self.truth}" if self.truth else self.benchmark
-        pairs, corruptions = counted(self.pairs, "pair"), counted(self.corruptions, "corruption")
-        extent = f"{pairs} x {corruptions} x {counted(self.severities, 'severity', 'severities')}"
-        extent += f" ({UNEVEN})" if self.uneven else ""
-        return f"{self.model} on {on} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 
 def check_hashes(reader: Reader) -> str:
