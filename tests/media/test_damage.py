@@ -10,12 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from robustflow.attacks.trained import read_array as read_perturbation
 from robustflow.core.errors import DataError
 from robustflow.data.datasets.motorcycle import Motorcycle
 from robustflow.media.depth import read_camera, read_depth_npy, read_depth_pfm, read_depth_png, read_dpt, read_dsp5
 from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
+from robustflow.media.images import read_image
 
 FLIPS = 200
 FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)
@@ -44,8 +46,13 @@ def write_flow_file(path: Path) -> None:
     write_flow(path, FLOW)
 
 
+def write_picture(path: Path) -> None:
+    Image.fromarray((np.arange(12 * 17 * 3).reshape(12, 17, 3) * 37 % 251).astype(np.uint8)).save(path)
+
+
 CASES: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], Any]]] = {
     **{f"flow{suffix}": (f"flow{suffix}", write_flow_file, read_flow) for suffix in FLOW_SUFFIXES},
+    **{f"image.{kind}": (f"image.{kind}", write_picture, read_image) for kind in ("png", "jpeg", "tiff", "webp")},
     "depth.npy": ("depth.npy", lambda path: np.save(path, DEPTH), read_depth_npy),
     "depth.png": ("depth.png", lambda path: cv2.imwrite(str(path), DEPTH.astype(np.uint16)), read_depth_png),
     "depth.pfm": ("depth.pfm", lambda path: path.write_bytes(b"Pf\n5 4\n-1.0\n" + DEPTH.tobytes()), read_depth_pfm),

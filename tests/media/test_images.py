@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import random
 from pathlib import Path
 
 import cv2
@@ -185,16 +184,3 @@ def test_size_of_an_image_is_read_without_its_pixels(tmp_path: Path) -> None:
     assert stored_size(tmp_path / "cut.png") == image_size(tmp_path / "cut.png") == RGB.shape[:2]
     (tmp_path / "text.png").write_text("text")
     refusal(lambda: stored_size(tmp_path / "text.png"), DataError, tmp_path / "text.png")
-
-
-def test_flipped_bits_of_images_are_read_or_refused_by_their_path(tmp_path: Path) -> None:
-    draw = random.Random(0)
-    for kind in ("PNG", "JPEG", "TIFF", "WEBP"):
-        path, whole = tmp_path / f"a.{kind.lower()}", encoded(kind)
-        for _ in range(100):
-            at = draw.randrange(len(whole))
-            path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << draw.randrange(8)]) + whole[at + 1 :])
-            try:
-                read_image(path)
-            except DataError as error:
-                assert error.culprit == str(path)  # noqa: PT017

@@ -201,15 +201,6 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
         load_benchmark("sintl", kitti)
 
 
-def test_pair_without_a_valid_pixel_is_refused(kitti, tmp_path):
-    shutil.copytree(kitti / "training", tmp_path / "training")
-    nothing = np.zeros((64, 128), bool)
-    for path in tmp_path.glob("training/flow_*/000000_10.png"):
-        rf.write_flow(path, np.zeros((64, 128, 2), np.float32), nothing)
-    with pytest.raises(DataError, match="000000_10"):
-        rf.evaluate(DIS, "kitti-fc", tmp_path, tmp_path / "run", corruptions=["contrast"])
-
-
 def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_path):
     root = shared("data", "kitti2015")
     run = rf.evaluate("dis", "kitti-fc", root, tmp_path, corruptions=["contrast"], severities=[1])

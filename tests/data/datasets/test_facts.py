@@ -18,7 +18,7 @@ from robustflow.core.errors import AssetError, DataError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, PAPER_ORDER
 from robustflow.data.benchmarks import BENCHMARKS, BenchmarkFacts, benchmark_facts, load_benchmark
 from robustflow.data.datasets import DATASETS, Dataset, PreCorrupted, dataset_facts, load_dataset
-from robustflow.data.datasets.kitti import Kitti2015, drive_groups, drives, related, sky
+from robustflow.data.datasets.kitti import drive_groups, drives, related, sky
 from robustflow.data.datasets.split import KITTI_SPLIT_SEED, drive_disjoint_split, kitti_split, read_split, selected
 from robustflow.models.provenance import TRAINING_SETS
 from tests.refusals import refusal
@@ -158,13 +158,6 @@ def test_evaluated_pairs_are_in_as_many_drives_and_neighbouring_scenes_as_publis
     assert sum(frame_of.get(pair) in trained for pair in evaluation) == 17
 
 
-def test_samples_have_their_drive_as_group(shared):
-    dataset = Kitti2015(shared("data/kitti2015"))
-    groups = {sample.key: sample.group for sample in dataset}
-    assert groups == {key: drive_groups("kitti2015")[key] for key in groups}
-    assert groups["000002"] == groups["000003"] == "2011_09_26_drive_0005"
-
-
 OPEN = [(slice(0, 60), slice(340, 370)), (slice(10, 60), slice(490, 540)), (slice(0, 90), slice(700, 750))]
 """Boxes of pair 000010 that show only sky."""
 HIDDEN = [(slice(60, 100), slice(190, 280)), (slice(30, 90), slice(590, 640)), (slice(130, 375), slice(0, 1242))]
@@ -255,7 +248,4 @@ def test_invalid_split_files_are_refused(tmp_path: Path, text: str | None) -> No
     if text is not None:
         path.write_bytes(text.encode("latin-1"))
     refusal(lambda: read_split(path, KEYS), DataError, path)
-
-
-def test_endless_device_as_split_file_is_refused() -> None:
     refusal(lambda: read_split("/dev/zero", KEYS), DataError, "/dev/zero")

@@ -514,20 +514,22 @@ def check_frames_around(dataset: Clips, key: str, files: list[Path], place: int)
     assert pickle.loads(pickle.dumps(dataset)).around(key, 100) == dataset.around(key, 100)
 
 
-@pytest.mark.parametrize("place", range(4))
-def test_sintel_gives_the_frames_around_a_pair(tmp_path: Path, place: int) -> None:
-    folder = sintel(tmp_path, frames=5)
-    files = [folder / f"clean/alley_1/frame_{number:04d}.png" for number in range(1, 6)]
-    check_frames_around(load_dataset("sintel", tmp_path), f"alley_1/frame_{place + 1:04d}", files, place)
+AROUND = {
+    "sintel": ({}, sintel, "training/clean/alley_1/frame_{:04}.png", "alley_1/frame_{:04}", (1, 2, 3, 4, 5)),
+    "spring": ({}, spring, "train/0001/frame_left/frame_left_{:04}.png", "0001/{:04}", (1, 2, 3, 4, 5)),
+}
+AROUND["spring, backwards"] = ({"direction": "BW"}, *AROUND["spring"][1:4], (5, 4, 3, 2, 1))
 
 
-@pytest.mark.parametrize("direction", ["FW", "BW"])
-def test_spring_gives_the_frames_around_a_pair_in_both_directions(tmp_path: Path, direction: str) -> None:
-    pytest.importorskip("h5py", reason="needs the h5 extra")
-    train = spring(tmp_path, frames=4)
-    numbers = (1, 2, 3, 4) if direction == "FW" else (4, 3, 2, 1)
-    files = [train / f"0001/frame_left/frame_left_{number:04d}.png" for number in numbers]
-    check_frames_around(load_dataset("spring", tmp_path, direction=direction), f"0001/{numbers[1]:04d}", files, 1)
+@pytest.mark.parametrize("name", AROUND)
+def test_the_frames_around_a_pair_are_its_neighbours_in_the_sequence(tmp_path: Path, name: str) -> None:
+    options, make, frame, key, numbers = AROUND[name]
+    if make is spring:
+        pytest.importorskip("h5py", reason="needs the h5 extra")
+    make(tmp_path, frames=5)
+    dataset, files = load_dataset(make.__name__, tmp_path, **options), [tmp_path / frame.format(n) for n in numbers]
+    for place in range(4):
+        check_frames_around(dataset, key.format(numbers[place]), files, place)
 
 
 def test_kitti_and_middlebury_give_the_frames_of_their_extensions(tmp_path: Path) -> None:

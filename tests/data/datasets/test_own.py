@@ -38,20 +38,28 @@ class Noise:
     def files(self, key):
         return [Path(__file__)]
 
-class NoKeys(Noise):
-    def keys(self):
-        return []
+def sample(key, flow=None):
+    frames = Noise().load(key).frames
+    return Sample(key, frames, flow, None if flow is None else np.ones((48, 64), bool))
 
-class Twice(Noise):
-    def keys(self):
-        return ["0", "0"]
+def random(key):
+    return Sample(key, (np.random.default_rng().integers(0, 256, (48, 64, 3), np.uint8),) * 2)
 
-class Lies(Noise):
-    has_flow = True
+FLOW = np.zeros((48, 64, 2), np.float32)
 
-class Other(Noise):
-    def load(self, key):
-        return "a sample"
+class NoKeys(Noise): keys = lambda self: []
+class Twice(Noise): keys = lambda self: ["0", "0"]
+class Lies(Noise): has_flow = True
+class Other(Noise): load = lambda self, key: "a sample"
+class Broken(Noise): load = lambda self, key: 1 / 0
+class Path_(Noise): name = "../../etc"
+class NoFiles(Noise): files = lambda self, key: [Path("/nowhere/at/all")]
+class Taken(Noise): name = "sintel"
+class BreaksLater(Noise): load = lambda self, key: sample(key) if key == "0" else {}["no disk"]
+class SwapsLater(Noise): load = lambda self, key: Sample("0", sample(key).frames)
+class FlowLater(Noise): load = lambda self, key: sample(key, None if key == "0" else FLOW)
+class Random(Noise): load = lambda self, key: random(self.keys()[int(key)])
+class Endless(Noise): load = lambda self, key: sample(key) if key in self.keys() else Sample(key, sample("0").frames)
 
 class InOneArray(Noise):
     FRAMES = np.empty((2, 48, 64, 3), np.uint8)
@@ -60,59 +68,14 @@ class InOneArray(Noise):
         self.FRAMES[:] = super().load(key).frames
         return Sample(key, tuple(self.FRAMES))
 
-class Broken(Noise):
-    def load(self, key):
-        raise RuntimeError("no disk")
+class Opened:
+    @classmethod
+    def open(cls, data, split):
+        return Benchmark(cls.name, Noise(), (cls.key,), ("fog",), (2,))
 
-class BreaksLater(Noise):
-    def load(self, key):
-        return super().load(key) if key == "0" else {}["no disk"]
-
-class SwapsLater(Noise):
-    def load(self, key):
-        return Sample("0", super().load(key).frames)
-
-class FlowLater(Noise):
-    def load(self, key):
-        sample = super().load(key)
-        truth = np.zeros((*sample.shape, 2), np.float32), np.ones(sample.shape, bool)
-        return sample if key == "0" else Sample(key, sample.frames, *truth)
-
-class Taken(Noise):
-    name = "sintel"
-
-class Path_(Noise):
-    name = "../../etc"
-
-class Random(Noise):
-    def load(self, key):
-        if key not in self.keys():
-            raise KeyError(key)
-        image = np.random.default_rng().integers(0, 256, (48, 64, 3), np.uint8)
-        return Sample(key, (image, image))
-
-class Endless(Noise):
-    def load(self, key):
-        return super().load(key) if key in self.keys() else Sample(key, (np.zeros((9, 9, 3), np.uint8),) * 2)
-
-class NoFiles(Noise):
-    def files(self, key):
-        return [Path("/nowhere/at/all")]
-
-class Bench:
-    @staticmethod
-    def open(data, split):
-        return Benchmark("mine", Noise(), ("1",), ("fog",), (2,))
-
-class Strange:
-    @staticmethod
-    def open(data, split):
-        return Benchmark("mine", Noise(), ("7",), ("fog",), (2,))
-
-class Impostor:
-    @staticmethod
-    def open(data, split):
-        return Benchmark("kitti-fc", Noise(), ("0",), ("fog",), (2,))
+class Bench(Opened): name, key = "mine", "1"
+class Strange(Opened): name, key = "mine", "7"
+class Impostor(Opened): name, key = "kitti-fc", "0"
 
 def nothing(data, split):
     return None

@@ -207,7 +207,7 @@ def test_key_frames_equal_the_description_in_the_paper(step, count):
 
 
 @pytest.mark.parametrize("factor", [1, 4])
-@pytest.mark.parametrize("step", [1, 2, 7, 14, 15, 16, 32, 10_000_000])
+@pytest.mark.parametrize("step", [1, 7, 15, 16, 100_000])
 def test_the_shortest_clip_for_a_step_is_named_exactly(source, step, factor):
     def timing(count):
         clip = copy(source)
