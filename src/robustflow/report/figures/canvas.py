@@ -27,6 +27,7 @@ from ..table import interval_text
 from .styles import GRID, KeyEntry, legend_handles
 
 FILE_FORMATS = ("png", "svg", "pdf")
+_LEGEND_PT = 8
 
 
 @contextmanager
@@ -93,14 +94,16 @@ class MarkedFigure(Figure):
         self.caption = ""
         self.key: tuple[KeyEntry, ...] = ()
 
-    def explain(self, key: Sequence[KeyEntry], legend: bool) -> None:
-        """Set the key and, if requested, draw it as a legend below the panels."""
+    def explain(self, key: Sequence[KeyEntry], legend: str = "") -> int:
+        """Set the key, and draw it as a legend at a location of matplotlib's, if given; return the legend's number of
+        lines."""
         self.key = tuple(key)
-        if legend and key:
-            columns = max(1, min(len(key), int(self.get_figwidth() // 1.6)))
-            self.legend(
-                handles=legend_handles(key), loc="outside lower center", ncols=columns, frameon=False, fontsize=8
-            )
+        if not (legend and key):
+            return 0
+        widest = 0.6 * _LEGEND_PT * max(len(name_text(label)) for label, _, _ in key) + 40  # in points, with the marker
+        columns = max(1, min(4, len(key), int(72 * self.get_figwidth() // widest)))
+        self.legend(handles=legend_handles(key), loc=legend, ncols=columns, frameon=False, fontsize=_LEGEND_PT)
+        return -(-len(key) // columns)
 
     def _repr_png_(self) -> bytes:
         """Return the figure as a PNG for notebooks, regardless of the matplotlib backend."""

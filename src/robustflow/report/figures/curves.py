@@ -10,7 +10,6 @@ from typing import Any
 
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from ...core.arguments import SEVERITIES
@@ -27,7 +26,6 @@ from .crer_by_family import LEAST_CRER
 from .styles import BLACK, MODEL_STYLES, Style, distinct_styles, model_styles
 
 _COLUMNS = 5
-_LEGEND_PT = 8
 _BANDS = " Bands are 95 % confidence intervals."
 MOST_LINES = 8
 """Maximum number of histograms in one figure."""
@@ -110,25 +108,12 @@ def severity_curves(
     width, height = figure.get_size_inches()
     figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
     figure.supxlabel("severity", fontsize=9, y=0.06 / height, va="bottom")
-    figure.explain([(name, styles[name], True) for name in curves], legend=False)
-    above = 0.3 + (0.17 * _legend(figure) if legend else 0.0)
+    key = [(name, styles[name], True) for name in curves]
+    above = 0.3 + 0.17 * figure.explain(key, "upper center" if legend else "")
     figure.caption = f"{metric_label(metric)} by severity, with a panel per corruption and shared axes."
     figure.caption += _BANDS * banded
     figure.subplots_adjust(0.62 / width, 0.45 / height, 1 - 0.12 / width, 1 - above / height, 0.24, 0.34)
     return figure
-
-
-def _legend(figure: MarkedFigure) -> int:
-    """Draw the legend above the panels; return its number of lines."""
-    handles = [
-        Line2D([], [], color=style.colour, marker=style.marker, markersize=3.5, label=name_text(name))
-        for name, style, _ in figure.key
-    ]
-    longest = max(len(str(handle.get_label())) for handle in handles)
-    widest = longest * 0.6 * _LEGEND_PT + 40  # in points, including the line sample
-    columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
-    figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
-    return -(-len(handles) // columns)
 
 
 @default_style()
@@ -170,7 +155,7 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
         panel.set_title(NORMS[norm], fontsize=9)
         panel.set_xlabel("budget (%)" if norm == "area" else "budget (grey levels)", fontsize=8.5)
         panel.set_ylabel(label, fontsize=8.5)
-    figure.explain([(name_text(name), style, True) for name, style in styles.items()], legend=False)
+    figure.explain([(name_text(name), style, True) for name, style in styles.items()])
     figure.caption = (
         f"{label} by budget of each attack; budget 0: the clean frames; budgets are not to scale. Hollow markers "
         "indicate a warning."
@@ -219,7 +204,7 @@ def sparsification_curves(model: str, known: Means) -> MarkedFigure:
         panel.tick_params(labelsize=7.5)
         panel.set_ylim(fair_limits(highest, LEAST_PX, zero=True))
     axes[0].set_ylabel("EPE of remaining pixels (px)", fontsize=8)
-    figure.explain([(f"severity {level}", style, True) for level, style in styles.items()], legend=False)
+    figure.explain([(f"severity {level}", style, True) for level, style in styles.items()])
     figure.caption = (
         f"{model}: mean error of the remaining pixels after removing the least confident ones; dashed: after removing "
         "those with the largest errors. The area between the two is AUSE."

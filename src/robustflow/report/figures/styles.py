@@ -69,10 +69,10 @@ OTHER = Style("#666666")
 
 @dataclass(frozen=True)
 class FigureStyles:
-    """Styling options of a figure."""
+    """Styling options of a figure: the style of a line, and where the legend is; "" for none."""
 
     styles: Mapping[ModelResult, Style] = field(default_factory=dict)
-    legend: bool = True
+    legend: str = "outside lower center"
 
     def of(self, results: Sequence[ModelResult]) -> dict[ModelResult, Style]:
         """Return the style of every line of the results."""

@@ -66,7 +66,7 @@ def draw_gallery(clean: Frame, cells: Sequence[GalleryCell], title: str, form: s
         (f"{cell.name}  {cell.caption}".rstrip(), cell.frames[cell.still] if cell.frames else None) for cell in cells
     ]
     rows = [shown[at : at + columns] for at in range(0, len(shown), columns)]
-    options = {"metadata": {"CreationDate": None}} if form == "pdf" else {}
+    options: dict[str, Any] = {"metadata": {"CreationDate": None}} if form == "pdf" else {}
     return draw_grid(rows, (_WIDTH_IN - _GAP_IN) / columns - _GAP_IN, form, title, **options)
 
 

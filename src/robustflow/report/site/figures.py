@@ -105,7 +105,7 @@ def page_styles(content: Content) -> FigureStyles:
             place = places.setdefault((name, counts[name]), len(places))
             styles[line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
             counts[name] += 1
-    return FigureStyles(styles, legend=False)
+    return FigureStyles(styles, legend="")
 
 
 def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterable[tuple[str, MarkedFigure, str]]:
@@ -116,7 +116,9 @@ def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterab
     runs = {line.name: line.run for line in lines if line in best and line.run}
     with suppress(UsageError):  # runs without valid pixels have no curve
         styles = {line.name: styling.styles[line] for line in best}
-        curves = severity_curves({name: run.rows for name, run in runs.items()}, styles=styles, legend=styling.legend)
+        curves = severity_curves(
+            {name: run.rows for name, run in runs.items()}, styles=styles, legend=bool(styling.legend)
+        )
         fewer = len(runs) < len(lines)
         note = f"The {len(runs)} of {len(lines)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note
