@@ -6,6 +6,8 @@ import typer
 from typer import Argument, Option
 
 from ..core.errors import UsageError, unknown_name
+from ..core.plugins import called, import_target, needed_options
+from ..core.text import plain
 
 
 def check(
@@ -19,8 +21,6 @@ def check(
       robustflow check mypackage.flow:MyModel
       robustflow check mypackage.data:MyPairs --kind dataset
     """
-    from ..core.plugins import called, import_target, needed_options
-    from ..core.text import plain
     from ..testing import check_attack, check_corruption, check_dataset, check_model
 
     checks = {"model": check_model, "corruption": check_corruption, "attack": check_attack, "dataset": check_dataset}

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.errors import RunError, UsageError, unknown_name
+from ..core.text import plain
 from .options import refuse_unused, shared
 
 _OF_TESTS = ("level", "resamples", "seed")
@@ -44,8 +46,6 @@ def compare(
     """
     import polars as pl
 
-    from ..core.errors import RunError, UsageError, unknown_name
-    from ..core.text import plain
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to, named_runs

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.errors import UsageError
+from ..core.files import make_folder
 from .options import FRAMES, depth_of, names, numbers, refuse_unused, shared
 
 
@@ -34,8 +36,6 @@ def corrupt(
         refuse_unused(context, set(context.params) - {"check"}, "with --check")
         _check_machine()
         return
-    from ..core.errors import UsageError
-    from ..core.files import make_folder
     from ..corruptions import IMAGE_PAIR, corruption_name, load_corruption
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions.registry import with_families

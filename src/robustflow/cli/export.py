@@ -7,7 +7,10 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.display import ProgressBar
 from ..core.errors import UsageError, unknown_name
+from ..core.files import make_folder, write_bytes
+from ..core.text import counted
 from .options import DATASET, FRAMES, MODEL, data_options, model_options, names, refuse_unused, run_arguments, shared
 
 _SUBMISSION = {"benchmark", "format", "data", "output", "corruptions", "limit", *MODEL}
@@ -62,8 +65,6 @@ def export(
 
 
 def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
-    from ..core.display import ProgressBar
-    from ..core.text import counted
     from ..corruptions.stack import levels_of
     from ..data.benchmarks import BENCHMARKS, load_benchmark
     from ..data.benchmarks.export import export as write
@@ -86,7 +87,6 @@ def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
 
 
 def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
-    from ..core.files import make_folder, write_bytes
     from ..report.exchange import EXCHANGE_FORMATS, exchange_files
     from ..run.records.pack import load_any_run
     from ..run.run import ROWS_FORMATS, rows_bytes
@@ -108,8 +108,6 @@ def _export_run(context: typer.Context, path: Path, format: str, output: Path | 
 
 
 def _export_submission(path: Path, given: dict[str, Any]) -> None:
-    from ..core.display import ProgressBar
-    from ..core.files import write_bytes
     from ..data.datasets.robustspring import CORRUPTIONS, submitted
     from ..models import ModelSpec
     from ..run.records.pack import load_any_run

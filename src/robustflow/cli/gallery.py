@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
+from ..core.arguments import SEVERITIES, check_severity
+from ..core.display import ProgressBar
 from ..core.errors import UsageError
+from ..core.files import make_folder, write_bytes
 from .options import depth_of, names, refuse_unused, shared
 
 if TYPE_CHECKING:
@@ -45,7 +48,6 @@ def gallery(
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
-    from ..core.arguments import check_severity
     from ..data.datasets import load_dataset
     from ..run.predict import frames_of
 
@@ -89,7 +91,6 @@ def gallery(
 
 
 def _write(output: Path, files: dict[str, bytes]) -> None:
-    from ..core.files import make_folder, write_bytes
 
     make_folder(output)
     for name, data in files.items():
@@ -100,7 +101,6 @@ def _write(output: Path, files: dict[str, bytes]) -> None:
 def _pair_files(
     sample: "Sample", dataset: "Dataset", what: str, wanted: list[str] | None, given: dict[str, Any]
 ) -> dict[str, bytes]:
-    from ..core.arguments import SEVERITIES
     from ..corruptions import load_corruption
     from ..data.benchmarks.paper import DEMO_CLASSES
     from ..data.datasets.still import still_scene
@@ -145,8 +145,6 @@ def _clip_files(
 ) -> dict[str, bytes]:
     from tempfile import TemporaryDirectory
 
-    from ..core.arguments import SEVERITIES
-    from ..core.display import ProgressBar
     from ..report.gallery.cells import SHOWN, ClipPart, chosen_corruptions, clip_cells
     from ..report.gallery.slider import gallery_files
 

@@ -6,6 +6,9 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.errors import RobustFlowError, UsageError
+from ..core.files import make_folder, write_bytes
+from ..core.text import plain
 from .options import shared
 
 
@@ -42,9 +45,6 @@ def leaderboard(
       robustflow leaderboard runs/mine benchmark_results/RAFT_ood/results.json
       robustflow leaderboard site --add mine.robustflow --supersede
     """
-    from ..core.errors import RobustFlowError, UsageError
-    from ..core.files import make_folder, write_bytes
-    from ..core.text import plain
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.examples import embedded_slider

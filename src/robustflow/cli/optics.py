@@ -6,6 +6,9 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
+from ..core.arguments import check_severity
+from ..core.errors import DataError, UsageError
+from ..core.files import make_folder, sealed, write_bytes, write_json
 from .options import names, numbers, refuse_unused, shared
 
 app = typer.Typer(
@@ -33,7 +36,6 @@ def design(
     Example:
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
-    from ..core.arguments import check_severity
     from ..corruptions.optics.design import SHIPPED_SEEDS, lens_digest, ship_lens, structure_line
     from ..corruptions.optics.design import design as search_lens
     from ..corruptions.optics.lens import write_lens
@@ -67,7 +69,6 @@ def show(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _Len
     Example:
       robustflow optics show --severity 4 --output figures
     """
-    from ..core.files import make_folder
     from ..corruptions.optics.design import shipped_lens
     from ..corruptions.optics.draw import contact_sheet, lens_figure, profile_figure, save_figure
     from ..corruptions.optics.lens import read_lens
@@ -107,8 +108,6 @@ def render(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _L
 
     import numpy as np
 
-    from ..core.errors import DataError, UsageError
-    from ..core.files import write_bytes
     from ..corruptions.optics.design import shipped_lens
     from ..corruptions.optics.lens import read_lens
     from ..corruptions.optics.psf_field import half_digest, halved, manifest
@@ -152,7 +151,6 @@ def calibrate(
       robustflow optics calibrate --seed 0 --output calibrated.json
       robustflow optics calibrate --data ~/frames --corruptions fog,contrast --output mine.json
     """
-    from ..core.files import sealed, write_json
     from ..corruptions.calibration import calibratable, reference_pictures
     from ..corruptions.calibration import calibrate as measure
     from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.display import ProgressBar
 from ..core.errors import UsageError
+from ..core.files import make_folder, write_bytes
+from ..core.plugins import require
+from ..core.text import counted, plain
 from .options import data_options, keyword_options, numbers, refuse_unused, shared
 
 if TYPE_CHECKING:
@@ -33,7 +37,6 @@ def audit(
       robustflow reproduce audit
       robustflow reproduce audit results.csv --json
     """
-    from ..core.text import counted, plain
     from ..stats.audit import AUDIT_CHECKS, audit_published, audit_results
     from ..stats.results_file import read_results
 
@@ -88,8 +91,6 @@ def displacement(
       robustflow reproduce displacement kitti-fc --data ~/kitti
       robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
-    from ..core.display import ProgressBar
-    from ..core.files import make_folder, write_bytes
     from ..data.benchmarks import load_benchmark
     from ..models import ModelSpec
     from ..report.figures import displacement_figure, write_figures
@@ -159,10 +160,8 @@ def experiment(
     Example:
       robustflow reproduce experiment --data middlebury=~/middlebury --seeds 10
     """
-    from ..core.plugins import require
 
     require("torch", "training")
-    from ..core.files import write_bytes
     from ..paper.experiment.findings import findings
     from ..paper.experiment.robust_training import TrainingExperiment, evaluation_sets, run_experiment
     from .interrupt import Interrupted, stopped

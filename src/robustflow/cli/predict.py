@@ -6,6 +6,8 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.display import ProgressBar
+from ..core.errors import UsageError
 from .options import MODEL, keyword_options, model_options, refuse_unused, shared
 
 
@@ -36,8 +38,6 @@ def predict(
       robustflow predict --model raft --checkpoint things frames/ -o flows --format png
       robustflow predict --model farneback clip.mp4 --video flow.mp4 --no-pictures
     """
-    from ..core.display import ProgressBar
-    from ..core.errors import UsageError
     from ..models import ModelSpec
     from ..run.predict import frames_of, predict_flows, write_pictures, write_video
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
-from ..core.errors import UsageError, unknown_name
+from ..core.display import ProgressBar
+from ..core.errors import DataError, UsageError, unknown_name
 from ..core.text import counted
 from .options import refuse_unused, shared
 
@@ -53,7 +54,6 @@ def gopro_fc(
       robustflow prepare gopro-fc -d clip.mp4 -o mine --interpolator flow
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
-    from ..core.display import ProgressBar
     from ..data.video.prepare import Preparation
     from ..data.video.prepare_folder import check_room, estimate_disk, find_sources, prepare_folder
 
@@ -95,8 +95,6 @@ def digests(
     Example:
       robustflow prepare digests --data ~/kitti
     """
-    from ..core.display import ProgressBar
-    from ..core.errors import DataError
     from ..run.data_files import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     if not data.is_dir():

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.arguments import parse_size
 from ..core.errors import UsageError
+from ..core.plugins import require
 from ..core.text import plain
 from . import complete
 from .options import model_options, refuse_unused, shared
@@ -42,7 +44,6 @@ def profile(
       robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
     """
-    from ..core.plugins import require
 
     if paper:
         refuse_unused(context, set(context.params) - {"paper", "models"}, "with --paper")
@@ -65,7 +66,6 @@ def profile(
 def _print_model(
     name: str, size: str, repeat: int, options: dict[str, Any], into: Path | None
 ) -> "tuple[Counts, PredictionCost | None]":
-    from ..core.arguments import parse_size
     from ..models import ModelSpec
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel

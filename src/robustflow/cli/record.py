@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.text import plain
 from .options import DATASET, data_options, model_spec, refuse_unused, shared
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ def pack(
     Example:
       robustflow record pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
-    from ..core.text import plain
     from ..run.records.pack import pack as pack_run
     from ..run.run import Run
 
@@ -112,7 +112,6 @@ def _compare_rows(reader: "Reader", data: Path | None, model: "ModelSpec | None"
 
 
 def _print(result: "Verification") -> None:
-    from ..core.text import plain
     from ..run.records.verify import CHECKS, CHECKS_ON_REQUEST
 
     container, *others = result.checks

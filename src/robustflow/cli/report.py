@@ -8,6 +8,8 @@ import typer
 from typer import Argument, Option
 
 from ..core.errors import DataError, UsageError, unknown_name
+from ..core.files import write_bytes
+from ..core.plugins import is_target
 from . import complete
 from .options import DATASET, data_options, keyword_options, names, refuse_unused, shared
 
@@ -74,7 +76,6 @@ def report(
       robustflow report RUN --examples --data /mnt/kitti
       robustflow report RUN --sample 000010_10 --corruption fog --severity 3 -o fog.png
     """
-    from ..core.plugins import is_target
     from ..report.render import FORMATS
     from ..report.render.latex import only_lines
     from ..report.tables import ROW, figures_of, tables_of
@@ -147,7 +148,6 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 
 def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: dict[str, Any]) -> None:
     """Draw the examples of a run, or only one of its cells: (sample, corruption, severity)."""
-    from ..core.files import write_bytes
     from ..models import ModelSpec
     from ..report.site.page import write_report
     from ..run.example_cells import FOLDER

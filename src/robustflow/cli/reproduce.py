@@ -8,6 +8,7 @@ from typer import Argument, Option
 from typer.core import TyperGroup
 
 from ..core.errors import UsageError
+from ..core.files import make_folder, write_bytes
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import names, run_arguments, shared
 from .paper import audit, displacement, experiment, observations
@@ -69,7 +70,6 @@ def table(
       robustflow reproduce tab2 --data ~/kitti --checkpoints ~/ckpts --device cuda
       robustflow reproduce tab2 --data ~/kitti --models dis,raft --random --limit 1 --corruptions fog,snow
     """
-    from ..core.files import make_folder
     from ..paper.plan import (
         artefact_of,
         choose,
@@ -147,7 +147,6 @@ def _measured(
 def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format: str) -> None:
     """Print the new values next to the published ones, then what was not run. Write everything to a file and, if a
     figure was requested, draw it."""
-    from ..core.files import write_bytes
     from ..paper.plan import Missing, plan_table, summary_sentence
     from ..paper.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
     from ..report.figures import write_figures

@@ -6,6 +6,7 @@ import typer
 from typer import Argument, Option
 
 from ..core.errors import UsageError
+from ..core.text import file_name
 from ..run.config import OUTPUT, WHAT
 from . import complete
 from .interrupt import stopped, terminate_as_on_ctrl_c
@@ -59,7 +60,6 @@ def run(
     for spec in specs:
         spec.preflight()  # check before the imports below, which take seconds
     from ..api import Result, evaluate
-    from ..core.text import file_name
     from ..run.progress import TerminalProgress
     from .tables import as_json_text, print_result, print_results
 

@@ -7,7 +7,9 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.arguments import parse_size
 from ..core.errors import UsageError
+from ..core.plugins import require
 from . import complete
 from .interrupt import Interrupted, stopped
 from .options import keyword_options, names, refuse_unused, shared
@@ -66,8 +68,6 @@ def train(
       robustflow train mypackage.flow:MyNet --like raft --recipe chairs --data ~/flow --init random
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
-    from ..core.arguments import parse_size
-    from ..core.plugins import require
 
     if corrupt is None:
         refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
