@@ -1,5 +1,6 @@
 """The `robustflow` command: subcommands and error output."""
 
+import ast
 import inspect
 import io
 import os
@@ -23,46 +24,28 @@ from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
 
 _PANELS = {
-    "Measure": {
-        "run": "Measure the robustness of a model, or of several models one after another.",
-        "predict": "Predict the flow of each pair of adjacent frames, and write it in a standard file format.",
-        "profile": "Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.",
-    },
-    "Look": {
-        "report": "Print runs and update their pages; or make tables, figures or example pictures of them.",
-        "gallery": "Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over "
-        "all five.",
-    },
-    "Compare and share": {
-        "compare": "Test whether models differ, paired by image, with intervals and corrected p-values.",
-        "leaderboard": "Build a leaderboard: a self-contained index.html, and results.csv.",
-        "record": "Pack a run into one file, and verify such files.",
-    },
-    "Train": {"train": "Train a network with a recipe of the paper or of the network's authors."},
-    "The paper": {"reproduce": "Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments."},
-    "Make": {
-        "corrupt": "Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.",
-        "export": "Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows "
-        "or results.",
-        "prepare": "Prepare a benchmark's data from recordings, or list the digests of a dataset.",
-        "optics": "Design, show and render the lenses of psf_blur; calibrate severities.",
-    },
-    "More": {
-        "app": "Choose a pair, a model and corruptions in the browser, and see how the frames, the flow and its errors "
-        "change.",
-        "list": "List models, corruptions, attacks, benchmarks, datasets or training recipes.",
-        "check": "Test your own model, corruption, attack or dataset: shapes, dtypes, determinism, unmodified inputs.",
-    },
+    "Measure": ("run", "predict", "profile"),
+    "Look": ("report", "gallery"),
+    "Compare and share": ("compare", "leaderboard", "record"),
+    "Train": ("train",),
+    "The paper": ("reproduce",),
+    "Make": ("corrupt", "export", "prepare", "optics"),
+    "More": ("app", "list", "check"),
 }
-"""Commands by heading in `--help`, each in the module of its name, with the first paragraph of its help. Under each
-heading, groups come after single commands, as in Typer's output."""
+"""Commands by heading in `--help`, each in the module of its name. Under each heading, groups come after single
+commands, as in Typer's output."""
 
-_GROUPS = ("record", "reproduce", "prepare", "optics")
+_GROUPS = {
+    "record": "Pack a run into one file, and verify such files.",
+    "reproduce": "Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments.",
+    "prepare": "Prepare a benchmark's data from recordings, or list the digests of a dataset.",
+    "optics": "Design, show and render the lenses of psf_blur; calibrate severities.",
+}
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """Build the command line; with `arguments`, only the commands that they name are imported and have options, so
-    that `--help` is fast."""
+    """Build the command line; with `arguments`, only with the commands that they name. If they name none, all commands
+    are listed, without options and without importing them, so that `--help` is fast."""
     app = typer.Typer(
         name="robustflow",
         help="How robust is an optical-flow model to image corruptions?",
@@ -72,24 +55,27 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for panel, commands in _PANELS.items():
-        for name, description in commands.items():
-            wanted = arguments is None or name in arguments
-            if name in _GROUPS:
-                group = _command(name) if wanted else typer.Typer(help=description)
-                for one in group.registered_commands:
-                    one.cls = _Command
-                app.add_typer(group, name=name, rich_help_panel=panel)
-            else:
-                function = _command(name) if wanted else _listed(description)
-                app.command(name, cls=_Command, rich_help_panel=panel)(function)
+    every = [(panel, name) for panel, commands in _PANELS.items() for name in commands]
+    named = [(panel, name) for panel, name in every if arguments is None or name in arguments]
+    for panel, name in named or every:
+        if name in _GROUPS:
+            group = _command(name) if named else typer.Typer()
+            for one in group.registered_commands:
+                one.cls = _Command
+            app.add_typer(group, name=name, help=_GROUPS[name], rich_help_panel=panel)
+        else:
+            app.command(name, cls=_Command, rich_help_panel=panel)(_command(name) if named else _listed(name))
     return app
+
+
+def _module(name: str) -> str:
+    return "listing" if name == "list" else name
 
 
 def _command(name: str) -> Any:
     """Return the function or group of a command, named as its module."""
-    name = "listing" if name == "list" else name
-    return getattr(import_module(f".{name}", __package__), "app" if name in _GROUPS else name)
+    module = import_module(f".{_module(name)}", __package__)
+    return getattr(module, "app" if name in _GROUPS else _module(name))
 
 
 class _Command(TyperCommand):
@@ -135,11 +121,15 @@ def _expanded(value: Any) -> Any:
     return user_path(value) if isinstance(value, Path) else value
 
 
-def _listed(description: str) -> Callable[[], None]:
+def _listed(name: str) -> Callable[[], None]:
+    """Return a stand-in for a command's function with its help, which is read without an import."""
+
     def command() -> None:
         raise AssertionError("a command registered only for listing was called")
 
-    command.__doc__ = description
+    source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
+    functions = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
+    command.__doc__ = next(ast.get_docstring(node) for node in functions if node.name == _module(name))
     return command
 
 

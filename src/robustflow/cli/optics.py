@@ -11,12 +11,7 @@ from ..core.errors import DataError, UsageError
 from ..core.files import make_folder, sealed, write_bytes, write_json
 from .options import names, numbers, refuse_unused, shared
 
-app = typer.Typer(
-    name="optics",
-    help="Design, show and render the lenses of psf_blur; calibrate severities.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(no_args_is_help=True)
 
 _Severities = Annotated[str, Option("--severity", "--severities", "-s", help="Comma-separated, 1 to 5.")]
 _Lens = Annotated[Path | None, Option(help="Prescription to use instead of the shipped ones.")]

@@ -17,9 +17,7 @@ from .options import refuse_unused, shared
 if TYPE_CHECKING:
     from ..data.video.prepare_folder import PrepareAll
 
-app = typer.Typer(
-    help="Prepare a benchmark's data from recordings, or list the digests of a dataset.", no_args_is_help=True
-)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command("gopro-fc")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..run.records.read import Reader
     from ..run.records.verify import Verification
 
-app = typer.Typer(name="record", help="Pack a run into one file, and verify such files.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command()

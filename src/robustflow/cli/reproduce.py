@@ -31,9 +31,7 @@ class _TableByDefault(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-app = typer.Typer(
-    cls=_TableByDefault, help="Reproduce the paper: a table or figure (reproduce tab2), its audit, its experiments."
-)
+app = typer.Typer(cls=_TableByDefault)
 app.command()(audit)
 app.command()(observations)
 app.command()(displacement)
