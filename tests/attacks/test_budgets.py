@@ -76,22 +76,6 @@ def test_attacked_frames_are_reproducible_and_differ_between_seeds(name):
     assert 0 < getattr(first, first.norm) <= first.budget == load_attack(name).budget(4)
 
 
-@pytest.mark.parametrize("norm", ["linf", "rms"])
-def test_a_change_of_the_frame_that_stays_clean_is_undone(norm):
-    class ChangesTheSecond:
-        needs_gradients = False
-
-        def run(self, problem, rng):
-            images = problem.ball.clean.copy()
-            images[1] *= 0.5
-            problem.score(images)
-            return images
-
-    attacked = rf.attack(*random_pair(), smooth_model(), ChangesTheSecond, moved="first", norm=norm)
-    assert np.array_equal(attacked.frames, random_pair())
-    assert attacked.loss == attacked.clean_loss
-
-
 def test_rounding_keeps_the_pixels_that_a_share_of_the_frame_allows():
     ball = Ball(*np.full((2, 10, 100, 3), 100, np.uint8), 0.7, "area")  # 100 * (7 / 1000) is above 0.7 in floats
     change = ball.to_8_bits(ball.project(ball.clean + np.float32(50 / 255))) - 100

@@ -87,12 +87,6 @@ def test_a_worst_of_whose_label_would_give_other_attacks_is_refused(parts):
     assert caught.value.culprit in ("pgd", "pgd:steps=5", "apgd", "transfer:tiny", "transfer:dis", "parts")
 
 
-def test_a_worst_of_has_the_target_of_all_its_parts():
-    attack = load_attack("worst_of", parts=["pgd:target=zero", "bim:target=zero"])
-    assert attack.target == "zero"
-    assert load_attack(attack.label) == attack
-
-
 def test_a_variant_reaches_the_attacks_inside_others_unless_they_have_one():
     names = ("pgd", "apgd", "transfer:tiny:attack=pgd", "worst_of:apgd+pgd", "pcfa:variant=original")
     transfer, worst = (load_attack(name).with_variant("flowbench") for name in names[2:4])

@@ -111,16 +111,23 @@ def models(tmp_path_factory):
     return [run(folder / f"{share}", Shrunk(share), name=f"{share}", **chosen) for share in shares]
 
 
-def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(models):
-    (noise, *_) = predictions(models)
+@pytest.mark.parametrize("shared_samples", [("0", "1"), ("0",)])
+def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows_of_common_samples(
+    models, tmp_path, shared_samples
+):
+    compared = list(models)
+    if len(shared_samples) == 1:
+        chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"], "count": 1}
+        compared.append(run(tmp_path / "run", Shrunk(0.75), name="0.75", **chosen))
+    noise = next(one for one in predictions(compared) if one.attack == "random_sign")
 
     def increase(rows):
+        rows = rows.filter(pl.col("severity") > 0, pl.col("sample").is_in(shared_samples))
         return ((rows["epe_sum"] - rows["clean_epe_sum"]) / rows["n_valid"]).mean()
 
-    corrupted = [increase(one.rows.filter(pl.col("severity") > 0)) for one in models]
-    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in models]
-    assert noise.attack == "random_sign"
-    assert len(noise.models) == 5
+    corrupted = [increase(one.rows) for one in compared]
+    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in compared]
+    assert len(noise.models) == len(compared)
     assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
     assert noise.interval[0] <= noise.rho <= noise.interval[1]
 
@@ -134,43 +141,21 @@ def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models,
     assert prediction_table(models[:1]) is None
 
 
-def test_models_are_compared_on_the_samples_that_all_of_them_have(models, tmp_path):
-    chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
-    shorter = [*models, run(tmp_path / "run", Shrunk(0.75), name="0.75", count=1, **chosen)]
-    noise = next(one for one in predictions(shorter) if one.attack == "random_sign")
-
-    def increase(rows):
-        rows = rows.filter(pl.col("severity") > 0, pl.col("sample") == "0")
-        return ((rows["epe_sum"] - rows["clean_epe_sum"]) / rows["n_valid"]).mean()
-
-    corrupted = [increase(one.rows) for one in shorter]
-    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in shorter]
-    assert len(noise.models) == 6
-    assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
-
-
-def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(models, monkeypatch):
-    doubtful = [{**one, "warnings": {"rounding": 2}} for one in attack_scores(models[0])]
+@pytest.mark.parametrize(
+    ("warning", "correlated"),
+    [("rounding", True), ("gradient_zero", False), ("answers_differ", False), ("square_above_white_box", False)],
+)
+def test_a_lower_bound_is_correlated_and_a_score_that_says_little_is_not(models, monkeypatch, warning, correlated):
+    doubtful = [{**one, "warnings": {warning: 1}} for one in attack_scores(models[0])]
     monkeypatch.setattr(
         "robustflow.stats.attacks.attack_scores",
         lambda one: doubtful if one is models[0] else attack_scores(one),
     )
     noise = next(one for one in predictions(models) if one.attack == "random_sign")
-    assert (len(noise.models), noise.lower_bounds) == (5, ("1.0",))
-    line = _line(prediction_table(models), "random_sign")
-    assert "lower bound for 1.0" in line.note
-
-
-@pytest.mark.parametrize("warning", ["gradient_zero", "answers_differ", "square_above_white_box"])
-def test_a_score_that_says_little_about_the_model_is_not_correlated(models, monkeypatch, warning):
-    doubtful = {**attack_scores(models[0])[0], "warnings": {warning: 1}}
-    monkeypatch.setattr(
-        "robustflow.stats.attacks.attack_scores",
-        lambda one: [doubtful] if one is models[0] else attack_scores(one),
-    )
-    noise = next(one for one in predictions(models) if one.attack == "random_sign")
-    assert noise.left_out == {"1.0": EXPLAINED[warning]}
-    assert noise.rho is None
+    assert (noise.rho is not None) == correlated
+    assert (noise.lower_bounds, noise.left_out) == ((("1.0",), {}) if correlated else ((), {"1.0": EXPLAINED[warning]}))
+    if correlated:
+        assert "lower bound for 1.0" in _line(prediction_table(models), "random_sign").note
 
 
 def test_the_interval_of_a_rank_correlation_covers_the_true_one():

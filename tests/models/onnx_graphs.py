@@ -1,9 +1,17 @@
 """ONNX networks whose flow is a known function of their inputs."""
 
 import onnx
-from onnx import TensorProto, helper
+from onnx import TensorProto, parser
 
-WAYS_IN = {"pair": ("n", 3), "stacked": ("n", 2, 3), "concatenated": ("n", 6)}
+WAYS_IN = {"pair": "3", "stacked": "2,3", "concatenated": "6"}
+"""The dimensions of an input between the batch and the height, for each layout."""
+
+
+def save(path, inputs, outputs, nodes, constants=""):
+    """Save a network in ONNX's textual syntax."""
+    head = f'<ir_version: 9, opset_import: ["" : 17]> network ({inputs}) => ({outputs}) <{constants}>'
+    onnx.save(parser.parse_model(f"{head} {{ {nodes} }}"), str(path))
+    return path
 
 
 def channels(
@@ -14,7 +22,7 @@ def channels(
     size=("h", "w"),
     flip=False,
     channels_last=False,
-    kind=TensorProto.FLOAT,
+    kind="float",
     names=("image1", "image2"),
     more_outputs=(),
 ):
@@ -30,114 +38,58 @@ def channels(
         names: names of the two inputs.
         more_outputs: names of additional outputs before the flow, each of which is a copy of frame 1.
     """
-    shape = [batch, *WAYS_IN[layout][1:], *size]
-    pair = layout == "pair"
-    inputs = [helper.make_tensor_value_info(name, kind, shape) for name in (names if pair else ("images",))]
-    nodes, constants = [], []
-
-    def constant(name, values):
-        constants.append(helper.make_tensor(name, TensorProto.INT64, [len(values)], values))
-        return name
-
+    height, width = size
+    shape = f"{kind}[{batch},{WAYS_IN[layout]},{height},{width}]"
+    inputs = names if layout == "pair" else ("images",)
+    first, second, third = *inputs[:1], inputs[-1], 5 if layout == "concatenated" else 2
+    nodes = [f'"{name}" = Identity ({first})' for name in more_outputs]
     if layout == "stacked":
-        both = [helper.make_node("Gather", ["images", constant(f"i{i}", [i])], [f"f{i}"], axis=1) for i in range(2)] + [
-            helper.make_node("Squeeze", [f"f{i}", constant(f"a{i}", [1])], [f"frame{i}"]) for i in range(2)
-        ]
-        nodes += both
-        first, second, third = "frame0", "frame1", 2
-    elif layout == "concatenated":
-        first, second, third = "images", "images", 5
-    else:
-        first, second, third = *names, 2
+        nodes += [f"frame{i} = Gather <axis=1> (images, index{i})" for i in range(2)]
+        first, second = "frame0", "frame1"
     nodes += [
-        helper.make_node("Gather", [first, constant("u_channel", [0])], ["u"], axis=1),
-        helper.make_node("Gather", [second, constant("v_channel", [third])], ["v"], axis=1),
-        helper.make_node("Concat", ["u", "v"], ["uv"], axis=1),
+        f"u = Gather <axis=1> ({first}, u_channel)",
+        f"v = Gather <axis=1> ({second}, v_channel)",
+        "uv = Concat <axis=1> (u, v)",
+        "turned = Slice (uv, starts, ends, axes, starts)" if flip else "turned = Identity (uv)",
+        "flow = Transpose <perm=[0, 2, 3, 1]> (turned)" if channels_last else "flow = Identity (turned)",
     ]
-    last = "uv"
-    if flip:
-        ends = [
-            constant(name, values)
-            for name, values in (
-                ("starts", [-1, -1]),
-                ("ends", [-(2**31), -(2**31)]),
-                ("axes", [2, 3]),
-                ("steps", [-1, -1]),
-            )
-        ]
-        nodes.append(helper.make_node("Slice", [last, *ends], ["flipped"]))
-        last = "flipped"
-    nodes.append(helper.make_node("Transpose", [last], ["flow"], perm=[0, 2, 3, 1] if channels_last else [0, 1, 2, 3]))
-    flow_shape = [batch, *size, 2] if channels_last else [batch, 2, *size]
-    outputs = [helper.make_tensor_value_info(name, kind, shape) for name in more_outputs]
-    nodes += [helper.make_node("Identity", [inputs[0].name], [name]) for name in more_outputs]
-    outputs.append(helper.make_tensor_value_info("flow", kind, flow_shape))
-    return save(path, inputs, nodes, outputs, constants)
-
-
-def save(path, inputs, nodes, outputs, constants=()):
-    graph = helper.make_graph(nodes, "network", inputs, outputs, list(constants))
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    onnx.save(model, str(path))
-    return path
+    constants = (
+        f"int64[1] u_channel = {{0}}, int64[1] v_channel = {{{third}}}, int64 index0 = {{0}}, int64 index1 = {{1}}"
+    )
+    constants += f", int64[2] starts = {{-1, -1}}, int64[2] ends = {{{-(2**31)}, {-(2**31)}}}, int64[2] axes = {{2, 3}}"
+    flow = f"{kind}[{batch},{height},{width},2] flow" if channels_last else f"{kind}[{batch},2,{height},{width}] flow"
+    outputs = ", ".join([*(f'{shape} "{name}"' for name in more_outputs), flow])
+    return save(path, ", ".join(f"{shape} {name}" for name in inputs), outputs, "\n".join(nodes), constants)
 
 
 def with_weights_beside(path, location):
     """Save a network with two inputs whose flow is a 4x4 weight that is stored in the file `location` in the same
     folder.
     """
-    inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, 4, 4]) for name in ("image1", "image2")]
+    inputs = "float[n,3,4,4] image1, float[n,3,4,4] image2"
+    save(path, inputs, "float[1,2,4,4] flow", "flow = Identity (weight)")
+    model = onnx.load(path)
     weight = TensorProto(name="weight", data_type=TensorProto.FLOAT, dims=[1, 2, 4, 4])
     weight.data_location = TensorProto.EXTERNAL
     for key, value in (("location", location), ("length", "128")):
         weight.external_data.add(key=key, value=value)
-    outputs = [helper.make_tensor_value_info("flow", TensorProto.FLOAT, [1, 2, 4, 4])]
-    graph = helper.make_graph([helper.make_node("Identity", ["weight"], ["flow"])], "n", inputs, outputs, [weight])
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    model.graph.initializer.append(weight)
     path.write_bytes(model.SerializeToString())
     return path
 
 
-def _two_frames_to(path, nodes, constants):
-    inputs = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, "h", "w"]) for name in ("image1", "image2")
-    ]
-    return save(path, inputs, nodes, [helper.make_tensor_value_info("flow", TensorProto.FLOAT, None)], constants)
+FRAMES = "float[n,3,h,w] image1, float[n,3,h,w] image2"
 
 
 def endless(path):
     """Save a network of less than 500 bytes that loops 2^62 times."""
-
-    def value(name, kind, shape):
-        return helper.make_tensor_value_info(name, kind, shape)
-
-    body = helper.make_graph(
-        [helper.make_node("Identity", [f"{name}_in"], [name]) for name in ("more", "flow")],
-        "body",
-        [
-            value("i", TensorProto.INT64, []),
-            value("more_in", TensorProto.BOOL, []),
-            value("flow_in", TensorProto.FLOAT, None),
-        ],
-        [value("more", TensorProto.BOOL, []), value("flow", TensorProto.FLOAT, None)],
-    )
-    constants = [
-        helper.make_tensor("n", TensorProto.INT64, [], [2**62]),
-        helper.make_tensor("go", TensorProto.BOOL, [], [1]),
-    ]
-    nodes = [
-        helper.make_node("Add", ["image1", "image2"], ["sum"]),
-        helper.make_node("Loop", ["n", "go", "sum"], ["flow"], body=body),
-    ]
-    return _two_frames_to(path, nodes, constants)
+    body = "body = body (int64 i, bool go_in, float[] flow_in) => (bool go_out, float[] flow_out)"
+    body += " { go_out = Identity (go_in) flow_out = Identity (flow_in) }"
+    nodes = f"total = Add (image1, image2) flow = Loop <{body}> (n, go, total)"
+    return save(path, FRAMES, "float[] flow", nodes, f"int64 n = {{{2**62}}}, bool go = {{1}}")
 
 
 def hungry(path):
     """Save a network of less than 500 bytes that requests 1.6 GB twice."""
-    constants = [helper.make_tensor("size", TensorProto.INT64, [1], [400_000_000])]
-    nodes = [
-        helper.make_node("Add", ["image1", "image2"], ["sum"]),
-        helper.make_node("ConstantOfShape", ["size"], ["big"]),
-        helper.make_node("Add", ["big", "big"], ["flow"]),
-    ]
-    return _two_frames_to(path, nodes, constants)
+    nodes = "total = Add (image1, image2) big = ConstantOfShape (size) flow = Add (big, big)"
+    return save(path, FRAMES, "float[] flow", nodes, "int64[1] size = {400000000}")

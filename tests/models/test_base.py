@@ -1,14 +1,16 @@
-"""What a model raises or returns is reported with the sample and the corruption."""
+"""What a model raises or returns is reported with the sample; the frames and devices that a model gets."""
 
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec
-from robustflow.models.base import model_identity, predict_checked
+from robustflow.models import ModelSpec, Window
+from robustflow.models.base import model_identity, place_of_pair, predict_checked, window_of
 from robustflow.models.conventions import InputConvention, check_count, check_switch
 from robustflow.models.loading import FunctionModel, device_of, devices_of
 
@@ -136,3 +138,46 @@ def test_only_gpus_are_listed_and_their_number_is_not_part_of_an_identity():
     refusal(lambda: devices_of(_spec("raft", "cuda:0,cpu"), on("cuda:0")), UsageError, "--device")
     model = SimpleNamespace(identity=lambda: {"name": "mine"})
     assert _spec("m", "cuda:0,cuda:1").identity(model) == _spec("m", "cuda:2,cuda:3").identity(model)
+
+
+there = st.builds(lambda before, after: range(-before, 2 + after), st.integers(0, 9), st.integers(0, 9))
+windows = st.builds(Window, st.integers(0, 5), st.integers(0, 5), st.sampled_from(["repeat", "short", "inside"]))
+
+
+@given(window=windows, there=there)
+def test_window_contains_the_pair_and_only_existing_frames(window, there):
+    offsets = window.offsets(there)
+    first = place_of_pair(offsets)
+    assert offsets[first : first + 2] == (0, 1)
+    assert set(offsets) <= set(there)
+    assert list(offsets) == sorted(offsets)
+    assert list(dict.fromkeys(offsets)) == list(range(offsets[0], offsets[-1] + 1)), "no frame may be skipped"
+
+
+@given(window=windows, there=there)
+def test_window_has_as_many_frames_as_its_ends_allow(window, there):
+    offsets, whole = window.offsets(there), window.before + 2 + window.after
+    if window.ends == "repeat":
+        assert len(offsets) == whole
+        assert place_of_pair(offsets) == window.before
+    elif window.ends == "inside":
+        assert len(offsets) == min(whole, len(there))
+    else:
+        assert place_of_pair(offsets) == min(window.before, -there.start)
+        assert len(offsets) - place_of_pair(offsets) == 2 + min(window.after, there.stop - 2)
+
+
+@given(window=windows, there=there)
+def test_frames_farther_than_the_reach_make_no_difference(window, there):
+    near = range(max(there.start, -window.reach), min(there.stop, 2 + window.reach))
+    assert window.offsets(near) == window.offsets(there)
+
+
+def test_window_is_read_from_a_tuple_or_list():
+    assert window_of(SimpleNamespace(window=(3, 1))) == Window(3, 1, "repeat")
+    assert window_of(SimpleNamespace(window=[0, 2, "short"])) == Window(0, 2, "short")
+
+
+@pytest.mark.parametrize("declared", [None, 2, (2,), (0, 0), (-1, 1), (1.0, 1), (True, 1), (1, 1, "wrap"), "21"])
+def test_invalid_window_is_refused(declared):
+    refusal(lambda: window_of(SimpleNamespace(window=declared)), ModelError, "window")

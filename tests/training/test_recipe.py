@@ -1,14 +1,17 @@
-"""Recipes have the values from the paper's tables, and invalid recipes raise an error."""
+"""Recipes have the values of the papers, the order of the pairs uses each once, and a plan counts the memory."""
 
 import csv
 import tomllib
 from importlib.resources import files
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robustflow.core.errors import UsageError
 from robustflow.models.registry import MODELS
-from robustflow.training.plan import plan_text
+from robustflow.training.data.find import Order
+from robustflow.training.plan import expected_memory, plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
 from robustflow.training.request import DataPlan
 
@@ -165,3 +168,57 @@ def test_unknown_recipe_is_refused(method, stage, culprit):
 def test_invalid_value_of_a_recipe_is_refused(change):
     (name,) = change
     refusal(lambda: load_recipe("raft", "ood").changed(**change), UsageError, name)
+
+
+@given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
+def test_epoch_uses_every_pair_at_most_once_and_omits_less_than_one_update(count, block, seed, epoch):
+    if count < block:
+        refusal(lambda: Order(count, block, seed), UsageError, "--batch-size")
+        return
+    order = Order(count, block, seed)
+    each = count - count % block
+    places = [order.place(epoch * each + offset) for offset in range(each)]
+    assert len(set(places)) == each
+    assert set(places) <= set(range(count))
+
+
+def test_order_differs_between_epochs_and_seeds():
+    order, other = Order(200, 4, 0), Order(200, 4, 1)
+    first = [order.place(n) for n in range(200)]
+    assert first != [order.place(200 + n) for n in range(200)]
+    assert first != [other.place(n) for n in range(200)]
+
+
+def test_a_pair_that_cannot_be_read_is_replaced_by_another_each_time():
+    order = Order(1000, 4, 0)
+    assert len({order.place(7, attempt) for attempt in range(20)}) > 15
+    assert order.place(7, 3) == Order(1000, 4, 0).place(7, 3)
+
+
+def test_memory_of_a_different_crop_is_estimated():
+    torch = pytest.importorskip("torch", reason="needs the torch extra")
+    pytest.importorskip("torchvision", reason="needs the torch extra")
+    from robustflow.training.losses.supervised import sequence_loss
+    from robustflow.training.networks import load_network
+
+    recipe = load_recipe("raft_small", "things").changed(crop=(160, 224), batch=2, iterations=2, devices=1)
+    _, network = load_network(recipe, "random")
+    network.train()
+    known = {value.untyped_storage().data_ptr() for value in [*network.parameters(), *network.buffers()]}
+    kept = {}
+
+    def keep(tensor):
+        storage = tensor.untyped_storage()
+        if storage.data_ptr() not in known:
+            kept[storage.data_ptr()] = storage
+        return tensor
+
+    images = torch.rand(2, 2, 3, 160, 224) * 255
+    with torch.autograd.graph.saved_tensors_hooks(keep, lambda tensor: tensor):
+        sequence_loss(network(*images), torch.zeros(2, 2, 160, 224), torch.ones(2, 160, 224))
+    weights = 16 * sum(value.numel() for value in network.parameters())
+    counted = (sum(storage.nbytes() for storage in kept.values()) + weights) / 2**30
+    assert expected_memory(recipe) == pytest.approx(counted, rel=0.03)
+    assert f"{counted:.1f} GiB" in plan_text(recipe, DataPlan())
+    assert expected_memory(recipe.changed(method="somewhere:Net")) is None
+    assert all(expected_memory(load_recipe(name, "ood")) for name in ("raft", "gma", "skflow", "gmflownet"))

@@ -95,14 +95,6 @@ def test_any_size_gives_finite_flow(size, point):
     assert np.isfinite(flow).all()
 
 
-@pytest.mark.parametrize("point", OPERATING_POINTS)
-def test_identical_frames_have_zero_flow(point):
-    model = load_model("dis_rgb", operating_point=point)
-    for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
-        # the spline reproduces the pixels up to rounding errors
-        np.testing.assert_allclose(model.predict(frame, frame), 0, atol=1e-4)
-
-
 @pytest.mark.parametrize("point", [1, 3])
 def test_a_brighter_second_frame_changes_little(point):
     """The mean is subtracted from patches before they are compared, so the search does not depend on the brightness of
@@ -111,19 +103,6 @@ def test_a_brighter_second_frame_changes_little(point):
     frame1, frame2 = (frame // 2 for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=point)
     assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_a_mirrored_pair_has_the_mirrored_flow(axis):
-    """The flows differ near patches that are flush with the last edge, because mirroring turns these into the first
-    patches.
-    """
-    frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut, 3.3, 2.7))
-    model = load_model("dis_rgb", operating_point=3)
-    flow = model.predict(frame1, frame2)
-    mirrored = np.flip(model.predict(np.flip(frame1, axis), np.flip(frame2, axis)), axis).copy()
-    mirrored[..., 1 - axis] *= -1
-    assert np.abs(mirrored - flow)[32:-32, 32:-32].mean() < 0.05
 
 
 def test_flow_does_not_depend_on_memory_layout_or_previous_frames():
