@@ -26,14 +26,14 @@ from ..core.plugins import (
 )
 from ..core.types import Flow, Frame
 from .base import AnyModel, model_identity
-from .catalog import PTLFLOW, is_in_ptlflow, methods, published_names
+from .catalog import PTLFLOW, is_in_ptlflow, methods
 from .model_file import require_file
 from .networks.table import NETWORKS
 from .provenance import DECLARED
 from .ptlflow.models import BESIDES
 from .registry import EXPORTED, MODELS, TORCHSCRIPT
 from .tiling import tiled
-from .torch.network import SOURCES, needs_checkpoint, refuse_missing_file
+from .torch.network import SOURCES, check_available
 
 _NOT_FOR_ALL = {
     "device": "runs on the CPU only",
@@ -121,11 +121,7 @@ def preflight(name: str, options: Mapping[str, Any]) -> None:
     source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(library)
     if source is None:
         return
-    names = published_names(name)
-    refuse_missing_file(name, checkpoint, names, source, strict=False)
-    require(library if library in SOURCES else "torch", f"model '{name}'")
-    if checkpoint is None and name not in BESIDES:
-        raise needs_checkpoint(name, names, source)
+    check_available(name, checkpoint, library if library in SOURCES else "torch", source, name not in BESIDES)
 
 
 TORCH_OPTIONS = (

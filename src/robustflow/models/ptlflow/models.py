@@ -26,12 +26,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_origin
 
 from ...core.errors import ModelError, UsageError, unknown_name
-from ...core.plugins import require
 from ..base import Window
-from ..catalog import published_names
 from ..conventions import RAFT_SMALLEST, InputConvention, check_count
 from ..devices import Execution, with_execution
-from ..torch.network import SOURCES, needs_checkpoint, network_model, refuse_missing_file
+from ..torch.network import SOURCES, check_available, network_model
 
 if TYPE_CHECKING:
     from ..torch.checkpoint import Checkpoint
@@ -150,11 +148,7 @@ def ptlflow_network(
     execution: Execution,
 ) -> NetworkModel:
     """Build a ptlflow network with the interface given by `wrap`; arguments and errors as for `ptlflow_model`."""
-    names = published_names(name)
-    refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("ptlflow", f"model '{name}'")
-    if checkpoint is None and names and architecture not in BESIDES:
-        raise needs_checkpoint(name, names, _SOURCE)  # checked first, because the library takes seconds to import
+    check_available(name, checkpoint, "ptlflow", _SOURCE, needed=architecture not in BESIDES)
     with _silence():
         import ptlflow
     if architecture not in ptlflow.get_model_names():
@@ -171,8 +165,6 @@ def ptlflow_network(
 
     if architecture in BESIDES:
         build()  # raises an error before a checkpoint is downloaded unnecessarily
-        if checkpoint is None and names:
-            raise needs_checkpoint(name, names, _SOURCE)
     return network_model(
         name,
         build,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ...core.errors import ModelError, UsageError, first_line, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import require
+from ..catalog import published_names
 from ..conventions import InputConvention
 from ..devices import Execution
 
@@ -100,6 +101,15 @@ def refuse_missing_file(
             raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
         return
     raise ModelError(checkpoint, f"no such file; for model '{model}', {_get(published, source)}, and put it there")
+
+
+def check_available(model: str, checkpoint: str | Path | None, library: str, source: str, needed: bool = True) -> None:
+    """Raise an error if a network's file, library or checkpoint is missing, before heavy libraries are imported."""
+    names = published_names(model)
+    refuse_missing_file(model, checkpoint, names, source, strict=False)
+    require(library, f"model '{model}'")
+    if checkpoint is None and needed:
+        raise needs_checkpoint(model, names, source)
 
 
 def find_checkpoint(

@@ -6,11 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.plugins import require
-from ..catalog import published_names
 from ..conventions import RAFT_SMALLEST, InputConvention, check_count
 from ..devices import Execution, with_execution
-from .network import SOURCES, needs_checkpoint, network_model, refuse_missing_file
+from .network import SOURCES, check_available, network_model
 
 if TYPE_CHECKING:
     from .model import NetworkModel
@@ -29,11 +27,7 @@ def _raft(
 ) -> NetworkModel:
     """Build torchvision's RAFT; frames are padded to multiples of 8 by repeating the border."""
     check_count("iterations", iterations)
-    names = published_names(name)
-    refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("torchvision", f"model '{name}'")
-    if checkpoint is None and names:
-        raise needs_checkpoint(name, names, _SOURCE)  # checked first, because the library takes seconds to import
+    check_available(name, checkpoint, "torchvision", _SOURCE)
     from torchvision import __version__ as version
     from torchvision.models import optical_flow
 
