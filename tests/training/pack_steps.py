@@ -22,9 +22,8 @@ from robustflow.media.images import read_image
 from robustflow.training import network_with_loss
 from robustflow.training.data.loader import Batch
 from robustflow.training.networks import TrainedNetwork, learning_parameters, load_network
-from robustflow.training.optimizers import build_optimizer, set_rate
+from robustflow.training.optimization import build_optimizer, rate_of, set_rate
 from robustflow.training.recipe import Recipe
-from robustflow.training.schedules import rate_of
 
 from ..parity.weight_rule import digest, weights
 from ..shared_data import shared_root

@@ -18,8 +18,8 @@ from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.losses import terms  # noqa: E402
 from robustflow.training.losses import unsupervised as losses  # noqa: E402
 from robustflow.training.networks import Corrector  # noqa: E402
+from robustflow.training.optimization import SCHEDULES  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
-from robustflow.training.schedules import SCHEDULES  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
 
 from ..parity.weight_rule import digest, weights  # noqa: E402

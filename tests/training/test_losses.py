@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.core.errors import UsageError  # noqa: E402
 from robustflow.training.losses.supervised import end_point_error, matching_loss, sequence_loss, true_matches  # noqa: E402
-from robustflow.training.schedules import one_cycle  # noqa: E402
+from robustflow.training.optimization import one_cycle  # noqa: E402
 
 from ..refusals import refusal  # noqa: E402
 

@@ -18,8 +18,8 @@ from robustflow.training.losses.supervised import end_point_error, sequence_loss
 from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noqa: E402
 from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.optimization import one_cycle  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
-from robustflow.training.schedules import one_cycle  # noqa: E402
 
 from ..parity.weight_rule import weights  # noqa: E402
 from ..shared_data import shared_root  # noqa: E402

@@ -25,8 +25,8 @@ from robustflow.training.losses.supervised import (  # noqa: E402
     true_matches,
 )
 from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
+from robustflow.training.optimization import one_cycle, rate_of  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
-from robustflow.training.schedules import one_cycle, rate_of  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402
 from .pack_steps import Step, TrainingPack, cases_of, gradients_of, steps  # noqa: E402

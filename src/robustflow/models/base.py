@@ -157,8 +157,7 @@ def predict_batch_checked(
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
-        message = f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one per pair"
-        raise _fault(where, message)
+        raise ModelError(where, f"the model returned {len(flows)} flows for {len(pairs)} pairs; expected one per pair")
     return [
         checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]
@@ -197,15 +196,8 @@ def naming_errors(where: str) -> Iterator[None]:
         raise ModelError(*culprit, f"{message} (on {where})") from error
     except (Exception, SystemExit) as error:
         reason = f"{' '.join(str(error).split()) or 'no message'}{traceback_hint(error)}"
-        message = f"the model raised {type(error).__name__} on {where}: {reason}; use --debug for the full traceback"
-        raise _fault(where, message) from error
-
-
-def _fault(where: str, message: str) -> ModelError:
-    """Return the error of a model on the frames that `where` describes."""
-    error = ModelError(message)
-    error.culprit = where
-    return error
+        message = f"the model raised {type(error).__name__}: {reason}; use --debug for the full traceback"
+        raise ModelError(where, message) from error
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
@@ -220,12 +212,12 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
         array = np.asarray(unmasked(flow))
     except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
-        message = f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason})"
-        raise _fault(where, f"{message}; for a tensor, return flow.detach().cpu().numpy()") from error
+        message = f"the model returned a {type(flow).__name__}, not an array ({reason})"
+        raise ModelError(where, f"{message}; for a tensor, return flow.detach().cpu().numpy()") from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"
         wanted = f"expected a float array of shape {expected}, (u right, v down) in pixels"
-        raise _fault(where, f"the model returned {what} on {where}; {wanted}")
+        raise ModelError(where, f"the model returned {what}; {wanted}")
     return np.array(array, np.float32, order="C")
 
 

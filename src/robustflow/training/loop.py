@@ -33,11 +33,10 @@ from .data.pairs import TrainingPairs
 from .draws import prepared
 from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
-from .optimizers import set_rate
+from .optimization import rate_of, set_rate
 from .processes import Process
 from .recipe import Recipe
 from .request import Request
-from .schedules import rate_of
 from .unsupervised.methods import TrainingStep
 from .validate import ValidationScores
 

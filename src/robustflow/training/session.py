@@ -22,7 +22,7 @@ from .data.find import OpenPart, Order, open_part
 from .data.pairs import TrainingPairs
 from .loop import TrainingSetup, TrainingState, train
 from .networks import TrainedNetwork, load_network
-from .optimizers import build_optimizer
+from .optimization import build_optimizer
 from .processes import Process, this_process
 from .recipe import Recipe, mix_parts
 from .request import Request
