@@ -149,47 +149,35 @@ def test_cre_is_over_the_same_pixels_and_coverage_is_a_mean():
     )
 
 
-def test_family_mean_is_over_its_corruptions():
-    for family, names in FAMILIES.items():
-        rows = [row("a", epe=1.0)] + [row("a", name, 1, epe=1.0 + i) for i, name in enumerate(names)]
-        assert summarize(rows_frame(rows)).means["epe", family, None] == pytest.approx(1 + (len(names) - 1) / 2)
+PLANNED = [(one["sample"], one["corruption"], one["severity"]) for one in THREE_IMAGES]
+MORE = [*PLANNED, ("b", "snow", 2), ("a", "snow", 2), ("d", "clean", 0)]
 
 
-def test_missing_rows_are_listed_and_cre_is_over_the_same_images():
-    partial = [r for r in THREE_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
-    means, measured = summarize(rows_frame(partial))
-    assert not measured.complete
-    assert [unit.model_dump() for unit in measured.missing] == [{"corruption": "fog", "severity": 1, "samples": ["a"]}]
-    assert measured.corruptions["fog"] == measured.severities == [1, 2]
-    assert [numbers(means, "fog", "epe", "cre", severity=level) for level in (1, 2)] == [(9.5, 4.0), (11.0, 7.0)]
+WHOLE = rows_frame(THREE_IMAGES)
 
 
-def test_missing_clean_row_is_listed():
-    rows = [row("a", epe=1.0), row("a", "fog", 1, epe=3.0), row("b", "fog", 1, epe=9.0, clean_epe_sum=10.0)]
-    means, measured = summarize(rows_frame(rows))
-    assert [(unit.corruption, unit.samples) for unit in measured.missing] == [("clean", ["b"])]
-    assert means["cre", "average", None] == 2.0
-
-
-def test_rows_are_missing_only_if_planned():
-    rows = rows_frame(THREE_IMAGES)
-    planned = list(rows.select("sample", "corruption", "severity").iter_rows())
-    assert summarize(rows, planned=planned).measured.complete
-    means, measured = summarize(rows, planned=[*planned, ("b", "snow", 2), ("a", "snow", 2), ("d", "clean", 0)])
-    assert [(unit.corruption, unit.severity, unit.samples) for unit in measured.missing] == [
-        ("clean", 0, ["d"]),
-        ("snow", 2, ["a", "b"]),
-    ]
-    assert means == summarize(rows).means
-
-
-def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
-    without_flow = row("b", "fog", 1, n=0, n_all=0, n_invalid=60)
-    rows = [row("a", epe=1.0), row("b", epe=3.0), row("a", "fog", 1, epe=2.0), without_flow]
-    means, measured = summarize(rows_frame(rows))
-    assert (measured.complete, measured.n_invalid) == (False, 60)
-    assert [(unit.corruption, unit.samples) for unit in measured.unmeasured] == [("fog", ["b"])]
-    assert numbers(means, "average", "epe", "cre") + numbers(means, "clean", "epe") == (2.0, 1.0, 2.0)
+@pytest.mark.parametrize(
+    ("rows", "planned", "missing", "unmeasured"),
+    [
+        (WHOLE, PLANNED, [], []),
+        (WHOLE, MORE, [("clean", 0, ["d"]), ("snow", 2, ["a", "b"])], []),
+        (WHOLE.remove(sample="a", corruption="fog", severity=1), None, [("fog", 1, ["a"])], []),
+        (WHOLE.remove(sample="b", corruption="clean"), None, [("clean", 0, ["b"])], []),
+        (
+            rows_frame([*THREE_IMAGES[:-1], row("c", "snow", 1, n=0, n_all=0, n_invalid=60)]),
+            None,
+            [],
+            [("snow", 1, ["c"])],
+        ),
+    ],
+)
+def test_missing_rows_and_rows_without_a_measured_pixel_are_listed(rows, planned, missing, unmeasured):
+    measured = summarize(rows, planned=planned).measured
+    assert [tuple(each.model_dump().values()) for each in measured.missing] == missing
+    assert [tuple(each.model_dump().values()) for each in measured.unmeasured] == unmeasured
+    assert measured.complete == (missing == unmeasured == [])
+    assert measured.n_invalid == 60 * len(unmeasured)
+    assert (measured.corruptions, measured.severities) == ({"fog": [1, 2], "snow": [1]}, [1, 2])
 
 
 def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_unknown():
@@ -312,8 +300,8 @@ def test_means_equal_the_naive_loop(rows, averaging):
             values = [expected[name, level][metric] for level in levels]
             assert [means.get((metric, name, level)) for level in levels] == [_mean([value]) for value in values]
             assert means.get((metric, name, None)) == _mean(values)
-        parts = [means.get((metric, name, None)) for name in measured.averaged_over]
-        assert means.get((metric, "average", None)) == _mean(parts)
+        for group, members in (("average", measured.averaged_over), ("weather", FAMILIES["weather"])):
+            assert means.get((metric, group, None)) == _mean([means.get((metric, name, None)) for name in members])
         if has_region:
             each = [[inside[key][metric] for key in inside if key[0] == name] for name in measured.averaged_over]
             of_names = [fmean(known) for values in each if (known := [value for value in values if value is not None])]

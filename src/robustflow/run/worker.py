@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from .plan import RunOptions, Unit
 from .stages import (
     FrameStage,
     OpenSample,
+    PredictionRequest,
     PredictStage,
     Seconds,
     frames_digest,
@@ -37,6 +38,8 @@ from .stages import (
 )
 from .store import RunFolder
 from .trust import check_same, read_array, write_array
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -186,35 +189,71 @@ def _spread_column(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, An
     return {"spread_sum": error_sum(spread, usable).total}
 
 
+Steps = Generator[list[PredictionRequest], Sequence[Answer], T]
+"""A computation that yields requests and receives their answers. An empty list lets other computations continue."""
+
+
+class Computation:
+    """Compute rows in steps, so that an engine decides where and when their flows are predicted. The answers of a
+    sample arrive in the order of their requests."""
+
+    def __init__(self, job: Job, seconds: Seconds) -> None:
+        self.frames = FrameStage(job.dataset, job.options, seconds)
+        self.measure = MeasureStage(job, seconds)
+        self._batch_size = job.batch_size
+        self._samples: dict[str, OpenSample] = {}
+
+    def release(self, needed: Container[str]) -> None:
+        """Free the memory of all samples but those needed."""
+        self._samples = {key: opened for key, opened in self._samples.items() if key in needed}
+
+    def open(self, key: str) -> Steps[OpenSample]:
+        """Return a sample whose clean flow is known, or has been requested by an earlier computation."""
+        if key not in self._samples:
+            opened = self._samples[key] = self.frames.load(key)
+            self.measure.read_clean(opened)
+            if opened.clean is None:
+                (clean,) = yield [self.frames.request(opened.sample, (key, CLEAN, 0), opened.sample.frames)]
+                self.measure.keep_clean(opened, clean)
+        return self._samples[key]
+
+    def rows(self, unit: Unit) -> Steps[list[dict[str, Any]]]:
+        """Return the rows of a unit that is no attack, in the order of its severities."""
+        opened = yield from self.open(unit.key)
+        if unit.corruption == CLEAN:
+            assert opened.clean is not None
+            return [self.row(opened, opened.clean, opened.sample.frames, unit.cells[0])]
+        rows = []
+        for start in range(0, len(unit.cells), self._batch_size):
+            yield []
+            cells = unit.cells[start : start + self._batch_size]
+            corrupted = [self.frames.corrupt(opened.sample, name, severity) for _, name, severity in cells]
+            answers = yield [self.frames.request(opened.sample, *one) for one in zip(cells, corrupted, strict=True)]
+            rows += [self.row(opened, *one) for one in zip(answers, corrupted, cells, strict=True)]
+        return rows
+
+    def row(self, opened: OpenSample, flow: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
+        return self.measure.row(opened, flow, self.measure.digest(frames), cell)
+
+
 class Worker:
     """Compute units of one run, keeping the latest sample and its clean flow in memory."""
 
     def __init__(self, job: Job, on_predict: Callable[[str | None], None] = lambda what: None) -> None:
         model, options = job.load_model(), job.options
         self.seconds = no_seconds()
-        self._frames = FrameStage(job.dataset, options, self.seconds)
+        self._computation = Computation(job, self.seconds)
         self._model = PredictStage(model, options.measuring.confidence, self.seconds, on_predict)
         self._attacks = AttackStage(model, options, self.seconds, on_predict)
-        self._measure = MeasureStage(job, self.seconds)
         self._batch_size = job.batch_size
         self.batches_attacks = job.batch_size > 1 and getattr(model, "batched_gradients", False) is True
-        self._last: OpenSample | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
         """Return the rows of a unit, in the order of its severities."""
-        opened, clean = self._open(unit.key)
-        if unit.corruption == CLEAN:
-            return [self._row(opened, clean, opened.sample.frames, (unit.key, CLEAN, 0))]
         if unit.corruption in self._attacks.names:
             return self.run_attack([unit])[0]
-        rows = []
-        for start in range(0, len(unit.cells), self._batch_size):
-            cells = unit.cells[start : start + self._batch_size]
-            corrupted = [self._frames.corrupt(opened.sample, name, severity) for _, name, severity in cells]
-            requests = [self._frames.request(opened.sample, *one) for one in zip(cells, corrupted, strict=True)]
-            for flow, frames, cell in zip(self._model.predict(requests), corrupted, cells, strict=True):
-                rows.append(self._row(opened, flow, frames, cell))
-        return rows
+        self._computation.release([unit.key])
+        return self._completed(self._computation.rows(unit))
 
     def run_attack(self, units: Sequence[Unit]) -> list[list[dict[str, Any]]]:
         """Return the rows of the units of one attack; cells of different samples can share a batch."""
@@ -226,9 +265,9 @@ class Worker:
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return its frames, flows and row."""
         opened, clean = self._open(key)
-        cell, frames = (key, corruption, severity), self._frames.corrupt(opened.sample, corruption, severity)
-        (flow,) = self._model.predict([self._frames.request(opened.sample, cell, frames)])
-        row = self._row(opened, flow, frames, cell)
+        cell, frames = (key, corruption, severity), self.frames(key, corruption, severity)
+        (flow,) = self._model.predict([self._computation.frames.request(opened.sample, cell, frames)])
+        row = self._computation.row(opened, flow, frames, cell)
         sample = opened.sample if row["truth"] == "unchanged" else opened.sample.without_truth()
         return View(sample, frames, flow_of(flow), flow_of(clean), row)
 
@@ -239,29 +278,30 @@ class Worker:
         return flow_of(self._open(key)[1])
 
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        return self._frames.corrupt(self._open(key)[0].sample, corruption, severity)
+        return self._computation.frames.corrupt(self.sample(key), corruption, severity)
 
     def _open(self, key: str) -> tuple[OpenSample, Answer]:
-        if self._last is None or self._last.sample.key != key:
-            self._last = None  # release the previous sample before the next one is read
-            opened = self._frames.load(key)
-            self._measure.read_clean(opened)
-            if opened.clean is None:
-                request = self._frames.request(opened.sample, (key, CLEAN, 0), opened.sample.frames)
-                self._measure.keep_clean(opened, self._model.predict([request])[0])
-            self._last = opened
-        assert self._last.clean is not None
-        return self._last, self._last.clean
+        self._computation.release([key])
+        opened = self._completed(self._computation.open(key))
+        assert opened.clean is not None
+        return opened, opened.clean
+
+    def _completed(self, steps: Steps[T]) -> T:
+        """Take all steps of a computation, with the flows of this process's model."""
+        try:
+            requests = next(steps)
+            while True:
+                requests = steps.send(self._model.predict(requests) if requests else ())
+        except StopIteration as end:
+            result: T = end.value
+            return result
 
     def _attacked(self, targets: Sequence[tuple[OpenSample, Answer, Cell]]) -> list[dict[str, Any]]:
         attacked = self._attacks.attack([(opened.sample, flow_of(clean), cell) for opened, clean, cell in targets])
         return [
-            self._row(opened, one.flow, one.frames, cell) | attack_columns(one, opened.sample)
+            self._computation.row(opened, one.flow, one.frames, cell) | attack_columns(one, opened.sample)
             for one, (opened, _, cell) in zip(attacked, targets, strict=True)
         ]
-
-    def _row(self, opened: OpenSample, flow: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
-        return self._measure.row(opened, flow, self._measure.digest(frames), cell)
 
 
 @contextmanager

@@ -20,15 +20,14 @@ from typing import Any
 import numpy as np
 
 from ...core.errors import RunError
-from ...core.types import Frame
 from ...metrics.rows import CLEAN
 from ...models import ModelSpec
 from ...models.base import AnyModel, describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
 from ..plan import Unit
-from ..stages import FrameStage, OpenSample, PredictionRequest, PredictStage, no_seconds, pop_timings, timed
-from ..worker import Job, MeasureStage
+from ..stages import PredictionRequest, PredictStage, no_seconds, pop_timings, timed
+from ..worker import Computation, Job, Steps
 
 BATCHES_PER_FEEDER = 4
 """Number of batches that a feeder fills or has in flight; one is kept free for a batch that must be separate."""
@@ -121,24 +120,16 @@ def _answer(stage: PredictStage, batch: SharedBatch, requests: list[SharedReques
         batch.array(one.begin, flow.shape, np.float32)[:] = flow
 
 
-@dataclass(frozen=True)
-class _Sent:
-    """A cell whose flow has been requested."""
-
-    opened: OpenSample
-    shared: SharedRequest
-    digest: str
-    wanted: bool
-    """Whether a row is needed; the row of a clean flow may already exist."""
-
-
-@dataclass
-class _OpenUnit:
-    """A unit whose cells are prepared and measured."""
+@dataclass(eq=False)
+class _Running:
+    """A unit, and the flows that its computation is waiting for."""
 
     unit: Unit
-    cells: deque[Cell]
-    rows: dict[int, dict[str, Any]] = field(default_factory=dict)
+    steps: Steps[list[dict[str, Any]]]
+    answers: dict[Cell, Answer | None] = field(default_factory=dict)
+    """The requested cells in order, with the answers that have arrived; empty if the next step can be taken."""
+    finished: int = 0
+    """Number of cells that have been measured."""
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
@@ -156,86 +147,77 @@ class Feeder:
         self._batch_size = job.batch_size
         self._channels = 3 if job.options.measuring.draws > 1 else CHANNELS[job.options.measuring.confidence]
         self._seconds = no_seconds()
-        self._frames = FrameStage(job.dataset, job.options, self._seconds)
-        self._measure = MeasureStage(job, self._seconds)
-        self._units: dict[tuple[str, str], _OpenUnit] = {}
-        self._samples: dict[str, OpenSample] = {}
+        self._computation = Computation(job, self._seconds)
+        self._units: list[_Running] = []
         self._free = deque(range(len(batches)))
-        self._filling: list[_Sent] = []
+        self._filling: list[tuple[_Running, SharedRequest]] = []
         """The batch that is being filled, in the first of the free places."""
-        self._in_flight: deque[tuple[int, list[_Sent]]] = deque()
+        self._in_flight: deque[tuple[int, list[tuple[_Running, SharedRequest]]]] = deque()
 
     def step(self) -> None:
-        """Process messages that have arrived; otherwise prepare the frames of one cell; otherwise wait."""
-        unit = self._next_unit() if len(self._free) > 1 else None
-        if unit is None and not self._in_flight:
+        """Process messages that have arrived; otherwise prepare the frames of one unit; otherwise wait."""
+        running = self._next_unit() if len(self._free) > 1 else None
+        if running is None and not self._in_flight:
             self._send()
-        for ready in wait([self._device, self._driver], timeout=None if unit is None else 0):
+        for ready in wait([self._device, self._driver], timeout=None if running is None else 0):
             if ready is self._driver:
-                given: Unit = self._driver.recv()
-                self._units[given.key, given.corruption] = _OpenUnit(given, deque(given.cells))
+                unit: Unit = self._driver.recv()
+                self._units.append(_Running(unit, self._computation.rows(unit)))
             else:
-                self._measure_batch()
+                self._receive()
             return
-        if unit is not None:
-            self._prepare(unit)
+        if running is not None:
+            unit = running.unit
+            self._driver.send(("doing", describe_cell(unit.key, unit.corruption, *unit.severities)))
+            self._continue(running)
 
-    def _next_unit(self) -> _OpenUnit | None:
-        """Return the unit with the next cell: of the oldest sample, first the clean unit, then each in turn."""
-        waiting = [one for one in self._units.values() if one.cells]
+    def _next_unit(self) -> _Running | None:
+        """Return the next unit that waits for no flow: of the oldest sample, each in turn."""
+        waiting = [one for one in self._units if not one.answers]
         of_sample = [one for one in waiting if one.unit.key == waiting[0].unit.key]
-        return max(of_sample, key=lambda one: (one.unit.corruption == CLEAN, len(one.cells)), default=None)
+        return min(of_sample, key=lambda one: one.finished, default=None)
 
-    def _prepare(self, unit: _OpenUnit) -> None:
-        cell = unit.cells[0]
-        key, corruption, severity = cell
-        self._driver.send(("doing", describe_cell(*cell)))
-        if key not in self._samples:
-            opened = self._samples[key] = self._frames.load(key)
-            self._measure.read_clean(opened)
-            if opened.clean is None:
-                clean_cell = (key, CLEAN, 0)
-                self._send()
-                self._request(opened, clean_cell, opened.sample.frames, wanted=cell == clean_cell)
-                self._send()  # predicted alone, as in the other engines
-                if cell == clean_cell:
-                    unit.cells.popleft()
+    def _continue(self, running: _Running) -> None:
+        """Take the next step of a unit: request flows, or measure those that have arrived and send its rows."""
+        answers = [answer for answer in running.answers.values() if answer is not None]
+        running.answers, running.finished = {}, running.finished + len(answers)
+        try:
+            requests = running.steps.send(answers) if answers else next(running.steps)
+        except StopIteration as end:
+            self._driver.send(("rows", (running.unit, end.value, pop_timings(self._seconds))))
+            self._units.remove(running)
+            self._computation.release({running.unit.key, *(one.unit.key for one in self._units)})
             return
-        opened = self._samples[key]
-        unit.cells.popleft()
-        if corruption == CLEAN:
-            assert opened.clean is not None
-            self._measure_cell(opened, cell, opened.clean, self._measure.digest(opened.sample.frames))
-        else:
-            self._request(opened, cell, self._frames.corrupt(opened.sample, corruption, severity), wanted=True)
+        for request in requests:
+            running.answers[request.cell] = None
+            self._request(running, request)
 
-    def _request(self, opened: OpenSample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
+    def _request(self, running: _Running, request: PredictionRequest) -> None:
         """Copy the frames of a cell into the current batch, and send the batch if it is full."""
-        if self._filling and self._filling[0].opened is not opened:
+        alone = request.cell[1] == CLEAN  # as in the other engines
+        if self._filling and (alone or self._filling[0][0].unit.key != running.unit.key):
             self._send()
-        digest = self._measure.digest(frames)
-        request = self._frames.request(opened.sample, cell, frames)
         shape = (len(request.frames), *request.frames[0].shape)
-        height, width = opened.sample.shape
-        size = max(shape[0] * 3, 4 * self._channels) * height * width
+        size = max(shape[0] * 3, 4 * self._channels) * shape[1] * shape[2]
         begin = len(self._filling) * size
         batch = self._batches[self._free[0]]
         batch.reserve(begin + size)
         with timed(self._seconds, "predict"):
             np.stack(request.frames, out=batch.array(begin, shape, np.uint8))
-        self._filling.append(_Sent(opened, SharedRequest(replace(request, frames=()), begin, shape), digest, wanted))
-        if len(self._filling) == self._batch_size:
+        self._filling.append((running, SharedRequest(replace(request, frames=()), begin, shape)))
+        if alone or len(self._filling) == self._batch_size:
             self._send()
 
     def _send(self) -> None:
         if self._filling:
             index = self._free.popleft()
             with suppress(OSError):  # reported when the flows are received
-                self._device.send((index, [sent.shared for sent in self._filling]))
+                self._device.send((index, [shared for _, shared in self._filling]))
             self._in_flight.append((index, self._filling))
             self._filling = []
 
-    def _measure_batch(self) -> None:
+    def _receive(self) -> None:
+        """Continue the units whose flows have arrived; none requests flows before the place of this batch is free."""
         try:
             predicting = self._device.recv()
         except (EOFError, ConnectionError):
@@ -243,26 +225,11 @@ class Feeder:
                 self._driver.recv()
         index, batch = self._in_flight.popleft()
         self._seconds["predict"] += predicting
-        for sent in batch:
-            cell = sent.shared.request.cell
-            shape = (*sent.opened.sample.shape, self._channels)
-            flow: Answer = self._batches[index].array(sent.shared.begin, shape, np.float32)
-            if cell[1] == CLEAN:
-                self._measure.keep_clean(sent.opened, flow.copy())
-            if sent.wanted:
-                self._measure_cell(sent.opened, cell, flow, sent.digest)
+        for running, shared in batch:
+            shape = (*shared.shape[1:3], self._channels)
+            flow: Answer = self._batches[index].array(shared.begin, shape, np.float32)
+            kept = len(running.answers) > 1 or shared.request.cell[1] == CLEAN  # longer than the place of the batch
+            running.answers[shared.request.cell] = flow.copy() if kept else flow
+            if all(answer is not None for answer in running.answers.values()):
+                self._continue(running)
         self._free.append(index)
-
-    def _measure_cell(self, opened: OpenSample, cell: Cell, flow: Answer, digest: str) -> None:
-        """Measure a row, and send the rows of its unit if it is the last. The clean flow is known, because it was
-        requested first and the device answers in order."""
-        key, corruption, severity = cell
-        open_unit = self._units[key, corruption]
-        open_unit.rows[severity] = self._measure.row(opened, flow, digest, cell)
-        unit = open_unit.unit
-        if len(open_unit.rows) == len(unit.severities):
-            rows = [open_unit.rows[severity] for severity in unit.severities]
-            self._driver.send(("rows", (unit, rows, pop_timings(self._seconds))))
-            del self._units[key, corruption]
-        needed = {key, *(other for other, _ in self._units)}
-        self._samples = {name: one for name, one in self._samples.items() if name in needed}
