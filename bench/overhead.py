@@ -41,9 +41,9 @@ if __name__ == "__main__":
     from robustflow.run.engines.choose import choose_engine
     from robustflow.run.plan import RunOptions
     from robustflow.run.setup import set_up
-    from robustflow.run.stages import FrameStage, no_seconds
+    from robustflow.run.stages import frames_digest, no_seconds
     from robustflow.run.store import RunFolder
-    from robustflow.run.worker import Job, MeasureStage
+    from robustflow.run.worker import Computation, Job
     from robustflow.testing import TexturePairs
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -124,8 +124,8 @@ def cells(benchmark: Benchmark) -> None:
     """Measure the CPU time by stage and corruption for the first pair, and print it as a table."""
     seconds = no_seconds()
     key = benchmark.keys[0]
-    frame_stage = FrameStage(benchmark.dataset, RunOptions(), seconds)
-    measure_stage = MeasureStage(Job(benchmark.dataset, Sleeper(), RunOptions()), seconds)
+    computation = Computation(Job(benchmark.dataset, Sleeper(), RunOptions()), seconds)
+    frame_stage = computation.frames
 
     def best(work) -> float:
         least = float("inf")
@@ -140,8 +140,8 @@ def cells(benchmark: Benchmark) -> None:
     rng = np.random.default_rng(0)
     clean, flow = rng.normal(0, 3, (2, *shape, 2)).astype(np.float32)
     loaded.clean = clean
-    digest = best(lambda: measure_stage.digest(loaded.sample.frames))
-    row = best(lambda: measure_stage.row(loaded, flow, "", (key, CLEAN, 0)))
+    digest = best(lambda: frames_digest(loaded.sample.frames))
+    row = best(lambda: computation.row(loaded, flow, loaded.sample.frames, (key, CLEAN, 0))) - digest
     per_sample = best(lambda: frame_stage.load(key))
     total = 0.0
     print(f"\nCPU time without the model, {shape[0]}x{shape[1]}, one thread, ms per cell")

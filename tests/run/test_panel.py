@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from functools import cache
 
 import numpy as np
 import pytest
@@ -23,20 +22,16 @@ from robustflow.media.colours import (
     flow_colours,
     thickened,
 )
-from robustflow.run.panel import Panel, draw_panel, panel_title
+from robustflow.run.panel import draw_panel, panel_title
+from robustflow.run.worker import View
 
 
-def _panel(height: int, width: int, truth: bool, title: str = "title") -> Panel:
+def _draw(height: int, width: int, truth: bool, title: str = "title") -> bytes:
     rng = np.random.default_rng(0)
     frames = tuple(rng.integers(0, 255, (height, width, 3)).astype(np.uint8) for _ in range(2))
     flow = rng.normal(0, 5, (height, width, 2)).astype(np.float32)
     known = {"flow": flow, "valid": rng.random((height, width)) < 0.2} if truth else {}
-    return Panel(Sample("a", frames, **known), frames[::-1], flow + 1, flow, title, "EPE 1.00 px")
-
-
-@cache
-def _drawn(truth: bool) -> bytes:
-    return draw_panel(_panel(70, 100, truth))
+    return draw_panel(View(Sample("a", frames, **known), frames[::-1], flow + 1, flow, {}), title, "EPE 1.00 px")
 
 
 def test_errors_grow_brighter_on_a_logarithmic_scale():
@@ -72,7 +67,7 @@ def test_panel_has_its_images_in_their_places():
     first, second, corrupted, also_corrupted = (np.full((70, 100, 3), grey, np.uint8) for grey in (30, 60, 120, 200))
     clean, flow, truth = (np.full((70, 100, 2), np.float32(vector)) for vector in ((3, 0), (0, 2), (-4, 0)))
     sample = Sample("a", (first, second), truth, np.ones((70, 100), bool))
-    drawn = draw_panel(Panel(sample, (corrupted, also_corrupted), flow, clean, "title", "EPE 1.00 px"))
+    drawn = draw_panel(View(sample, (corrupted, also_corrupted), flow, clean, {}), "title", "EPE 1.00 px")
     with Image.open(io.BytesIO(drawn)) as picture:
         shown = np.asarray(picture.convert("RGB"), int)
     errors = error_colours(np.full((1, 1), np.hypot(4, 2)))
@@ -87,7 +82,7 @@ def test_panel_has_its_images_in_their_places():
 @pytest.mark.parametrize("truth", [True, False])
 def test_a_panel_has_the_colour_wheel_of_its_flows(truth):
     """The colours at the right and left edges of the wheel match flow to the right and to the left."""
-    drawn = np.asarray(Image.open(io.BytesIO(_drawn(truth))).convert("RGB"), float)
+    drawn = np.asarray(Image.open(io.BytesIO(_draw(70, 100, truth))).convert("RGB"), float)
     sides = flow_colours(np.array([[[1.0, 0.0], [-1.0, 0.0]]], np.float32), 1.0)[0].astype(float)
     part = drawn[-92:, :100] if truth else drawn[-560:-92, 100:600]
     found = [np.argwhere(np.abs(part - side).sum(axis=2) < 30) for side in sides]
@@ -97,7 +92,7 @@ def test_a_panel_has_the_colour_wheel_of_its_flows(truth):
 
 @pytest.mark.parametrize(("height", "width"), [(4000, 30), (8, 900), (16, 16)])
 def test_panel_of_unusual_frame_sizes_is_readable(height, width):
-    with Image.open(io.BytesIO(draw_panel(_panel(height, width, True)))) as picture:
+    with Image.open(io.BytesIO(_draw(height, width, True))) as picture:
         assert picture.width == 1400
         assert picture.height < 3200
 
@@ -108,4 +103,4 @@ def test_panel_draws_any_name(name):
     title = panel_title(name, "fog", 3, "worst")
     assert "\n" not in title
     assert len(title) < 120
-    assert draw_panel(_panel(20, 30, False, title))
+    assert _draw(20, 30, False, title)

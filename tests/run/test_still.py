@@ -16,8 +16,9 @@ from robustflow.media.images import read_image
 from robustflow.models import ModelSpec
 from robustflow.report.site import render_site, run_content
 from robustflow.run.comparable import sample_set
-from robustflow.run.panel import Panel, draw_panel
+from robustflow.run.panel import draw_panel
 from robustflow.run.recheck import recheck
+from robustflow.run.worker import View
 from robustflow.stats.exclusion import exclusion_reasons
 from robustflow.testing import BrightnessFlow, TexturePairs
 
@@ -233,4 +234,4 @@ def test_the_panel_of_a_still_scene_can_be_drawn_without_any_motion(real_picture
     with real_pictures():
         sample = Still(TexturePairs(1), ["0"]).load("0")
         flow = zero(*sample.frames)
-        assert draw_panel(Panel(sample, sample.frames, flow, flow, "title", "EPE 0.00 px"))[:4] == b"\x89PNG"
+        assert draw_panel(View(sample, sample.frames, flow, flow, {}), "title", "EPE 0.00 px")[:4] == b"\x89PNG"

@@ -13,8 +13,14 @@ from ..refusals import refusal
 
 
 class Batched(ConstantFlow):
+    """A model whose batches are changed by a function of the flows and the first frames."""
+
+    def __init__(self, change=lambda flows, frames: flows):
+        super().__init__(1, 1)
+        self.change = change
+
     def predict_batch(self, frames1, frames2):
-        return [self.predict(a, b) for a, b in zip(frames1, frames2, strict=True)]
+        return self.change([self.predict(a, b) for a, b in zip(frames1, frames2, strict=True)], frames1)
 
 
 class Clip(ZeroClipFlow):
@@ -24,13 +30,18 @@ class Clip(ZeroClipFlow):
 
 
 class Sure(ZeroFlow):
-    """A model with the same confidence everywhere."""
+    """A model with the same confidence everywhere, changed by a function of flow, confidence and number of calls."""
+
+    def __init__(self, change=lambda flow, confidence, calls: (flow, confidence)):
+        super().__init__()
+        self.change, self.calls = change, 0
 
     def predict_with_confidence(self, frame1, frame2):
-        return self.predict(frame1, frame2), np.ones(frame1.shape[:2], np.float32)
+        self.calls += 1
+        return self.change(self.predict(frame1, frame2), np.ones(frame1.shape[:2], np.float32), self.calls)
 
 
-@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip((2, 1)), Sure()])
+@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(), Clip((2, 1)), Sure()])
 def test_check_model_accepts_models_that_keep_the_rules(model):
     assert check_model(model) == (model.__name__ if isinstance(model, type) else type(model).__name__)
 
@@ -54,62 +65,9 @@ class Remembers(ZeroFlow):
         return super().predict(frame1, frame2) + np.float32(self.calls)
 
 
-class Mixes(Batched):
-    def predict_batch(self, frames1, frames2):
-        return [flow + np.float32(0.01) for flow in super().predict_batch(frames1, frames2)]
-
-
-class Loses(Batched):
-    def predict_batch(self, frames1, frames2):
-        return super().predict_batch(frames1, frames2)[:1]
-
-
 class Broken(ZeroFlow):
     def __init__(self):
         raise OSError("no card")
-
-
-class NotANumber(Batched):
-    def predict_batch(self, frames1, frames2):
-        return [flow * np.float32(np.nan) for flow in super().predict_batch(frames1, frames2)]
-
-
-class Fails(Batched):
-    def predict_batch(self, frames1, frames2):
-        raise KeyError("weights")
-
-
-class Forgets(Batched):
-    def predict_batch(self, frames1, frames2):
-        super().predict_batch(frames1, frames2)
-
-
-class WritesInBatch(Batched):
-    def predict_batch(self, frames1, frames2):
-        flows = super().predict_batch(frames1, frames2)
-        frames1[0][:] = 0
-        return flows
-
-
-class SureOfOther(Sure):
-    def predict_with_confidence(self, frame1, frame2):
-        flow, confidence = super().predict_with_confidence(frame1, frame2)
-        return flow + 1, confidence
-
-
-class SurerEachTime(Sure):
-    calls = 0
-
-    def predict_with_confidence(self, frame1, frame2):
-        self.calls += 1
-        flow, confidence = super().predict_with_confidence(frame1, frame2)
-        return flow, self.calls * confidence
-
-
-class SureOfLess(Sure):
-    def predict_with_confidence(self, frame1, frame2):
-        flow, confidence = super().predict_with_confidence(frame1, frame2)
-        return flow, confidence[1:]
 
 
 def padded(frame1, frame2):
@@ -120,20 +78,32 @@ def never(frame1, frame2):
     return np.full((*frame1.shape[:2], 2), np.nan, np.float32)
 
 
+BATCHES = [
+    lambda flows, frames: [flow + np.float32(0.01) for flow in flows],
+    lambda flows, frames: flows[:1],
+    lambda flows, frames: [flow * np.float32(np.nan) for flow in flows],
+    lambda flows, frames: flows[9],
+    lambda flows, frames: None,
+    lambda flows, frames: frames[0].fill(0) or flows,
+]
+"""Batches that are not the flows of single pairs, and one that overwrites its frames."""
+
+
 @pytest.mark.parametrize(
     ("model", "culprit"),
     [
         *((model, "predict") for model in (Writes(), Remembers(), padded, never)),
         *((model, "predict") for model in (lambda a, b: a[..., :2], lambda a, b: [[0]], lambda a, b: a.nothing)),
-        *((kind(), "predict_batch") for kind in (Mixes, Loses, NotANumber, Fails, Forgets, WritesInBatch)),
-        *((kind(), "predict_with_confidence") for kind in (SureOfOther, SurerEachTime)),
+        *((Batched(change), "predict_batch") for change in BATCHES),
+        (Sure(lambda flow, confidence, calls: (flow + 1, confidence)), "predict_with_confidence"),
+        (Sure(lambda flow, confidence, calls: (flow, calls * confidence)), "predict_with_confidence"),
     ],
 )
 def test_check_model_names_the_method_that_breaks_a_rule(model, culprit):
     refusal(lambda: check_model(model), ModelError, culprit)
 
 
-@pytest.mark.parametrize("model", [3, Broken, SureOfLess()])
+@pytest.mark.parametrize("model", [3, Broken, Sure(lambda flow, confidence, calls: (flow, confidence[1:]))])
 def test_object_that_is_not_a_model_is_refused(model):
     with pytest.raises(ModelError):
         check_model(model)

@@ -98,14 +98,13 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures
 
 
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
-    from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
+    from .panel import draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
 
     row = _row(rows, cell)
     scores = cell_scores(row)
     view = worker.inspect_cell(*cell)
     _check_same(view, row, scores)
-    title = panel_title(*cell, why)
-    return draw_panel(Panel(view.sample, view.frames, view.flow, view.clean_flow, title, numbers_line(*scores)), form)
+    return draw_panel(view, panel_title(*cell, why), numbers_line(*scores), form)
 
 
 def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:

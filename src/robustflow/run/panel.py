@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -19,9 +18,12 @@ from PIL import Image
 
 from ..core.display import add_picture, default_style
 from ..core.text import name_text
-from ..core.types import Flow, Frame, Sample
+from ..core.types import Frame
 from ..media.colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours, flow_colours, flow_radius, thickened
 from ..metrics.error_maps import epe_map
+
+if TYPE_CHECKING:
+    from .worker import View
 
 _WIDTH_IN = 14.0
 _TALLEST_IN = 7.0
@@ -35,23 +37,13 @@ _JPEG_QUALITY = 88
 _WHEEL_SAYS = "direction and length of the flow, as colours"
 
 
-@dataclass(frozen=True)
-class Panel:
-    sample: Sample
-    frames: tuple[Frame, ...]
-    flow: Flow
-    clean_flow: Flow
-    title: str
-    numbers: str
-
-
 @default_style()
-def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
+def draw_panel(panel: View, title: str, numbers: str, form: Literal["png", "jpeg"] = "png") -> bytes:
     """Return a panel as the content of an image file; the same panel always yields the same bytes."""
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
     if truth is not None and not truth.any() and np.array_equal(sample.frames[0], sample.frames[1]):
-        return _file(_figure(panel, _still_pictures(panel)), form)
+        return _file(_figure(sample.shape, title, numbers, _still_pictures(panel)), form)
     radius = flow_radius(panel.clean_flow) if truth is None else flow_radius(truth, valid)
     pictures: list[tuple[str, Frame | None]] = [
         ("frame 1", sample.frames[0]),
@@ -70,13 +62,13 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         known = thickened(flow_colours(truth, radius, valid), valid)
         pictures += [("ground truth (black: unknown)", known)]
         pictures += [("end-point error on the corrupted frames (grey: unknown)", error)]
-    figure = _figure(panel, pictures)
+    figure = _figure(sample.shape, title, numbers, pictures)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # characters that the font lacks are shown as boxes
         return _file(figure, form)
 
 
-def _still_pictures(panel: Panel) -> list[tuple[str, Frame | None]]:
+def _still_pictures(panel: View) -> list[tuple[str, Frame | None]]:
     """Return the images for a static scene, in which all flow is phantom motion."""
     radius = flow_radius(panel.flow)
     zero = np.zeros_like(panel.flow)
@@ -90,16 +82,16 @@ def _still_pictures(panel: Panel) -> list[tuple[str, Frame | None]]:
     ]
 
 
-def _figure(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
-    height, width = panel.sample.shape
+def _figure(shape: tuple[int, int], heading: str, numbers: str, pictures: list[tuple[str, Frame | None]]) -> Figure:
+    height, width = shape
     each = min(_WIDTH_IN / 2 * 0.985 * height / width, _TALLEST_IN)
     rows = len(pictures) // 2
     total = _HEAD_IN + rows * (each + _TITLE_IN) + _BAR_IN
     figure = Figure(figsize=(_WIDTH_IN, total), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     head = 1 - _HEAD_IN / total / 2
-    figure.text(0.005, head, panel.title, va="center", fontsize=14, fontweight="bold")
-    figure.text(0.995, head, panel.numbers, va="center", ha="right", fontsize=14)
+    figure.text(0.005, head, heading, va="center", fontsize=14, fontweight="bold")
+    figure.text(0.995, head, numbers, va="center", ha="right", fontsize=14)
     for index, (title, picture) in enumerate(pictures):
         row, column = divmod(index, 2)
         top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN

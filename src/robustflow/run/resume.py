@@ -4,7 +4,7 @@ The settings have to be equal, and so do the files of the data, by their digests
 user's model, the identity includes the source file, but no imported modules or other files, and some datasets have no
 files. So one clean row is measured again. Frames and ground truth are always compared; the prediction is compared
 unless the model is identified by a hash of its content. All other samples are compared in the same way when their units
-continue (see `MeasureStage`).
+continue (see `Computation.open`).
 """
 
 from __future__ import annotations

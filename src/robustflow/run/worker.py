@@ -82,70 +82,6 @@ class View:
     row: dict[str, Any]
 
 
-class MeasureStage:
-    """Compute rows, and store clean flows for the remaining cells of their samples."""
-
-    def __init__(self, job: Job, seconds: Seconds) -> None:
-        self._truths = dict.fromkeys((CLEAN, *job.options.attacks), "unchanged")
-        """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
-        self._options = job.options.measuring
-        self._folder = None if job.folder is None else RunFolder(job.folder)
-        self._kept = job.kept
-        self._seconds = seconds
-
-    def read_clean(self, opened: OpenSample) -> None:
-        """Read the clean flow that an earlier unit of the sample stored, if any."""
-        if self._folder is not None:
-            opened.clean = read_array(self._folder.clean_path(opened.sample.key), opened.clean_flow_key)
-            if opened.clean is not None:
-                self._check(opened, opened.clean)
-
-    def keep_clean(self, opened: OpenSample, clean: Answer) -> None:
-        opened.clean = clean
-        if self._folder is not None:
-            write_array(self._folder.clean_path(opened.sample.key), clean, opened.clean_flow_key)
-        self._check(opened, clean)
-
-    def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
-        assert opened.clean is not None
-        _, corruption, severity = cell
-        if corruption not in self._truths:
-            self._truths[corruption] = truth_under(corruption)
-        truth = self._truths[corruption]
-        sample, regions = opened.sample, opened.regions
-        if truth != "unchanged":
-            sample, regions = sample.without_truth(), None
-        with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
-            flow, clean_flow = flow_of(answer), flow_of(opened.clean)
-            row = measure(
-                flow,
-                clean_flow,
-                sample,
-                regions,
-                corruption=corruption,
-                severity=severity,
-                truth=truth,
-                frames_digest=digest,
-            )
-            if self._options.draws > 1:
-                row |= _spread_column(answer, clean_flow, cell)
-            else:
-                row |= _confidence_columns(answer, clean_flow, sample)
-        if row["n_invalid"] and not self._options.allow_invalid:
-            raise _invalid(f"{row['n_invalid']} pixels", cell, "use --allow-invalid to exclude and count such pixels")
-        return row
-
-    def digest(self, frames: tuple[Frame, ...]) -> str:
-        with timed(self._seconds, "measure"):
-            return frames_digest(frames[:2])
-
-    def _check(self, opened: OpenSample, clean: Answer) -> None:
-        """Measuring a sample again must yield the clean row that the run already has."""
-        key = opened.sample.key
-        if key in self._kept:
-            check_same(self._kept[key], self.row(opened, clean, self.digest(opened.sample.frames), (key, CLEAN, 0)))
-
-
 def _invalid(what: str, cell: Cell, remedy: str) -> ModelError:
     return ModelError(
         f"the model returned {what} that are NaN or infinite on {describe_cell(*cell)}; fix the model, or {remedy}"
@@ -199,8 +135,13 @@ class Computation:
 
     def __init__(self, job: Job, seconds: Seconds) -> None:
         self.frames = FrameStage(job.dataset, job.options, seconds)
-        self.measure = MeasureStage(job, seconds)
+        self._truths = dict.fromkeys((CLEAN, *job.options.attacks), "unchanged")
+        """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
+        self._options = job.options.measuring
+        self._folder = None if job.folder is None else RunFolder(job.folder)
+        self._kept = job.kept
         self._batch_size = job.batch_size
+        self._seconds = seconds
         self._samples: dict[str, OpenSample] = {}
 
     def release(self, needed: Container[str]) -> None:
@@ -208,13 +149,19 @@ class Computation:
         self._samples = {key: opened for key, opened in self._samples.items() if key in needed}
 
     def open(self, key: str) -> Steps[OpenSample]:
-        """Return a sample whose clean flow is known, or has been requested by an earlier computation."""
+        """Return a sample whose clean flow is known, or has been requested by an earlier computation. The clean flow
+        is stored for other workers, and its row must be the one that the run already has, if any."""
         if key not in self._samples:
             opened = self._samples[key] = self.frames.load(key)
-            self.measure.read_clean(opened)
+            path = None if self._folder is None else self._folder.clean_path(key)
+            opened.clean = None if path is None else read_array(path, opened.clean_flow_key)
+            cell = (key, CLEAN, 0)
             if opened.clean is None:
-                (clean,) = yield [self.frames.request(opened.sample, (key, CLEAN, 0), opened.sample.frames)]
-                self.measure.keep_clean(opened, clean)
+                (opened.clean,) = yield [self.frames.request(opened.sample, cell, opened.sample.frames)]
+                if path is not None:
+                    write_array(path, opened.clean, opened.clean_flow_key)
+            if key in self._kept:
+                check_same(self._kept[key], self.row(opened, opened.clean, opened.sample.frames, cell))
         return self._samples[key]
 
     def rows(self, unit: Unit) -> Steps[list[dict[str, Any]]]:
@@ -232,8 +179,35 @@ class Computation:
             rows += [self.row(opened, *one) for one in zip(answers, corrupted, cells, strict=True)]
         return rows
 
-    def row(self, opened: OpenSample, flow: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
-        return self.measure.row(opened, flow, self.measure.digest(frames), cell)
+    def row(self, opened: OpenSample, answer: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
+        """Measure the flow that was predicted from the frames of a cell."""
+        assert opened.clean is not None
+        _, corruption, severity = cell
+        if corruption not in self._truths:
+            self._truths[corruption] = truth_under(corruption)
+        truth = self._truths[corruption]
+        sample, regions = opened.sample, opened.regions
+        if truth != "unchanged":
+            sample, regions = sample.without_truth(), None
+        with memory_errors_named(describe_cell(*cell)), timed(self._seconds, "measure"):
+            flow, clean_flow = flow_of(answer), flow_of(opened.clean)
+            row = measure(
+                flow,
+                clean_flow,
+                sample,
+                regions,
+                corruption=corruption,
+                severity=severity,
+                truth=truth,
+                frames_digest=frames_digest(frames[:2]),
+            )
+            if self._options.draws > 1:
+                row |= _spread_column(answer, clean_flow, cell)
+            else:
+                row |= _confidence_columns(answer, clean_flow, sample)
+        if row["n_invalid"] and not self._options.allow_invalid:
+            raise _invalid(f"{row['n_invalid']} pixels", cell, "use --allow-invalid to exclude and count such pixels")
+        return row
 
 
 class Worker:
