@@ -123,11 +123,11 @@ def _print_paper() -> None:
     typer.echo(line.format("", "", "params", "(M)", "", "", "MACs", "(G)", "", "").rstrip())
     typer.echo(line.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
     costs = published_costs()
-    for one in count_as_the_paper(costs, COUNTED_SIZE):
-        if one.counts is None:
-            typer.echo(f"{one.method:13s} {one.missing}")
+    for method, size, counts in count_as_the_paper(costs, COUNTED_SIZE):
+        if isinstance(counts, str):
+            typer.echo(f"{method:13s} {counts}")
             continue
-        published, counts = costs[one.method], one.counts
+        published = costs[method]
         parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
         cells = (
             *(f"{published.parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - published.parameters_m:+.3f}"),
@@ -135,6 +135,6 @@ def _print_paper() -> None:
             *(f"{published.flops_g:.1f}", f"{macs:.2f}", f"{macs - published.flops_g:+.2f}"),
             f"{counts.macs / 1e9:.2f}",
         )
-        typer.echo(line.format(one.method, "x".join(map(str, one.size)), *cells))
+        typer.echo(line.format(method, "x".join(map(str, size)), *cells))
     typer.echo("12 iterations. The paper truncates its numbers; its FLOPs are thop's MACs.")
     typer.echo("See docs/design/profiling.md for the remaining differences.")

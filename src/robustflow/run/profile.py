@@ -232,27 +232,20 @@ class EveryFlow(nn.Module):
         return self.net.flows(image1, image2)
 
 
-@dataclass(frozen=True)
-class Counted:
-    """One method from the paper's table, with costs counted by the paper's procedure."""
-
-    method: str
-    size: tuple[int, int]
-    counts: Counts | None
-    missing: str = ""
-
-
-def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
+def count_as_the_paper(
+    published: Iterable[str], frames: tuple[int, int]
+) -> Iterator[tuple[str, tuple[int, int], Counts | str]]:
+    """Yield methods of the paper's table with their input sizes and their costs, or why these cannot be counted."""
     names = {entry.method: name for name, entry in methods().items()}
     for method in published:
         name = names[method]
         try:
             model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
         except (AssetError, ModelError) as error:
-            yield Counted(method, frames, None, str(error))
+            yield method, frames, str(error)
             continue
         if name in _UNPADDED:
             model.net.model.output_stride = 8
         size = model.convention.fitted_size(*frames)
         net = EveryFlow(model.net) if name in _EVERY_FLOW else model.net
-        yield Counted(method, size, count(net, *size))
+        yield method, size, count(net, *size)
