@@ -48,38 +48,38 @@ def choose_engine(
         check_count("--workers", workers)
     if timeout is not None:
         check_positive("--timeout", timeout)
-    devices = devices_of(model.spec, model.model)
-    given = {"--engine": name, "--workers": workers, "--timeout": timeout}
-    asked = next((option for option, value in given.items() if value is not None), None)
-    if address is not None and name != "ray":
-        raise UsageError("--address", "applies only to the ray engine; add --engine ray, or omit it")
-    if devices and attacks and name in (None, "processes"):
-        if asked is not None:
-            raise UsageError(asked, "attacks on an accelerator run in this process; omit this option, or --attacks")
-        return _serial(" (attacks need the model in this process)")
-    why = ""
-    if name is None:
-        if asked is None:
-            why = _reason_for_one_process(model, others)
-            light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
-            if light and not devices:
-                return _spread(why)
-        wanted = (workers or 1) > 1 or timeout is not None
-        name, why = ("processes", "") if wanted or (devices and not why) else ("serial", why if devices else "")
-    if name not in ENGINES:
-        raise unknown_name("engine", name, ENGINES)
+    if name not in (None, *ENGINES):
+        raise unknown_name("engine", str(name), ENGINES)
     if name == "ray":
         require("ray", "the ray engine")  # fail before the run is announced
         return _ray(workers, timeout, address)
-    if name == "processes":
-        if workers is not None and workers < len(devices):
-            raise UsageError("--workers", f"{workers} is too few for {len(devices)} devices; name fewer with --device")
-        feeders = max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
-        return _pool(workers or feeders or 1, timeout, devices)
-    if (workers or 1) > 1 or timeout is not None:
-        option = "--workers" if (workers or 1) > 1 else "--timeout"
-        raise UsageError(option, "the serial engine has one worker and cannot stop a model; use --engine processes")
-    return _serial(why)
+    if address is not None:
+        raise UsageError("--address", "applies only to the ray engine; add --engine ray, or omit it")
+    several = "--workers" if (workers or 1) > 1 else "--timeout" if timeout is not None else None
+    if name == "serial":
+        if several is not None:
+            raise UsageError(several, "serial runs have one worker and cannot stop a model; use --engine processes")
+        return SERIAL
+    devices = devices_of(model.spec, model.model)
+    given = {"--engine": name, "--workers": workers, "--timeout": timeout}
+    asked = next((option for option, value in given.items() if value is not None), None)
+    if devices and attacks:
+        if asked is not None:
+            raise UsageError(asked, "attacks on an accelerator run in this process; omit this option, or --attacks")
+        return _serial(" (attacks need the model in this process)")
+    if asked is None:
+        why = _reason_for_one_process(model, others)
+        light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if not devices:
+            return _spread(why) if light else SERIAL
+        if why:
+            return _serial(why)
+    elif not devices and name is None and several is None:
+        return SERIAL
+    if workers is not None and workers < len(devices):
+        raise UsageError("--workers", f"{workers} is too few for {len(devices)} devices; name fewer with --device")
+    feeders = max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+    return _pool(workers or feeders or 1, timeout, devices)
 
 
 def _pool(workers: int, timeout: float | None, devices: Sequence[str] = ()) -> Engine:
