@@ -54,11 +54,15 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     usual = tempfile.gettempdir()
     parent = usual if len(usual) <= _LONGEST_TMP else "/tmp"
     folder = None if address else tempfile.mkdtemp(prefix="rf-ray-", dir=parent)
-    _show_messages(ray, False)
+    settings = {"RAY_USAGE_STATS_ENABLED": "0"}
+    if folder is not None:  # by default, actors yield to every other process (nice 15)
+        settings |= {"RAY_TMPDIR": folder, "RAY_worker_niceness": "0"}
+    logger = logging.getLogger("ray")
+    level = logger.level
+    # there is no option to turn off messages about lost actors, which Ray prints to standard output, among our tables
+    ray._private.worker._worker_logs_enabled = False
     try:
-        # by default, actors yield to every other process (nice 15)
-        settings = {} if folder is None else {"RAY_TMPDIR": folder, "RAY_worker_niceness": "0"}
-        with _quiet(), safe_path(), environment_variables(settings):
+        with safe_path(), environment_variables(settings):
             if address is None:
                 _start(ray, cpus, sent_bytes)
             else:
@@ -67,10 +71,10 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
         with _last_words():
             yield ray
     finally:
-        with _quiet():
-            ray.shutdown()
+        ray.shutdown()
         _restore(handler)
-        _show_messages(ray, True)
+        logger.setLevel(level)
+        ray._private.worker._worker_logs_enabled = True
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -159,25 +163,6 @@ def _check_answers(address: str, cluster: str) -> None:
 
 def _other_service(cluster: str) -> RunError:
     return RunError("--address", f"{cluster} does not respond like one; check host and port")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Disable Ray's start and end messages and its usage statistics within the block."""
-    logger = logging.getLogger("ray")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        with environment_variables({"RAY_USAGE_STATS_ENABLED": "0"}):
-            yield
-    finally:
-        logger.setLevel(level)
-
-
-def _show_messages(ray: Any, shown: bool) -> None:
-    """Silence Ray's messages about lost actors: Ray prints them to standard output, which contains our tables, and has
-    no option to turn them off."""
-    ray._private.worker._worker_logs_enabled = shown
 
 
 def _restore(handler: Any) -> None:
