@@ -82,7 +82,7 @@ class GaussianNoise(Noise):
 
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
         table = gaussian_table(parameter, self.variant == "reference")
-        _add_noise(source.reshape(-1), table, key, *work_arrays(np.uint32), out.reshape(-1))
+        _add_noise(source.reshape(-1), table, key, work_arrays(np.uint32), out.reshape(-1))
 
 
 @lru_cache(maxsize=16)
@@ -99,7 +99,8 @@ def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
 
 
 @njit(cache=True, nogil=True)
-def _add_noise(source: Any, table: Any, key: Any, words: Any, lanes: Any, entries: Any, out: Any) -> None:
+def _add_noise(source: Any, table: Any, key: Any, work: Any, out: Any) -> None:
+    words, lanes, entries = work
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]
@@ -130,7 +131,7 @@ class ShotNoise(Noise):
         tables, column_bits = shot_tables(parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
         work = work_arrays(np.uint32)
-        _replace_levels(source.reshape(-1), tables, shift, height_shift, key, *work, out.reshape(-1))
+        _replace_levels(source.reshape(-1), tables, shift, height_shift, key, work, out.reshape(-1))
 
 
 @lru_cache(maxsize=8)
@@ -158,16 +159,9 @@ def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDA
 
 @njit(cache=True, nogil=True)
 def _replace_levels(
-    source: Any,
-    tables: Any,
-    column_bits: Any,
-    height_shift: Any,
-    key: Any,
-    words: Any,
-    lanes: Any,
-    entries: Any,
-    out: Any,
+    source: Any, tables: Any, column_bits: Any, height_shift: Any, key: Any, work: Any, out: Any
 ) -> None:
+    words, lanes, entries = work
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]

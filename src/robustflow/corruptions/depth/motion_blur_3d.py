@@ -259,20 +259,9 @@ def _nearer(
 
 
 @inner
-def _visible_sums(
-    packed: Any,
-    depths: Any,
-    width: int,
-    height: int,
-    x: int,
-    y: int,
-    path: Any,
-    near: Any,
-    count: int,
-    nearest: Any,
-    found: Any,
-) -> Any:
+def _visible_sums(scene: Any, x: int, y: int, path: Any, near: Any, count: int, nearest: Any, found: Any) -> Any:
     """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface."""
+    packed, depths, width, height = scene
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)
     front, back, covered = np.uint64(0), np.uint64(0), np.uint64(0)
@@ -311,6 +300,7 @@ def _average(
     height, width = inverse.shape
     packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
     pack(frame, packed)
+    scene = packed, depths, width, height
     sums = np.empty(width, np.uint64)
     cells = np.empty((-(-height // _CELL), -(-width // _CELL)), np.float32)
     if near.any():
@@ -346,9 +336,7 @@ def _average(
                     if views != count:
                         dx, dy = dx * count // views, dy * count // views
                     other = np.int64(np.float64(fx) * shares[views]), np.int64(np.float64(fy) * shares[views])
-                    front, fronts, back, backs = _visible_sums(
-                        packed, depths, width, height, x, y, (dx, dy), other, views, nearest, found
-                    )
+                    front, fronts, back, backs = _visible_sums(scene, x, y, (dx, dy), other, views, nearest, found)
                     mean(front, fronts, back, backs, views, out[y, x])
                     continue
             total = np.uint64(0)

@@ -150,22 +150,9 @@ def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
 
 
 @inner
-def _add_rim(
-    total: Any,
-    weight: Any,
-    a: Any,
-    r0: Any,
-    l0: Any,
-    b: Any,
-    r1: Any,
-    l1: Any,
-    c: Any,
-    r2: Any,
-    l2: Any,
-    d: Any,
-    r3: Any,
-    l3: Any,
-) -> None:
+def _add_rim(total: Any, weight: Any, first: Any, second: Any, third: Any, fourth: Any) -> None:
+    """Add two segments and subtract two, each given by running sums, its end and its start."""
+    (a, r0, l0), (b, r1, l1), (c, r2, l2), (d, r3, l3) = first, second, third, fourth
     for i in range(_U(total.size)):
         inside = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r1 + i] - b[l1 + i]))
         outside = np.int32(np.int32(c[r2 + i] - c[l2 + i]) + np.int32(d[r3 + i] - d[l3 + i]))
@@ -183,7 +170,7 @@ def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total:
         first, last = _U(3 * (middle - g)), _U(3 * (middle + g + 1))
         if g < 0:
             first = last
-        _add_rim(total, weights[k], a, right, left, b, right, left, p, last, first, q, last, first)
+        _add_rim(total, weights[k], (a, right, left), (b, right, left), (p, last, first), (q, last, first))
 
 
 @inner
@@ -209,10 +196,8 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
         a, b = columns[h], columns[g]
         left, right = _U(3 * (middle - d)), _U(3 * (middle + d))
         first, last = _U(3 * (middle - e)), _U(3 * (middle + e))
-        _add_rim(
-            total, weights[k], a, left + three, left, a, right + three, right, b, first + three, first, b,
-            last + three, last,
-        )  # fmt: skip
+        added, removed = (a, left + three, left), (b, first + three, first)
+        _add_rim(total, weights[k], added, (a, right + three, right), removed, (b, last + three, last))
 
 
 @inner

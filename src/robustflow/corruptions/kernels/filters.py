@@ -96,16 +96,21 @@ def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
 
 
 @inner
-def _add_pair(total: Any, a: Any, b: Any, w: Any) -> None:
+def _add_pair(values: Any, left: int, right: int, w: Any, total: Any) -> None:
+    a, b = values[left : left + total.size], values[right : right + total.size]
     for i in range(total.size):
         total[i] += w * (a[i] + b[i])
 
 
 @inner
-def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2: Any, a3: Any, b3: Any, w: Any) -> None:
+def _add_four_pairs(values: Any, left: Any, right: Any, w: Any, total: Any) -> None:
     """Add four taps per pass over `total`, which requires a quarter of the loads and stores."""
-    w0, w1, w2, w3 = w[0], w[1], w[2], w[3]
-    for i in range(total.size):
+    n, w0, w1, w2, w3 = total.size, w[0], w[1], w[2], w[3]
+    a0, b0 = values[left[0] : left[0] + n], values[right[0] : right[0] + n]
+    a1, b1 = values[left[1] : left[1] + n], values[right[1] : right[1] + n]
+    a2, b2 = values[left[2] : left[2] + n], values[right[2] : right[2] + n]
+    a3, b3 = values[left[3] : left[3] + n], values[right[3] : right[3] + n]
+    for i in range(n):
         first = w0 * (a0[i] + b0[i]) + w1 * (a1[i] + b1[i])
         second = w2 * (a2[i] + b2[i]) + w3 * (a3[i] + b3[i])
         total[i] += first + second
@@ -121,15 +126,10 @@ def _weigh(values: Any, centre: int, left: Any, right: Any, weights: Any, out: A
         out[i] = w0 * row[i]
     k = 1
     while k + 4 <= weights.size:
-        _add_four_pairs(
-            out, values[left[k] : left[k] + n], values[right[k] : right[k] + n], values[left[k + 1] : left[k + 1] + n],
-            values[right[k + 1] : right[k + 1] + n], values[left[k + 2] : left[k + 2] + n],
-            values[right[k + 2] : right[k + 2] + n], values[left[k + 3] : left[k + 3] + n],
-            values[right[k + 3] : right[k + 3] + n], weights[k : k + 4],
-        )  # fmt: skip
+        _add_four_pairs(values, left[k : k + 4], right[k : k + 4], weights[k : k + 4], out)
         k += 4
     while k < weights.size:
-        _add_pair(out, values[left[k] : left[k] + n], values[right[k] : right[k] + n], weights[k])
+        _add_pair(values, left[k], right[k], weights[k], out)
         k += 1
 
 

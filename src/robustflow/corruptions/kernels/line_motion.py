@@ -63,15 +63,18 @@ def _blurred(image: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[n
 
 
 @inner
-def _add_tap(total: Any, a: Any, w: Any) -> None:
+def _add_tap(padded: Any, start: int, w: Any, total: Any) -> None:
+    a = padded[start : start + total.size]
     for i in range(total.size):
         total[i] = np.uint16(total[i] + np.uint16(np.uint32(np.uint32(a[i]) * np.uint32(w)) >> 16))
 
 
 @inner
-def _add_four_taps(total: Any, a: Any, b: Any, c: Any, d: Any, w: Any) -> None:
+def _add_four_taps(padded: Any, starts: Any, w: Any, total: Any) -> None:
+    n, s0, s1, s2, s3 = total.size, starts[0], starts[1], starts[2], starts[3]
+    a, b, c, d = padded[s0 : s0 + n], padded[s1 : s1 + n], padded[s2 : s2 + n], padded[s3 : s3 + n]
     w0, w1, w2, w3 = np.uint32(w[0]), np.uint32(w[1]), np.uint32(w[2]), np.uint32(w[3])
-    for i in range(total.size):
+    for i in range(n):
         first = np.uint16((np.uint32(a[i]) * w0) >> 16)
         second = np.uint16((np.uint32(b[i]) * w1) >> 16)
         third = np.uint16((np.uint32(c[i]) * w2) >> 16)
@@ -88,18 +91,12 @@ def _move(padded: Any, length: int, starts: Any, weights: Any, out: Any) -> None
     for y in range(out.shape[0]):
         for i in range(n):
             total[i] = bias
-        begin, k = y * length, 0
+        rows, k = padded[y * length :], 0
         while k + 4 <= taps:
-            b0, b1 = begin + starts[k], begin + starts[k + 1]
-            b2, b3 = begin + starts[k + 2], begin + starts[k + 3]
-            _add_four_taps(
-                total, padded[b0 : b0 + n], padded[b1 : b1 + n], padded[b2 : b2 + n], padded[b3 : b3 + n],
-                weights[k : k + 4],
-            )  # fmt: skip
+            _add_four_taps(rows, starts[k : k + 4], weights[k : k + 4], total)
             k += 4
         while k < taps:
-            b0 = begin + starts[k]
-            _add_tap(total, padded[b0 : b0 + n], weights[k])
+            _add_tap(rows, starts[k], weights[k], total)
             k += 1
         row = out[y]
         for i in range(n):

@@ -139,10 +139,9 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
     """Compute a noisy RAW image."""
     out = np.empty(light.shape, np.uint16)
     scale = WHITE - BLACK
-    _expose(
-        np.ascontiguousarray(light).reshape(-1), np.float32(1.0 / sensor.shot), np.float32(scale * sensor.shot),
-        np.float32(scale * sensor.read * UNIT), *_poisson_tables(), quantiles(), key, out.reshape(-1),
-    )  # fmt: skip
+    factors = np.float32([1.0 / sensor.shot, scale * sensor.shot, scale * sensor.read * UNIT])
+    tables = *_poisson_tables(), quantiles()
+    _expose(np.ascontiguousarray(light).reshape(-1), *factors, *tables, key, out.reshape(-1))
     return out
 
 

@@ -172,18 +172,14 @@ def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
         if (y + parity) & 1:  # green: the nearest neighbours are diagonal
             first, right = parity, parity + 1
             upper, lower = noisy[(y - 1) % _RING, 1 - parity], noisy[(y + 1) % _RING, 1 - parity]
-        _average_alike(
-            here[1:last], upper[first : first + last - 1], upper[right : right + last - 1],
-            lower[first : first + last - 1], lower[right : right + last - 1], top[1:last], bottom[1:last],
-            here[: last - 1], here[2:], shot, read, out[parity, 1:last],
-        )  # fmt: skip
+        nearest, farther = (upper[first:], upper[right:], lower[first:], lower[right:]), (top[1:], bottom[1:])
+        _average_alike(here[1:last], nearest, (*farther, here, here[2:]), shot, read, out[parity, 1:last])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _average_alike(
-    here: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any, out: Any
-) -> None:
+def _average_alike(here: Any, nearest: Any, farther: Any, shot: Any, read: Any, out: Any) -> None:
     """Compute the mean of each pixel and its eight neighbours, weighted by similarity."""
+    (a, b, c, d), (e, f, g, h) = nearest, farther
     for i in range(here.size):
         v = here[i]
         mean = (((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + (g[i] + h[i])) + v) * np.float32(1.0 / 9.0)

@@ -65,10 +65,8 @@ class Snow(Corruption):
         rows, columns = -int(-height // level.zoom), -int(-width // level.zoom)
         field = normal_field(state.flakes.spawn("frame", index), rows, columns)
         flakes = np.empty((round(rows * level.zoom), round(columns * level.zoom)), np.uint16)
-        _enlarge(
-            field, level.mean, level.deviation * UNIT, level.threshold, *_linear_positions(len(flakes), rows),
-            *_linear_positions(flakes.shape[1], columns), flakes,
-        )  # fmt: skip
+        places = _linear_positions(len(flakes), rows), _linear_positions(flakes.shape[1], columns)
+        _enlarge(field, level.mean, level.deviation * UNIT, level.threshold, *places, flakes)
         layer = move_plane(flakes, state.motion)
         out = np.empty((height, 3 * width), np.uint8)
         _whiten(contiguous(frame).reshape(out.shape), layer, np.float32(level.share), out)
@@ -85,10 +83,9 @@ def _linear_positions(long: int, short: int) -> tuple[npt.NDArray[np.uint32], np
 
 
 @njit(cache=True, nogil=True)
-def _enlarge(
-    field: Any, mean: float, unit: float, threshold: float, top: Any, down: Any, left: Any, along: Any, out: Any
-) -> None:
+def _enlarge(field: Any, mean: float, unit: float, threshold: float, rows: Any, columns: Any, out: Any) -> None:
     """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]."""
+    (top, down), (left, along) = rows, columns
     last = field.shape[0] - 1, field.shape[1] - 1
     row, slope = np.empty(field.shape[1], np.float32), np.zeros(field.shape[1], np.float32)
     full, floor = np.float32(65280), np.float32(max(threshold, 0.0) * 65280)
