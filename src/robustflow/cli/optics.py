@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from ..core.arguments import check_severity
 from ..core.errors import DataError, UsageError
 from ..core.files import make_folder, sealed, write_bytes, write_json
 from .options import names, numbers, refuse_unused, shared
@@ -21,7 +20,7 @@ _Lens = Annotated[Path | None, Option(help="Prescription to use instead of the s
 @shared(output="File to write the prescription to.")
 def design(
     severity: Annotated[int, Option("--severity", "--severities", "-s", help="1 to 5.")],
-    seed: Annotated[int | None, Option(help="Integer random seed; the seed of the shipped lens by default.")] = None,
+    seed: Annotated[int, Option(help="Integer random seed; that of the shipped lens is 0.")] = 0,
     ship: Annotated[bool, Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
     **given: Any,
 ) -> None:
@@ -31,19 +30,18 @@ def design(
     Example:
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
-    from ..corruptions.optics.design import SHIPPED_SEEDS, lens_digest, ship_lens, structure_line
     from ..corruptions.optics.design import design as search_lens
+    from ..corruptions.optics.design import lens_digest, ship_lens, structure_line
     from ..corruptions.optics.lens import write_lens
     from ..corruptions.optics.psf_field import manifest
     from ..corruptions.optics.render import render_psfs
 
-    chosen = SHIPPED_SEEDS[check_severity(severity) - 1] if seed is None else seed
-    lens = search_lens(severity, chosen, report=typer.echo)
+    lens = search_lens(severity, seed, report=typer.echo)
     typer.echo(f"found: {structure_line(lens)}")
     if ship:
         ship_lens(severity, lens, render_psfs(lens))
         typer.echo("saved in the package")
-    elif chosen == SHIPPED_SEEDS[severity - 1]:
+    elif seed == 0:
         _print_shipped("lens", lens_digest(lens) == manifest()[f"lens_s{severity}"])
     if given["output"] is not None:
         write_lens(lens, given["output"])

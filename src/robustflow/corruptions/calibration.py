@@ -70,81 +70,67 @@ def _interpolated(start: Any, end: Any, share: float) -> Any:
 
 def path(name: str) -> list[Segment]:
     """Return the path of a corruption, from mild to extreme; empty for clip corruptions and user-defined ones."""
-    if name in _OWN:
-        return _OWN[name]
-    if name not in _ENDS:
-        return []
-    kind: type[Corruption] = CORRUPTIONS.get(name)
-    below, above = _ENDS[name]
-    corners = [below, *kind.paper_severities, *above]
-    return [Segment(a, b) for a, b in pairwise(corners)]
+    runs = _RUNS.get(name, [])
+    if name in _ENDS:
+        below, above = _ENDS[name]
+        kind: type[Corruption] = CORRUPTIONS.get(name)
+        runs = [[below, *kind.paper_severities, above]]
+    return [Segment(start, end) for corners in runs for start, end in pairwise(corners)]
 
 
-_ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
-    "jpeg_compression": (100, (1,)),
-    "pixelate": (1.0, (0.05,)),
-    "contrast": (1.0, (0.0,)),
-    "high_light": (0.0, (1.0,)),
-    "low_light": (0.0, (1.0,)),
-    "over_exposure": (0.0, (4.0,)),
-    "under_exposure": (0.0, (-6.0,)),
-    "fog": ((0.0, 2.0), ((10.0, 1.4),)),
-    "frost": ((1.0, 0.0), ((0.0, 1.0),)),
-    "gaussian_noise": (0.002, (1.0,)),
-    "shot_noise": (2000.0, (1.0,)),
-    "impulse_noise": (0.0, (0.9,)),
-    "gaussian_blur": (0.2, (30.0,)),
-    "elastic_transform": (0.05, (100.0,)),
+_ENDS: dict[str, tuple[Any, Any]] = {
+    "jpeg_compression": (100, 1),
+    "pixelate": (1.0, 0.05),
+    "contrast": (1.0, 0.0),
+    "high_light": (0.0, 1.0),
+    "low_light": (0.0, 1.0),
+    "over_exposure": (0.0, 4.0),
+    "under_exposure": (0.0, -6.0),
+    "fog": ((0.0, 2.0), (10.0, 1.4)),
+    "frost": ((1.0, 0.0), (0.0, 1.0)),
+    "gaussian_noise": (0.002, 1.0),
+    "shot_noise": (2000.0, 1.0),
+    "impulse_noise": (0.0, 0.9),
+    "gaussian_blur": (0.2, 30.0),
+    "elastic_transform": (0.05, 100.0),
 }
-"""Extensions of the path beyond the paper's five severities: (below severity 1, above severity 5)."""
+"""Extensions of the path beyond the paper's five severities: below severity 1, and above severity 5."""
 
-_LENSES = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
-
-_OWN: dict[str, list[Segment]] = {
-    "saturate": [
-        Segment((1.0, 0.0), (2.0, 0.0)),
-        Segment((2.0, 0.0), (5.0, 0.1)),
-        Segment((5.0, 0.1), (20.0, 0.2)),
-        Segment((20.0, 0.2), (20.0, 1.0)),
-    ],
+_RUNS: dict[str, list[list[Any]]] = {
+    "saturate": [[(1.0, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2), (20.0, 1.0)]],
     "spatter": [
-        Segment((0.65, 0.3, 4.0, 0.69, 0.0, False), (0.65, 0.3, 4.0, 0.69, 0.6, False)),
-        Segment((0.65, 0.3, 4.0, 0.69, 0.6, False), (0.65, 0.3, 3.0, 0.68, 0.6, False)),
-        Segment((0.65, 0.3, 3.0, 0.68, 0.6, False), (0.65, 0.3, 2.5, 0.68, 0.55, False)),
-        Segment((0.65, 0.3, 1.0, 0.65, 1.5, True), (0.67, 0.4, 1.0, 0.65, 1.5, True)),
-        Segment((0.67, 0.4, 1.0, 0.65, 1.5, True), (0.75, 0.4, 1.0, 0.65, 1.5, True)),
+        [
+            (0.65, 0.3, 4.0, 0.69, 0.0, False),
+            (0.65, 0.3, 4.0, 0.69, 0.6, False),
+            (0.65, 0.3, 3.0, 0.68, 0.6, False),
+            (0.65, 0.3, 2.5, 0.68, 0.55, False),
+        ],
+        [(0.65, 0.3, 1.0, 0.65, 1.5, True), (0.67, 0.4, 1.0, 0.65, 1.5, True), (0.75, 0.4, 1.0, 0.65, 1.5, True)],
     ],
     "snow": [
-        Segment((-0.2, 0.3, 3.0, 0.5, 10, 4.0, 1.0), (0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8)),
-        Segment((0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8), (0.2, 0.3, 2.0, 0.5, 12, 4.0, 0.7)),
+        [
+            (-0.2, 0.3, 3.0, 0.5, 10, 4.0, 1.0),
+            (0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8),
+            (0.2, 0.3, 2.0, 0.5, 12, 4.0, 0.7),
+        ]
     ],
     "defocus_blur": [
-        Segment((1.0, 0.1), (1.0, 2.0)),
-        Segment((2.0, 0.1), (2.0, 2.0)),
-        Segment((2.24, 0.1), (3.0, 0.1)),
-        Segment((3.0, 0.1), (3.0, 2.0)),
-        Segment((3.17, 0.5), (4.0, 0.5)),
-        Segment((4.0, 0.5), (6.0, 0.5)),
-        Segment((6.0, 0.5), (10.0, 0.5)),
-        Segment((10.0, 0.5), (30.0, 0.5)),
+        [(1.0, 0.1), (1.0, 2.0)],
+        [(2.0, 0.1), (2.0, 2.0)],
+        [(2.24, 0.1), (3.0, 0.1), (3.0, 2.0)],
+        [(3.17, 0.5), (4.0, 0.5), (6.0, 0.5), (10.0, 0.5), (30.0, 0.5)],
     ],
-    "camera_motion_blur": [
-        Segment((10, 0.2), (10, 3.0)),
-        Segment((10, 3.0), (15, 5.0)),
-        Segment((15, 5.0), (15, 12.0)),
-        Segment((15, 12.0), (20, 15.0)),
-        Segment((20, 15.0), (80, 60.0)),
-    ],
+    "camera_motion_blur": [[(10, 0.2), (10, 3.0), (15, 5.0), (15, 12.0), (20, 15.0), (80, 60.0)]],
     "glass_blur": [
-        Segment((0.6, 1, 1), (1.4, 1, 1)),
-        Segment((0.9, 2, 1), (1.8, 2, 1)),
-        Segment((1.5, 3, 1), (2.4, 3, 1)),
-        Segment((2.0, 4, 1), (3.0, 4, 1)),
-        Segment((1.5, 4, 2), (1.5, 8, 2)),
+        [(0.6, 1, 1), (1.4, 1, 1)],
+        [(0.9, 2, 1), (1.8, 2, 1)],
+        [(1.5, 3, 1), (2.4, 3, 1)],
+        [(2.0, 4, 1), (3.0, 4, 1)],
+        [(1.5, 4, 2), (1.5, 8, 2)],
     ],
-    "psf_blur": [Segment(lens, lens) for lens in _LENSES],
+    "psf_blur": [[lens, lens] for lens in (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)],
 }
-
+"""Paths of the other corruptions, as runs of corners; between two runs, the parameters jump."""
 
 TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)
 """Target mean SSIM for severities 1 to 5; most corruptions can reach these values."""

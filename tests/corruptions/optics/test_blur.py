@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import skimage.data
 
+from robustflow.corruptions.kernels.cache import BytesCache
 from robustflow.corruptions.optics import blur as engine
-from robustflow.corruptions.optics.blur import KernelCache, Kernels, blur
+from robustflow.corruptions.optics.blur import blur
 from robustflow.corruptions.optics.psf_field import PsfField, shipped_field
 
 from ..pictures import noise
@@ -73,25 +74,25 @@ def test_a_psf_displaced_outwards_moves_light_outwards():
 
 def test_blur_without_cache_is_bit_identical(monkeypatch):
     frame, field = noise(150, 222), shipped_field(2)
-    monkeypatch.setattr(engine, "CACHE", KernelCache(limit=2**28))
+    monkeypatch.setattr(engine, "CACHE", BytesCache(limit=2**28))
     first = blur(frame, field)
     assert engine.CACHE.nbytes > 0
     assert (blur(frame, field) == first).all()
-    monkeypatch.setattr(engine, "CACHE", KernelCache(limit=0))
+    monkeypatch.setattr(engine, "CACHE", BytesCache(limit=0))
     assert (blur(frame, field) == first).all()
     assert engine.CACHE.nbytes == 0
 
 
 def test_cache_over_its_limit_drops_the_least_recently_used():
     def kernels(count: int):
-        return lambda: Kernels(np.zeros(count, np.float32), *[None] * 6)
+        return lambda: np.zeros(count, np.float32)
 
-    cache = KernelCache(limit=100)
+    cache = BytesCache(limit=100)
     for name in "abc":
-        cache.get((name, 1, 1), kernels(12))
-        cached = cache.get(("a", 1, 1), kernels(12))
+        cache.get(name, kernels(12))
+        cached = cache.get("a", kernels(12))
     assert cache.nbytes <= 100
-    assert cache.get(("a", 1, 1), kernels(1)) is cached
-    assert cache.get(("b", 1, 1), kernels(1)).spectra.size == 1
-    assert cache.get(("large", 1, 1), kernels(30)).spectra.size == 30
+    assert cache.get("a", kernels(1)) is cached
+    assert cache.get("b", kernels(1)).size == 1
+    assert cache.get("large", kernels(30)).size == 30
     assert cache.nbytes <= 100

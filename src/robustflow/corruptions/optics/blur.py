@@ -8,9 +8,6 @@ for the error relative to exact kernels and the run time.
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -20,6 +17,7 @@ import numpy.typing as npt
 
 from ...core.compiled import inner, intrinsic, njit, types
 from ...core.types import Frame
+from ..kernels.cache import BytesCache
 from .psf_field import SUPPORT, Axis, PsfField, grid_of, kernels_at
 
 BLOCK = 64
@@ -239,34 +237,12 @@ class Kernels(NamedTuple):
     reach_y: int
     length: int
 
-
-class KernelCache:
-    """A cache of kernels by (field, height, width); above a limit in bytes, the least recently used ones are
-    removed.
-    """
-
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
-        self._entries: OrderedDict[tuple[str, int, int], Kernels] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, key: tuple[str, int, int], compute: Callable[[], Kernels]) -> Kernels:
-        """Return the kernels for a key, computing them if they are not cached."""
-        with self._lock:
-            kernels = self._entries.pop(key, None)
-        kernels = compute() if kernels is None else kernels
-        with self._lock:
-            self._entries[key] = kernels
-            while self.nbytes > self.limit:
-                self._entries.popitem(last=False)
-        return kernels
-
     @property
     def nbytes(self) -> int:
-        return sum(kernels.spectra.nbytes for kernels in self._entries.values())
+        return self.spectra.nbytes
 
 
-CACHE = KernelCache(limit=320 * 2**20)
+CACHE = BytesCache(limit=320 * 2**20)
 
 
 def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:

@@ -17,7 +17,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 
@@ -298,9 +297,9 @@ def lens_digest(lens: Lens) -> str:
     return hashlib.sha256(lens.model_dump_json().encode()).hexdigest()
 
 
-def ship_lens(severity: int, lens: Lens, field: PsfField, folder: Path | None = None) -> None:
+def ship_lens(severity: int, lens: Lens, field: PsfField) -> None:
     """Write a lens, its PSFs and their hashes to the package's data folder."""
-    folder = shipped_psfs.DATA if folder is None else folder
+    folder = shipped_psfs.DATA
     half = halved(field)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, half=half.astype("<f2"))
@@ -311,14 +310,13 @@ def ship_lens(severity: int, lens: Lens, field: PsfField, folder: Path | None = 
     write_json(path, {**manifest, f"lens_s{severity}": lens_digest(lens), f"psf_s{severity}": half_digest(half)})
 
 
-SHIPPED_SEEDS = (0, 0, 0, 0, 0)
-"""Seeds with which the search found the shipped lenses for severities 1 to 5."""
-
-
 def design(
-    severity: int, seed: int, budget: Budget | None = None, report: Callable[[str], None] = lambda line: None
+    severity: int, seed: int = 0, budget: Budget | None = None, report: Callable[[str], None] = lambda line: None
 ) -> Lens:
-    """Search for the lens for a severity; the same seed always results in the same lens on every machine."""
+    """Search for the lens for a severity; the same seed always results in the same lens on every machine.
+
+    The shipped lenses have seed 0.
+    """
     specification, goal = goal_of(severity)
     rng = Rng.of("robustflow.optics", severity, seed)
     best = search(specification.elements, specification.stop, goal, rng, budget or Budget(), report)

@@ -8,10 +8,8 @@ photographs.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
 from functools import lru_cache
-from threading import Lock
 from typing import Any, NamedTuple
 
 import cv2
@@ -23,6 +21,7 @@ from ...core.errors import AssetError
 from ...core.rng import Rng
 from ...core.types import Frame
 from ..base import Corruption
+from ..kernels.cache import BytesCache
 from ..kernels.fields import plasma_corner
 from .frost_photographs import TEXTURES, read_texture
 
@@ -31,12 +30,11 @@ Texture = Callable[[int], Frame]
 
 _KEPT_BYTES = 128 << 20
 """Size limit of the cache of enlarged textures: sufficient for all textures at a few KITTI frame sizes, or for three
-textures at 4K. The most recent texture is always kept.
+textures at 4K.
 """
 _MARGIN = 1.1
 
-_enlarged: OrderedDict[tuple[Texture, int, int, int], Frame] = OrderedDict()
-_lock = Lock()
+_enlarged = BytesCache(_KEPT_BYTES)
 
 
 @lru_cache(maxsize=len(TEXTURES))
@@ -60,17 +58,9 @@ def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple
 
 def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Frame:
     """Return the texture, RGB uint8, enlarged for frames of `shape` (H, W); results are cached."""
-    key = (texture, slot, *enlarged_shape(texture, slot, shape))
-    with _lock:
-        if key in _enlarged:
-            _enlarged.move_to_end(key)
-            return _enlarged[key]
-    fresh = resize_cubic(texture(slot), key[2:])
-    with _lock:
-        _enlarged[key] = fresh
-        while len(_enlarged) > 1 and sum(image.nbytes for image in _enlarged.values()) > _KEPT_BYTES:
-            _enlarged.popitem(last=False)
-    return fresh
+    large = enlarged_shape(texture, slot, shape)
+    enlarged: Frame = _enlarged.get((texture, slot, *large), lambda: resize_cubic(texture(slot), large))
+    return enlarged
 
 
 def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
