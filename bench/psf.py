@@ -22,8 +22,9 @@ import numpy as np
 import skimage.data
 from scipy.ndimage import map_coordinates
 
+from robustflow.corruptions.kernels.cache import BytesCache
 from robustflow.corruptions.optics import blur as engine
-from robustflow.corruptions.optics.blur import KernelCache, blur
+from robustflow.corruptions.optics.blur import blur
 from robustflow.corruptions.optics.psf_field import kernels_at, shipped_field
 
 SIZES = ((375, 1242), (720, 1280))
@@ -105,7 +106,7 @@ def main() -> None:
     blur(photograph(64, 64), field)  # compile
     for height, width in SIZES:
         frame = photograph(height, width)
-        engine.CACHE = KernelCache(engine.CACHE.limit)
+        engine.CACHE = BytesCache(engine.CACHE.limit)
         with PeakMemory() as memory:
             start = time.perf_counter()
             got = blur(frame, field)
