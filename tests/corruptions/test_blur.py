@@ -11,13 +11,16 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.blur import CameraMotionBlur, GlassBlur, draw_shuffle
+from robustflow.corruptions.blur import CameraMotionBlur, GlassBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
-from robustflow.corruptions.kernels.filters import gaussian_frame, gaussian_plane
-from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
+from robustflow.corruptions.kernels.filters import gaussian_frame
+from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame
 
 from .line_motion import moved_along_a_line
 from .pictures import noise
+
+WIDTHS = st.integers(1, 40) | st.integers(600, 1400)
+"""Widths of frames: narrower than the kernels, and wider than what is processed at a time."""
 
 
 def scipy_blur(frame, sigma):
@@ -26,16 +29,10 @@ def scipy_blur(frame, sigma):
 
 
 @settings(max_examples=25)
-@given(st.integers(1, 40), st.integers(1, 40), st.floats(0.05, 9.0), st.integers(0, 99))
+@given(st.integers(1, 40), WIDTHS, st.floats(0.05, 9.0), st.integers(0, 99))
 def test_gaussian_blur_accepts_any_size_and_filter_width(height, width, sigma, seed):
     frame = noise(height, width, seed)
     assert np.abs(gaussian_frame(frame, sigma) - scipy_blur(frame, sigma)).max() < 0.501
-
-
-def test_a_plane_is_not_rounded():
-    plane = np.random.default_rng(1).normal(size=(33, 50)).astype(np.float32)
-    expected = gaussian_filter(plane.astype(np.float64), 3.0, mode="nearest", truncate=4)
-    assert np.abs(gaussian_plane(plane, 3.0) - expected).max() < 1e-6
 
 
 def disk_kernel(radius, smoothing):
@@ -55,7 +52,7 @@ def direct(frame, kernel):
 @settings(max_examples=25)
 @given(
     st.integers(1, 40),
-    st.integers(1, 40),
+    WIDTHS,
     st.integers(1, 12) | st.floats(1, 12),
     st.sampled_from([0.0, 0.3, 0.5]),
     st.integers(0, 99),
@@ -78,12 +75,6 @@ def test_a_frame_smaller_than_the_kernel_keeps_its_brightness():
     frame = np.full((16, 16, 3), 200, np.uint8)
     assert (move_frame(frame, line_kernel(20, 15, 0.0)) == 200).all()
     assert (move_frame(np.full_like(frame, 255), line_kernel(20, 15, 30.0)) == 255).all()
-
-
-def test_planes_come_in_fractions_of_a_grey_level():
-    plane = np.random.default_rng(4).integers(0, 65281, (40, 30)).astype(np.uint16)
-    got = move_plane(plane, line_kernel(12, 8, -70.0))
-    assert np.abs(got - moved_along_a_line(plane / 256, 12, 8, -70.0)).max() < 0.55
 
 
 def test_the_direction_is_drawn_once_within_45_degrees():
@@ -115,34 +106,17 @@ def shuffled_by_loops(pixels, rng, reach, iterations, swap):
     return pixels
 
 
-@pytest.mark.parametrize("swap", [False, True])
-@pytest.mark.parametrize(("reach", "iterations"), [(1, 2), (2, 1), (4, 2)])
-def test_index_map_equals_the_naive_loop(reach, iterations, swap):
-    rng = Rng.of("glass", reach)
-    numbers = np.arange(23 * 31).reshape(23, 31)
-    expected = shuffled_by_loops(numbers, rng, reach, iterations, swap)
-    assert np.array_equal(draw_shuffle(rng, (23, 31), reach, iterations, swap), expected)
-
-
-def test_a_swap_keeps_every_pixel_and_a_copy_loses_half():
-    rng = Rng.of("glass")
-    swapped = draw_shuffle(rng, (60, 80), 2, 3, swap=True)
-    assert np.array_equal(np.sort(swapped.ravel()), np.arange(60 * 80))
-    copied = draw_shuffle(rng, (60, 80), 2, 3, swap=False)
-    survivors = len(np.unique(copied)) / copied.size
-    assert 0.2 < survivors < 0.6
-
-
+@pytest.mark.parametrize("severity", [1, 2, 5])
 @pytest.mark.parametrize("variant", ["default", "paper"])
-def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant):
+def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant, severity):
     frame = np.random.default_rng(3).integers(0, 256, (40, 50, 3), dtype=np.uint8)
     glass = GlassBlur(variant)
     rng = Rng.of("whole")
-    sigma, reach, iterations = glass.parameter(5)
+    sigma, reach, iterations = glass.parameter(severity)
     blurred = np.floor(gaussian_filter(frame.astype(np.float64), (sigma, sigma, 0), mode="nearest") + 1e-3)
     moved = shuffled_by_loops(blurred, rng, reach, iterations, swap=variant == "paper")
     expected = gaussian_filter(moved, (sigma, sigma, 0), mode="nearest")
-    got = glass.apply(frame, glass.draw(rng, 5, (40, 50)), 0)
+    got = glass.apply(frame, glass.draw(rng, severity, (40, 50)), 0)
     assert np.abs(got - expected).max() < 0.501
 
 
@@ -151,15 +125,6 @@ def exact(name, frame, parameter):
 
 
 BLURS = pytest.mark.parametrize("name", ["gaussian_blur", "defocus_blur"])
-
-
-@BLURS
-@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("shape", [(16, 16), (41, 53), (18, 1400)])
-def test_every_severity_rounds_the_float64_result(name, severity, shape):
-    frame, blur = noise(*shape), load_corruption(name)
-    got = blur.apply(frame, blur.draw(Rng.of(0), severity, shape), 0)
-    assert np.abs(got - exact(name, frame, blur.parameter(severity))).max() < 0.501
 
 
 @BLURS

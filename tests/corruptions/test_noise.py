@@ -122,18 +122,6 @@ def test_noise_of_every_sample_equals_the_naive_loop(name, severity):
             assert found[sample] == naive_sample(name, state, key, sample, int(FRAME.reshape(-1)[sample]))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_frames_channels_and_neighbours_are_independent(name):
-    grey = np.full((300, 400, 3), 110, np.uint8)
-    corruption = load_corruption(name)
-    state = corruption.draw(Rng.of("independent"), 2, grey.shape[:2])
-    first, second = (corruption.apply(grey, state, index).astype(float) for index in (0, 1))
-    pairs = [(first, second), (first[..., 0], first[..., 1]), (first[..., 1], first[..., 2])]
-    pairs += [(first[:, 1:], first[:, :-1]), (first[1:], first[:-1])]
-    for one, other in pairs:
-        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 5 / np.sqrt(one.size)
-
-
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_impulses_are_as_many_as_the_paper_says(severity):
     grey = np.full((500, 700, 3), 110, np.uint8)

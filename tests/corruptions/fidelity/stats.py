@@ -8,8 +8,7 @@ frames, and the flow of two classical methods on the pair.
 import cv2
 import numpy as np
 
-_TAPS = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
-_TAPS /= _TAPS.sum()
+from robustflow.corruptions.calibration import Ssim
 
 
 def grey(frame):
@@ -19,21 +18,6 @@ def grey(frame):
 def psnr(clean, other):
     error = np.square(np.subtract(clean, other, dtype=np.int32)).sum(dtype=np.int64) / clean.size
     return 99.0 if error == 0 else 10.0 * np.log10(255.0**2 / error)
-
-
-def ssim(clean, other):
-    """Return the mean SSIM of the grey images, with an 11 x 11 Gaussian window (sigma 1.5) and mirrored borders."""
-
-    def window(image):
-        return cv2.sepFilter2D(image, cv2.CV_64F, _TAPS, _TAPS, borderType=cv2.BORDER_REFLECT_101)
-
-    a, b = grey(clean).astype(np.float64), grey(other).astype(np.float64)
-    mean_a, mean_b = window(a), window(b)
-    variances = window(a * a + b * b) - mean_a**2 - mean_b**2
-    covariance = window(a * b) - mean_a * mean_b
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
-    return float((luminance * (2 * covariance + c2) / (variances + c2)).mean())
 
 
 def mean_gradient(frame):
@@ -49,7 +33,7 @@ def image_stats(clean, corrupted):
         residual = after.astype(np.float64) - before
         residuals.append(residual)
         out[f"psnr_{number}"] = psnr(before, after)
-        out[f"ssim_{number}"] = ssim(before, after)
+        out[f"ssim_{number}"] = Ssim(before)(after)
         for channel, letter in enumerate("rgb"):
             out[f"mean_{letter}_{number}"] = float(after[..., channel].mean())
             out[f"std_{letter}_{number}"] = float(after[..., channel].std())

@@ -30,11 +30,11 @@ def tolerance_floor(name, statistic):
     return FLOORS.get(kind, 0.0)
 
 
-def compare(name, key, seeds, measure, record_property):
+def compare(name, key, seeds, measure):
     expected = reference.table()["random"][name][key]
     corruption, severity = reference.ours(name), int(key[1:])
     found = [measure(reference.corrupted(corruption, Rng.of("fidelity", seed), severity)) for seed in range(seeds)]
-    failures, worst = [], (0.0, "")
+    failures = []
     for statistic in found[0]:
         floor = tolerance_floor(name, statistic)
         if floor is None or expected["mean"].get(statistic) is None:
@@ -43,27 +43,22 @@ def compare(name, key, seeds, measure, record_property):
         spread = max(expected["std"][statistic], values.std(ddof=1))
         allowed = 4.0 * spread * np.sqrt(1.0 / seeds + 1.0 / expected["n_seeds"]) + floor
         off = abs(values.mean() - expected["mean"][statistic])
-        text = (
-            f"{key} {statistic}: {values.mean():.5g} for {expected['mean'][statistic]:.5g}, may differ by {allowed:.2g}"
-        )
-        worst = max(worst, (off / allowed if allowed else float(off > 0), text))
         if off > allowed:
-            failures.append(text)
-    record_property("deviation", ("random, share of allowed", name, float(worst[0]), worst[1]))
-    assert not failures, f"{name}: " + "; ".join(failures)
+            failures.append((statistic, values.mean(), expected["mean"][statistic], allowed))
+    assert not failures
 
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("random", every=4))
-def test_image_statistics_of_random_corruptions_equal_the_reference(name, key, record_property):
+def test_image_statistics_of_random_corruptions_equal_the_reference(name, key):
     """Quick version with a third of the seeds, without flow, and only at the lowest and highest severities."""
-    compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair), record_property)
+    compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "key"), reference.cases("random"))
-def test_all_statistics_of_random_corruptions_equal_the_reference(name, key, record_property):
+def test_all_statistics_of_random_corruptions_equal_the_reference(name, key):
     def measure(pair):
         flow = flow_stats(pair, reference.clean_flows(), *reference.truth())
         return image_stats(reference.clean(), pair) | flow
 
-    compare(name, key, SEEDS, measure, record_property)
+    compare(name, key, SEEDS, measure)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from robustflow.core.errors import DataError
 from robustflow.corruptions.optics.blur import BLOCK, LENGTHS, transform, twiddles
 from robustflow.corruptions.optics.design import shipped_lens
-from robustflow.corruptions.optics.lens import PIXEL, trace
 from robustflow.corruptions.optics.psf_field import (
     PITCHES,
     Axis,
@@ -25,10 +24,9 @@ from robustflow.corruptions.optics.psf_field import (
     manifest,
     shipped_field,
 )
-from robustflow.corruptions.optics.render import field_rays, render_psfs
+from robustflow.corruptions.optics.render import render_psfs
 
 from ...refusals import refusal
-from .lenses import bundle
 from .naive_blur import kernel_at
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -44,26 +42,6 @@ def test_shipped_psfs_are_normalised_symmetric_and_centred(severity):
     assert (field.stack == field.stack[..., ::-1]).all()
     green = field.stack[:, 1].astype(float).sum(2)
     assert np.abs(green @ np.arange(-30, 31)).max() <= 0.05, "the ground truth remains valid"
-
-
-def test_every_ray_that_passes_the_stop_is_counted_once():
-    """Energy: a window that contains the entire blur contains all rays, including the mirrored half."""
-    lens = shipped_lens(2)
-    for x, y, weight in field_rays(lens, np.array([0.3]), 30, 60)[0]:
-        inside = (np.abs(x) < 30) & (np.abs(y - y[weight > 0].mean()) < 30)
-        assert weight[inside].sum() == weight.sum()
-        assert set(np.unique(weight)) <= {0.0, 1.0}
-        # the fraction of the box that is transmitted by the round stop
-        assert weight.mean() == pytest.approx(np.pi / 4 / 1.15**2, rel=0.03)
-
-
-def test_rays_land_where_the_tracer_says():
-    lens = shipped_lens(2)
-    _, y, weight = field_rays(lens, np.array([0.5]), 4, 8, samples=1)[0][1]
-    _, chief = trace(lens, bundle(0.0, 0.5 * lens.field_tangent), 0.54)
-    assert weight.sum() > 0
-    # the stop is in front of the lens, so the ray through its centre is the chief ray
-    assert y[weight > 0].min() < chief.y[0] / PIXEL < y[weight > 0].max()
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ class Surfaces(NamedTuple):
     curvature: Array  # (K,) in 1/mm
     conic: Array  # (K,)
     thickness: Array  # (K,) distance to the next surface, in mm
-    index: Array  # (K + 1,) refractive indices in front of the first surface and behind each surface
+    indices: Array  # (K + 1,) refractive indices in front of the first surface and behind each surface
 
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]

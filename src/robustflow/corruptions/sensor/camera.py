@@ -139,7 +139,7 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
     """Compute a noisy RAW image."""
     out = np.empty(light.shape, np.uint16)
     scale = WHITE - BLACK
-    factors = np.float32([1.0 / sensor.shot, scale * sensor.shot, scale * sensor.read * UNIT])
+    factors = np.array([1.0 / sensor.shot, scale * sensor.shot, scale * sensor.read * UNIT], np.float32)
     tables = *_poisson_tables(), quantiles()
     _expose(np.ascontiguousarray(light).reshape(-1), *factors, *tables, key, out.reshape(-1))
     return out
