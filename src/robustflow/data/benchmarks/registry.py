@@ -24,7 +24,7 @@ from .base import Benchmark
 from .facts import NON_OCCLUDED, BenchmarkFacts, facts_of_dataset, facts_of_still, is_still, moving_name, truth_remark
 
 
-def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
+def own_benchmark(target: str, data: Path | None, split: Path | None) -> Benchmark:
     made = import_target(target, "benchmark")
     if not isinstance(made, Benchmark):
         opener = made if inspect.isroutine(made) else getattr(made, "open", None)
@@ -35,12 +35,16 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
         made = called(f"{target} failed in open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
         raise UsageError(target, f"returned {type(made).__name__}; open must return a Benchmark")
-    if made.name in reserved:
-        raise UsageError(target, f"has the name of the benchmark '{made.name}'; give it a different name")
+    _check_new(made.name, target)
     check_members(made.dataset, f"the dataset of {target}")
     check_keys(made, target)
     source = {"benchmark": target, "source": own_source(target, made.dataset)}
     return replace(made, protocol={**made.protocol, "own": source})
+
+
+def _check_new(name: str, target: str) -> None:
+    if name in (*BENCHMARKS.names(), *DATASETS.names()):
+        raise UsageError(target, f"'{name}' is the name of a registered benchmark or dataset; choose a different name")
 
 
 def check_keys(benchmark: Benchmark, what: str) -> None:
@@ -52,10 +56,9 @@ def check_keys(benchmark: Benchmark, what: str) -> None:
             raise UsageError(what, f"lists the sample {key!r:.60}, which its dataset does not contain")
 
 
-def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
+def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any]) -> Benchmark:
     dataset = open_own_dataset(target, options)
-    if dataset.name in reserved:
-        raise UsageError(target, f"has the name of the dataset '{dataset.name}'; give it a different name")
+    _check_new(dataset.name, target)
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
     if options:
@@ -75,7 +78,7 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     protocol: dict[str, Any] = {"options": deciding} if deciding else {}
     if getattr(dataset, "non_occluded", False):
         protocol |= NON_OCCLUDED
-        warnings.warn(f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)}", stacklevel=5)
+        warnings.warn(f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)}", stacklevel=4)
     about = facts_of_dataset(facts)
     if not isinstance(dataset, PreCorrupted):
         return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
@@ -126,20 +129,23 @@ def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float
 
 def _load(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
     chosen = user_path(split) if split is not None else None
-    reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
             raise UsageError("--benchmark", f"{data} is a custom dataset; omit it, or give the folder of {name}")
-        return own_dataset_benchmark(str(data), chosen, options, reserved)
+        return own_dataset_benchmark(str(data), chosen, options)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:
         name = _benchmark_of(root)
+    if options and (is_target(name) or name in BENCHMARKS.names()):
+        raise UsageError(name, f"the benchmark has no data options; omit {', '.join(options)}")
     if is_target(name):
-        if options:
-            raise UsageError(name, f"the benchmark has no data options; omit {', '.join(options)}")
-        return own_benchmark(name, root, chosen, reserved)
+        return own_benchmark(name, root, chosen)
     try:
-        return _opened(name, root, chosen, options, reserved)
+        if name in BENCHMARKS.names():
+            return BENCHMARKS.get(name).open(root, chosen)
+        if name in DATASETS:
+            return from_dataset(name, root, chosen, options)
+        raise unknown_name("benchmark", name, (*BENCHMARKS.names(), *DATASETS.names()))
     except DataError as error:
         fitting = _fitting(root) if root is not None else None
         if fitting is None or name in (fitting, *_ALSO_READ_BY.get(fitting, ())):
@@ -176,18 +182,6 @@ def _benchmark_of(root: Path) -> str:
     if fitting := _fitting(root):
         raise UsageError("--benchmark", f"{root} looks like the data of {fitting}; give --benchmark {fitting}")
     return "folder"
-
-
-def _opened(
-    name: str, root: Path | None, split: Path | None, options: dict[str, Any], reserved: list[str]
-) -> Benchmark:
-    if name not in BENCHMARKS.names():
-        if name in DATASETS:
-            return from_dataset(name, root, split, options)
-        raise unknown_name("benchmark", name, reserved)
-    if options:
-        raise UsageError(name, f"the benchmark has no data options; omit {', '.join(options)}")
-    return BENCHMARKS.get(name).open(root, split)
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
