@@ -179,7 +179,7 @@ def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):
         def predict_clip(self, frames, index):
             return frames[7]
 
-    with pytest.raises(ModelError, match=r"IndexError.* sample '0', clean"):
+    with pytest.raises(ModelError, match=r"sample '0', clean: .*IndexError"):
         run(Raises(), clip_folder, tmp_path / "run2", **SMALLEST)
 
 

@@ -21,7 +21,7 @@ from .processes import descendants, finished, rows_so_far, start_run, wait_until
     ("trouble", "error", "says"),
     [
         ("nan", ModelError, r"1 pixels .* sample '0', \w+ severity \d"),
-        ("raises", ModelError, r"ValueError .* sample '0', \w+ severity \d: no weights"),
+        ("raises", ModelError, r"sample '0', \w+ severity \d: .*ValueError: no weights"),
         ("hangs", ModelError, r" 1\.5 s .* sample '0', \w+ severity \d"),
         ("dies", RunError, r" 17\) .* sample '0', \w+ severity \d"),
     ],
