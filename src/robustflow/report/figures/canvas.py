@@ -24,7 +24,7 @@ from ...core.files import make_folder, write_bytes
 from ...core.text import name_text
 from ...stats.uncertainty.intervals import IntervalEnds
 from ..table import interval_text
-from .styles import GRID, KeyEntry, legend_handles
+from .styles import GRID, KeyEntry, LegendPlace, legend_handles
 
 FILE_FORMATS = ("png", "svg", "pdf")
 _LEGEND_PT = 8
@@ -94,11 +94,10 @@ class MarkedFigure(Figure):
         self.caption = ""
         self.key: tuple[KeyEntry, ...] = ()
 
-    def explain(self, key: Sequence[KeyEntry], legend: str = "") -> int:
-        """Set the key, and draw it as a legend at a location of matplotlib's, if given; return the legend's number of
-        lines."""
+    def explain(self, key: Sequence[KeyEntry], legend: LegendPlace = "") -> int:
+        """Set the key, and draw it as a legend if a place is given; return the legend's number of lines."""
         self.key = tuple(key)
-        if not (legend and key):
+        if not key or legend == "":
             return 0
         widest = 0.6 * _LEGEND_PT * max(len(name_text(label)) for label, _, _ in key) + 40  # in points, with the marker
         columns = max(1, min(4, len(key), int(72 * self.get_figwidth() // widest)))

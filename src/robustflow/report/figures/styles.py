@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from matplotlib.lines import Line2D
 
@@ -67,12 +68,15 @@ OTHER = Style("#666666")
 """Fallback style for models beyond the number of `MODEL_STYLES`, in figures that print names next to the points."""
 
 
+LegendPlace = Literal["", "upper center", "outside lower center"]
+
+
 @dataclass(frozen=True)
 class FigureStyles:
     """Styling options of a figure: the style of a line, and where the legend is; "" for none."""
 
     styles: Mapping[ModelResult, Style] = field(default_factory=dict)
-    legend: str = "outside lower center"
+    legend: LegendPlace = "outside lower center"
 
     def of(self, results: Sequence[ModelResult]) -> dict[ModelResult, Style]:
         """Return the style of every line of the results."""
