@@ -1,5 +1,5 @@
-"""The gallery as a figure like the paper's (PNG and PDF), and a slider over severities: its pictures as small `data:`
-URLs, and its HTML, style and script for any page."""
+"""A slider over severities, with its pictures as small `data:` URLs, its HTML, style and script for any page; and the
+files of a gallery."""
 
 from __future__ import annotations
 
@@ -70,12 +70,15 @@ def make_slider(
 
     by_name: dict[str, list[Shot]] = {}
     for cell in cells:
-        shots = by_name.setdefault(plain(long_label(cell.name)), [])
+        shots = by_name.setdefault(cell.name, [])
         if cell.frames:
             shots.append(Shot(cell.severity, addresses(cell.frames), cell.caption))
     height, width = shrunk(clean[0], widest).shape[:2]
-    shots_of = tuple((name, tuple(sorted(shots, key=lambda shot: shot.severity))) for name, shots in by_name.items())
-    return Slider(title, width, height, addresses(clean), shots_of, **shown)
+    corruptions = tuple(
+        (plain(long_label(name)), tuple(sorted(shots, key=lambda shot: shot.severity)))
+        for name, shots in by_name.items()
+    )
+    return Slider(title, width, height, addresses(clean), corruptions, **shown)
 
 
 def slider_markup(slider: Slider) -> Markup:
