@@ -11,8 +11,9 @@ from robustflow.api import evaluate
 from robustflow.core.arguments import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.models.provenance import Training
 from robustflow.run.cells import Cells
-from robustflow.run.identity import ModelIdentity, Provenance
+from robustflow.run.identity import ModelIdentity
 from robustflow.run.manifest import Manifest
 from robustflow.run.plan import Unit
 from robustflow.run.run import Run
@@ -70,12 +71,12 @@ def _write(path: Path, manifest: Manifest, rows: pl.DataFrame, index: int, key: 
             "model": ModelIdentity(settings={"name": f"model-{index:04d}"}),
         }
     )
-    setting = ("OOD", "ID", "UNKNOWN")[index % 3]
+    sets = (("flyingchairs",), ("kitti2015:train",), None)[index % 3]
     own = manifest.model_copy(
         update={
             "identity": identity,
             "identity_digest": identity.digest(),
-            "provenance": Provenance(setting=setting, trained_on=(), basis="declared"),
+            "training": Training(sets=sets, basis="declared"),
         }
     )
     folder = RunFolder(path)

@@ -14,7 +14,7 @@ from robustflow.data.datasets import DATASETS, dataset_facts
 from robustflow.data.datasets.split import drive_disjoint_split, kitti_split
 from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
-from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
+from robustflow.models.provenance import TRAINING_SETS, Training, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
 from robustflow.run.identity import Provenance
 from robustflow.stats.published.tables import published_methods
@@ -75,7 +75,6 @@ def test_checkpoint_with_a_backbone_of_unchecked_pre_training_is_never_ood():
     provenance = Provenance.of(training_of_entry(things), "kitti-fc")
     assert (provenance.trained_on, provenance.backbone) == (("flyingchairs", "flyingthings3d"), "depth-anything-v2?")
     assert provenance.note.count("depth-anything-v2") == 1
-    assert provenance.on("kitti-fc", ["000000"], {}) == provenance
     (flowformer,) = (one for one in checkpoints() if (one.model, one.checkpoint) == ("flowformer", "things"))
     assert (flowformer.backbone, setting_on(training_of_entry(flowformer), "kitti-fc")) == ("imagenet", "OOD")
 
@@ -162,10 +161,10 @@ def test_a_video_of_the_user_is_not_of_gopros_domain_because_gopro_fc_reads_it(s
 
 
 def test_run_is_leaked_after_a_call_with_training_pairs():
-    by_hand = Provenance(setting="ID", trained_on=("kitti2015:train",), basis="declared", note="by hand")
-    first = by_hand.on("kitti-fc", ["000000"], {})
+    by_hand = Training(sets=("kitti2015:train",), basis="declared", note="by hand")
+    first = Provenance.of(by_hand, "kitti-fc", ["000000"])
     assert (first.setting, first.note) == ("ID", "by hand")
-    later = first.on("kitti-fc", ["000000", "000002"], {})
+    later = Provenance.of(by_hand, "kitti-fc", ["000000", "000002"])
     assert later.setting == "LEAKED"
     assert later.note.startswith("by hand; ")
 

@@ -9,7 +9,7 @@ import pytest
 
 from robustflow.api import Result, evaluate
 from robustflow.media.images import write_image
-from robustflow.run.identity import Provenance
+from robustflow.models.provenance import Training
 from robustflow.run.run import Run
 from tests.made_rows import change_manifest, made_run
 
@@ -33,9 +33,9 @@ def many_images(small_run) -> Callable[..., Run]:
         clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(40, int))
         rows = rows_of(clean, corrupted * worse_by, corrupted * worse_by)
         run = made_run(small_run, rows, name, benchmark="kitti-fc")
-        declared = Provenance(setting="OOD", trained_on=("flyingchairs",), basis="declared")
+        declared = Training(sets=("flyingchairs",), basis="declared")
         # the digest is that of the run to which the other files of the folder belong
-        change_manifest(run, provenance=declared, identity_digest=small_run.manifest.identity_digest)
+        change_manifest(run, training=declared, identity_digest=small_run.manifest.identity_digest)
         return run
 
     return make

@@ -140,7 +140,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
 
 
 def test_still_run_on_training_frames_is_labelled_leaked():
-    training = rf.models.provenance.Training(("kitti2015",), "declared")
+    training = rf.models.provenance.Training(sets=("kitti2015",), basis="declared")
     assert rf.data.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
 
 

@@ -70,16 +70,23 @@ def test_run_whose_folder_or_lock_was_moved_writes_nothing_into_its_successor(fo
     following.unlock()
 
 
-def test_dropping_samples_deletes_only_their_rows_and_clean_flows(folder):
-    for key in ("a", "b", "c"):
+def test_files_of_dropped_and_finished_samples_are_deleted_and_no_others(folder):
+    clean = folder.path / "clean"
+    for name in ("notes.txt", "flow.npy"):
+        (clean / name).write_text("mine")
+    for key in ("a", "b", "c", "d"):
         _write(folder, key, CLEAN, (0,))
         write_array(folder.clean_path(key), FLOW, key)
     folder.pack()
     assert len(list_shards(folder.rows_folder)) == 1
     _write(folder, "a", "fog", (1,))
     folder.drop_samples(["a", "b"])
-    assert folder.tidy() == {("c", CLEAN, 0)}
-    assert list((folder.path / "clean").iterdir()) == [folder.clean_path("c")]
+    assert folder.tidy() == {("c", CLEAN, 0), ("d", CLEAN, 0)}
+    assert set(clean.glob("*-*.npy")) == {folder.clean_path("c"), folder.clean_path("d")}
+    folder.keep_clean(["d"])
+    assert set(clean.glob("*-*.npy")) == {folder.clean_path("d")}
+    folder.finish_sample("d")
+    assert sorted(path.name for path in clean.iterdir()) == ["flow.npy", "notes.txt"]
 
 
 def test_keys_with_similar_file_names_have_separate_files(folder):
@@ -173,17 +180,6 @@ def test_rows_left_by_a_crash_between_merging_and_clearing_are_read_once(folder)
     assert folder.tidy() == set(before.select(ROW_KEY).iter_rows())
     assert len(list_shards(folder.rows_folder)) == 1
     assert folder.rows().equals(before)
-
-
-def test_clean_flows_are_deleted_when_no_longer_needed_and_other_files_are_not(folder):
-    for name in ("notes.txt", "flow.npy"):
-        (folder.path / "clean" / name).write_text("mine")
-    for key in ("a", "b"):
-        write_array(folder.clean_path(key), FLOW, key)
-    folder.keep_clean(["b"])
-    assert set((folder.path / "clean").glob("*-*.npy")) == {folder.clean_path("b")}
-    folder.finish_sample("b")
-    assert sorted(path.name for path in (folder.path / "clean").iterdir()) == ["flow.npy", "notes.txt"]
 
 
 def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(folder):

@@ -95,7 +95,7 @@ def _model_line(name: str, seen: dict[str, list[str]]) -> tuple[str, ...]:
     here = "yes" if is_installed(method) else f"needs [{method.extra}]"
     if name in SHIPPED:
         sets = parse_training_sets(shipped_weights(name).trained_on)
-        public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
+        public = f"shipped {setting_of(Training(sets=sets, basis=DECLARED), 'kitti-fc')}"
     elif method.type == "knowledge":
         public = "not trained"
     else:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from ..core.errors import UsageError, unknown_name
+from ..core.types import Untrusted
 from .catalog import CheckpointEntry, entries_of, methods
 from .torch.network import RANDOM
 
@@ -48,15 +50,23 @@ KNOWLEDGE = "method"
 """Value of `basis` for a method without learning."""
 
 
-@dataclass(frozen=True)
-class Training:
-    """The training sets of a model."""
+class Training(Untrusted):
+    """The training sets of a model, as a run's manifest stores them: their names, the evidence for them, and the
+    pre-trained backbone."""
 
-    sets: tuple[str, ...] | None
-    basis: str
+    sets: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(max_length=100)] | None
+    basis: Annotated[str, Field(min_length=1)]
     note: str = ""
-    trained: bool = True
     backbone: str = ""
+
+    @property
+    def trained(self) -> bool:
+        """Return whether the model learned from data."""
+        return self.basis not in (RANDOM, KNOWLEDGE)
+
+
+UNDECLARED = Training(sets=None, basis="undeclared")
+"""The training of a model about which nothing is known."""
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
@@ -65,21 +75,21 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
     name, digest = str(identity.get("name")), str(identity.get("checkpoint", ""))
     method = methods().get(name)
     if digest == RANDOM:
-        return Training(None, RANDOM, trained=False)
+        return Training(sets=None, basis=RANDOM)
     if method is not None and method.type == "knowledge":
-        return Training(None, KNOWLEDGE, trained=False)
+        return Training(sets=None, basis=KNOWLEDGE)
     for entry in entries_of(name):
         if re.fullmatch("[0-9a-f]{64}", digest) and digest.startswith(entry.sha256):
             return training_of_entry(entry)
     if sets is not None:
-        return Training(sets, "declared")
-    return Training(None, "undeclared")
+        return Training(sets=sets, basis="declared")
+    return UNDECLARED
 
 
 def training_of_entry(entry: CheckpointEntry) -> Training:
     """Return the training sets of a checkpoint in the catalogue."""
     basis = f"catalog: {entry.model} {entry.checkpoint}"
-    return Training(tuple(entry.trained_on.split("+")), basis, entry.note, backbone=entry.backbone)
+    return Training(sets=tuple(entry.trained_on.split("+")), basis=basis, note=entry.note, backbone=entry.backbone)
 
 
 def parse_training_sets(text: str) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
-"""What a manifest says about a run: its identity, which is everything that determines its results, the training data of
-its model, and its environment.
+"""What a manifest says about a run: its identity, which is everything that determines its results, and its environment;
+and what follows from the training data of its model.
 
 A plan makes an `Identity`; manifests and records store it; it is used to resume, compare, group and repeat runs.
 """
@@ -12,17 +12,17 @@ import sys
 from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, JsonValue
 
 from ..core.errors import UsageError
 from ..core.files import digest_of_value
-from ..core.types import Untrusted
+from ..core.types import Frozen, Untrusted
 from ..corruptions.scale import calibration_digest
 from ..data.benchmarks.facts import EXPORTED
-from ..data.benchmarks.setting import BACKBONE_NOTE, PAIRS_NOTE, judge
-from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training
+from ..data.benchmarks.setting import judge
+from ..models.provenance import Setting, Training
 from .config import FrameOptions, MeasuringOptions
 
 IDENTITY_VERSION = 2
@@ -160,14 +160,14 @@ def checked_name(name: str) -> str:
     return name
 
 
-class Provenance(Untrusted):
-    """The training data of a model."""
+class Provenance(Frozen):
+    """The training data of a model, and what they mean for its results on some samples of a benchmark."""
 
     setting: Setting
-    trained_on: Annotated[tuple[Text, ...], Field(max_length=100)] | None
-    basis: Text
+    trained_on: tuple[str, ...] | None
+    basis: str
     note: str = ""
-    backbone: Text | Literal[""] = ""
+    backbone: str = ""
 
     @classmethod
     def of(
@@ -182,17 +182,6 @@ class Provenance(Untrusted):
         note = "; ".join(filter(None, (training.note, *notes)))
         backbone = training.backbone
         return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
-
-    def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
-        """Return the provenance of the same training data for a benchmark and the given samples."""
-        own = "; ".join(part for part in self.note.split("; ") if not part.startswith((PAIRS_NOTE, BACKBONE_NOTE)))
-        trained = self.basis not in (RANDOM, KNOWLEDGE)
-        training = Training(self.trained_on, self.basis, own, trained=trained, backbone=self.backbone)
-        return Provenance.of(training, benchmark, keys, protocol)
-
-
-UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
-"""The provenance of a model with unknown training data."""
 
 
 _PACKAGES = ["robustflow", "numpy", "opencv-python-headless", "opencv-python", "scipy", "numba", "polars", "av"]

@@ -12,6 +12,7 @@ from ..attacks.registry import SHIPPED, split_name
 from ..core.types import Untrusted
 from ..corruptions.stack import levels_of
 from ..metrics.rows import ROW_SCHEMA_VERSION
+from ..models.provenance import Training
 from .cells import Cells, Levels, union
 from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Provenance, Text
 from .trust import document_bytes
@@ -34,11 +35,11 @@ class Clip(Untrusted):
 class Manifest(Untrusted):
     """The description of a run; `samples` contains the name and the digest of each sample's files."""
 
-    version: Literal[5]
+    version: Literal[6]
     identity: Identity
     identity_digest: _Digest
     samples: dict[Text, tuple[tuple[str, _Digest], ...]]
-    provenance: Provenance
+    training: Training
     planned: tuple[Cells, ...]
     left_out: dict[Text, Levels] = {}
     name: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
@@ -121,13 +122,16 @@ class Manifest(Untrusted):
             "planned": tuple(planned),
             "left_out": dict(left_out),
         }
-        return self.model_copy(update=update).judged()
+        return self.model_copy(update=update)
 
-    def judged(self) -> Manifest:
-        """Return the manifest with the provenance for all its samples, including those of later calls."""
-        frames = self.identity.frames
-        provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
-        return self.model_copy(update={"provenance": provenance})
+    @property
+    def provenance(self) -> Provenance:
+        """What the training data of the model mean for the results on the samples of all calls."""
+        return self.provenance_on(self.identity.frames.benchmark)
+
+    def provenance_on(self, benchmark: str) -> Provenance:
+        """Return what the training data of the model mean for results on a benchmark with the same samples."""
+        return Provenance.of(self.training, benchmark, list(self.samples), self.identity.frames.protocol)
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:

@@ -18,16 +18,15 @@ from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.base import Window
+from ..models.provenance import UNDECLARED, Training
 from .cells import Cell, Cells
 from .config import FrameOptions, MeasuringOptions
 from .identity import (
     IDENTITY_VERSION,
-    UNDECLARED,
     FrameIdentity,
     Identity,
     Measuring,
     ModelIdentity,
-    Provenance,
     recorded_scale,
 )
 from .manifest import Manifest
@@ -84,7 +83,7 @@ class Plan:
     benchmark: Benchmark
     options: RunOptions
     model_identity: dict[str, Any]
-    provenance: Provenance = UNDECLARED
+    training: Training = UNDECLARED
     name: str | None = None
     """The model's name in tables and figures; it does not affect results."""
 

@@ -24,6 +24,7 @@ from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import Depths, FromClips, PreCorrupted
 from ..data.datasets.folder import OWN_FRAMES
 from ..metrics.rows import CLEAN
+from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
 from .data_files import check_listed, file_digests, files_of_sample
 from .identity import difference, environment
@@ -48,11 +49,11 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
         old = None
     if old is None:
         old = Manifest(
-            version=5,
+            version=6,
             identity=identity,
             identity_digest=identity.digest(),
             samples={},
-            provenance=plan.provenance,
+            training=plan.training,
             planned=(),
             started=now(),
             finished=None,
@@ -70,14 +71,14 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     return old.model_copy(
         update={
             "samples": old.samples | samples,
-            "provenance": old.provenance if plan.provenance.basis == "undeclared" else plan.provenance,
+            "training": old.training if plan.training == UNDECLARED else plan.training,
             "planned": union((*old.planned, plan.cells())),
             "left_out": merged_levels(old.left_out, plan.left_out()),
             "name": plan.name or old.name,
             "finished": None,
             "environment": environment(),
         }
-    ).judged()
+    )
 
 
 def _changed(plan: Plan, old: Manifest, samples: Mapping[str, Any]) -> list[str]:

@@ -177,7 +177,7 @@ class Run:
     @cached_property
     def provenance(self) -> Provenance:
         """Return the model's training data, and what they mean for the run."""
-        return self.manifest.judged().provenance
+        return self.manifest.provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """Return one metric as a table with one row per corruption, in the paper's order.

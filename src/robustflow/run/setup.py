@@ -26,7 +26,7 @@ from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
 from .attack_stage import check_attacks
 from .config import DEFAULTS, MeasuringOptions, RunConfig
-from .identity import FrameIdentity, Identity, Provenance, checked_name, difference, differing_fields
+from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
 from .named_model import NamedModel, name_model
 from .plan import Plan, RunOptions, left_out_sentence
 from .run import Run
@@ -85,8 +85,7 @@ def set_up(
         attack_sources=attack_sources,
     )
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
-    provenance = Provenance.of(named.training, benchmark.name, benchmark.keys, benchmark.protocol)
-    plan = Plan(benchmark, options, named.identity, provenance, shown)
+    plan = Plan(benchmark, options, named.identity, named.training, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError("--severity-scale", f"nothing to run: {left_out_sentence(plan.left_out())}")
     return Setup(plan, named)

@@ -87,8 +87,5 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
 
 def _setting(run: Run) -> str:
     """Return the model's setting on RobustSpring's frames, regardless of which benchmark the run used."""
-    manifest = run.manifest
-    setting = manifest.provenance.on(
-        ROBUSTSPRING.dataset, list(manifest.samples), manifest.identity.frames.protocol
-    ).setting
+    setting = run.manifest.provenance_on(ROBUSTSPRING.dataset).setting
     return OWN_SETTING if setting == "UNKNOWN" else setting

@@ -28,11 +28,9 @@ from robustflow.data.benchmarks.base import spread
 from robustflow.data.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
 from robustflow.data.datasets.split import kitti_split
 from robustflow.models import ModelSpec
-from robustflow.models.provenance import Training, parse_training_sets
 from robustflow.report.render import render
 from robustflow.report.tables import tables_of
 from robustflow.run.comparable import sample_set
-from robustflow.run.identity import Provenance
 from robustflow.run.records.pack import pack
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.run_results import comparison_note
@@ -299,22 +297,6 @@ def test_estimated_mean_is_marked_in_the_terminal_and_in_tables(tmp_path, capsys
     assert remark in capsys.readouterr().out
     fewer = made_run(base, rows.filter(pl.col("corruption") != quick.corruptions[0]), benchmark="kitti-fc")
     assert remark not in comparison_note(fewer)
-
-
-@pytest.mark.parametrize(
-    ("sets", "benchmark", "key", "protocol"),
-    [
-        ("C+T+K?", "kitti-fc", "000001", {}),
-        ("K:train", "kitti-fc", "000002", {}),
-        ("K:train", "kitti-fc", "000002", {"frames": "released"}),
-        ("K:train", "kitti-fc", "mine", {}),
-        ("S:train", "sintel", "alley_1/0001", {}),
-    ],
-)
-def test_repeated_check_of_training_sets_gives_the_note_once(sets, benchmark, key, protocol):
-    judged = Provenance.of(Training(parse_training_sets(sets), "declared"), benchmark, [key], protocol)
-    assert judged.note
-    assert judged.on(benchmark, [key], protocol) == judged
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def test_an_export_is_not_mistaken_for_the_frames_that_the_authors_released(kitt
     (_, tables), *_ = model_pages(run_content(run)).values()
     facts = {line.label: line.cells[0].text for line in tables[-1].lines}
     assert (facts["Seed"], facts["Severity scale"][:10]) == ("5", "calibrated")
-    trained = Training(("kitti2015:train",), "declared")
+    trained = Training(sets=("kitti2015:train",), basis="declared")
     assert setting_of(trained, "kitti-fc", direct.keys, protocol) == setting_of(trained, "kitti-fc", direct.keys)
 
 

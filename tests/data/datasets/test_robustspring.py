@@ -19,7 +19,7 @@ from robustflow.data.datasets import load_dataset
 from robustflow.data.datasets.base import CorruptedClips
 from robustflow.data.datasets.robustspring import RobustSpring
 from robustflow.media.images import read_image
-from robustflow.models.provenance import Training
+from robustflow.models.provenance import UNDECLARED, Training
 from robustflow.testing import check_dataset
 from tests.refusals import refusal
 
@@ -84,8 +84,8 @@ def test_facts_of_robustspring_state_corruptions_and_severity():
 def test_springs_training_sequences_are_its_domain_but_not_its_frames():
     settings = {"spring": "ID", "flyingchairs": "OOD"}
     for trained, setting in settings.items():
-        assert setting_of(Training((trained,), "declared"), "robustspring") == setting
-    assert setting_of(Training(None, "undeclared"), "robustspring") == "UNKNOWN"
+        assert setting_of(Training(sets=(trained,), basis="declared"), "robustspring") == setting
+    assert setting_of(UNDECLARED, "robustspring") == "UNKNOWN"
 
 
 def test_names_of_robustspring_differ_from_those_of_this_project():

@@ -120,7 +120,8 @@ FORGED = {
         *(_manifest(*_PLANNED, "fog", value=value) for value in ([0, 1, 5], [1, 5, 6], [5, 1])),
         _manifest(*_PLANNED, value={}),
         _manifest("planned", value=[]),
-        _manifest("provenance", "setting", value="best"),
+        _manifest("provenance", value={"setting": "OOD"}),
+        _manifest("training", "sets", value="best"),
         _manifest("identity", "frames", "seed", value=1),
         _manifest("identity", "extra", value=1),
         _manifest("identity_digest", value="../../x"),
@@ -157,8 +158,8 @@ FORGED = {
         _text(b"\nmotorcycle", b"\n\nmotorcycle"),
     ],
     "training": [
-        _manifest("provenance", "setting", value="OOD"),
-        _manifest("provenance", value={"setting": "OOD", "basis": "declared", "trained_on": ["x"]}),
+        _manifest("training", "sets", value=["flyingchairs"]),
+        _manifest("training", value={"basis": "declared", "sets": ["x"]}),
         _identity("model", value={"settings": {"name": "mine"}}),  # unlike what is known about the name
     ],
     "cells": [
@@ -280,14 +281,12 @@ def test_declared_training_sets_are_shown(tmp_path):
     data = record_bytes(run)
     assert verified(data).ok
     for change in (
-        {"setting": "knowledge"},
-        {"trained_on": ["middlebury"]},
-        {"trained_on": ["anything"]},
-        {"trained_on": []},
+        {"sets": ["anything"]},
+        {"sets": []},
         {"basis": "undeclared"},
-        {"basis": "method", "setting": "knowledge", "trained_on": None},
+        {"basis": "method", "sets": None},
     ):
-        forged = with_json(data, "manifest.json", lambda manifest, change=change: manifest["provenance"].update(change))
+        forged = with_json(data, "manifest.json", lambda manifest, change=change: manifest["training"].update(change))
         assert_fails(forged, "training")
 
 

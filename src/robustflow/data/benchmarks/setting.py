@@ -27,9 +27,6 @@ _KITTI = "kitti2015"
 _RAW = "kitti-raw"
 _GOPRO = "gopro"
 _RELEASED = "released"
-PAIRS_NOTE, BACKBONE_NOTE = "pairs: ", "backbone: "
-"""Prefixes of notes about the evaluated pairs and the backbone, which contain no semicolon: `Provenance.on` replaces
-such notes."""
 
 
 def setting_of(
@@ -47,7 +44,7 @@ def judge(
 ) -> tuple[Setting, list[str]]:
     setting, notes = _of_flow_training(training, benchmark, keys, protocol)
     if training.backbone.endswith("?") and setting in ("OOD", "ID"):
-        of_backbone = f"{BACKBONE_NOTE}the pre-training data of {training.backbone[:-1]} were not checked"
+        of_backbone = f"backbone: the pre-training data of {training.backbone[:-1]} were not checked"
         return "UNKNOWN", [of_backbone, *notes]
     return setting, notes
 
@@ -64,12 +61,12 @@ def _of_flow_training(
         return "UNKNOWN", []
     others = sum("GOPR" not in key for key in keys or ()) if facts.training_set == _GOPRO else 0
     if others:  # a video of the user, which gopro-fc also reads
-        return "UNKNOWN", [f"{PAIRS_NOTE}{others} of the evaluated are not named as in GoPro"]
+        return "UNKNOWN", [f"pairs: {others} of the evaluated are not named as in GoPro"]
     if facts.training_set in training.sets:
         return "LEAKED", []
     perhaps = [name for name in (facts.training_set, *facts.same_domain) if f"{name}?" in training.sets]
     if perhaps:
-        return "UNKNOWN", [f"{PAIRS_NOTE}the model may have been trained on these ({', '.join(perhaps)})"]
+        return "UNKNOWN", [f"pairs: the model may have been trained on these ({', '.join(perhaps)})"]
     if keys is None and facts.training_set == _KITTI:
         keys = kitti_split(KITTI_KEYS).evaluation if facts.published else KITTI_KEYS
     parts = [name.partition(":")[2] for name in training.sets if name.startswith(f"{facts.training_set}:")]
@@ -87,7 +84,7 @@ def _of_flow_training(
             f"whether {facts.training_set}:train contains evaluated pairs is unknown, because it has no standard split"
         )
     worst = next(one for one in ("LEAKED", "UNKNOWN", "ID", "OOD") if one in settings)
-    return worst, [f"{PAIRS_NOTE}{note}" for note in notes if note]
+    return worst, [f"pairs: {note}" for note in notes if note]
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:

@@ -152,7 +152,7 @@ def shareable_manifest(manifest: Manifest, keep_paths: bool = False) -> Manifest
         RunError: a text contains a path on this machine, but is part of the run's identity and cannot be left out;
             `keep_paths` allows such texts.
     """
-    out = manifest.judged().shareable()
+    out = manifest.shareable()
     for where, text in () if keep_paths else texts(json.loads(out.document())):
         if holds_path(text):
             raise RunError(

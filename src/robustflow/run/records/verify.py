@@ -22,8 +22,7 @@ from ...corruptions.registry import CORRUPTIONS
 from ...corruptions.stack import levels_of, split_stack
 from ...data.benchmarks import benchmark_facts
 from ...metrics.rows import CLEAN, ROW_KEY
-from ...models.provenance import Training, parse_training_sets, training_of
-from ..identity import Provenance
+from ...models.provenance import UNDECLARED, Training, parse_training_sets, training_of
 from ..manifest import Manifest
 from ..plan import lacking_levels
 from ..run import Run
@@ -80,17 +79,16 @@ def check_hashes(reader: Reader) -> str:
 
 
 def check_training(reader: Reader) -> str:
-    """Check that the setting follows from the training sets; a declaration cannot override a checkpoint's hash."""
+    """Check that the training sets are those of the checkpoint's hash, which a declaration cannot override."""
     plan = reader.plan
-    declared, frames = plan.provenance, plan.identity.frames
+    declared = plan.training
     known = training_of(plan.identity.model.settings)
-    if known.basis == "undeclared" and declared.basis == "declared":
-        known = Training(parse_training_sets("+".join(declared.trained_on or [])), "declared")
-    due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
-    if declared != due.model_copy(update={"note": declared.note}):
-        stated, expected = (plain(str(one.model_dump(exclude={"note"})), 200) for one in (declared, due))
-        raise DataError("provenance", f"the manifest states {stated}; it should be {expected}")
-    return plan.judged().provenance.setting
+    if known == UNDECLARED and declared.basis == "declared":
+        known = Training(sets=parse_training_sets("+".join(declared.sets or [])), basis="declared")
+    if declared != known.model_copy(update={"note": declared.note}):
+        stated, expected = (plain(str(one.model_dump(exclude={"note"})), 200) for one in (declared, known))
+        raise DataError("training", f"the manifest states {stated}; it should be {expected}")
+    return plan.provenance.setting
 
 
 def check_cells(reader: Reader) -> str:
@@ -159,7 +157,7 @@ CHECKS: dict[str, tuple[str, DataCheck]] = {
         "rows have the right columns and are unique, finite and in range",
         lambda reader: f"{reader.frame.height} rows of {reader.frame['sample'].n_unique()} samples",
     ),
-    "training": ("the setting matches the training sets", check_training),
+    "training": ("the training sets are those of a known checkpoint, or declared", check_training),
     "cells": ("all rows were planned, and their corruptions are known", check_cells),
     "measurements": ("rows are plausible and consistent with each other", check_measurements),
 }
