@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import pytest
 
@@ -17,11 +16,3 @@ def refusal(call: Callable[[], object], error: type[RobustFlowError], culprit: o
     assert (type(caught.value), caught.value.culprit) == (error, str(culprit)), caught.value
     assert "\n" not in str(caught.value)
     return caught.value
-
-
-@contextmanager
-def refused(error: type[Exception], match: str) -> Iterator[pytest.ExceptionInfo[Exception]]:
-    """Expect the error with a message that matches and has no line break."""
-    with pytest.raises(error, match=match) as caught:
-        yield caught
-    assert "\n" not in str(caught.value)

@@ -93,8 +93,7 @@ def test_compare_takes_runs_folders_and_nothing_else(result):
     expected = rf.compare(result, result).frame
     assert rf.compare(result.path, str(result.path)).frame.equals(expected)
     assert result.compare(result.path).frame.equals(expected)
-    with pytest.raises(UsageError, match="DataFrame"):
-        rf.compare(result, result.rows)
+    refusal(lambda: rf.compare(result, result.rows), UsageError, "DataFrame")
 
 
 def test_one_corruption_and_one_severity_need_no_list(tmp_path):

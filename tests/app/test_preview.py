@@ -122,7 +122,7 @@ def test_failing_model_is_reported_in_one_line(app):
     with app.model_does("fail"):
         error = app.preview(model=SCRIPTED)[1][-1]["error"]
     assert error.startswith("sample 'motorcycle', ")
-    assert ": <b>no</b> weights at all (at " in error
+    assert "ValueError: <b>no</b> weights at all (" in error
     assert app.preview()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
 
 

@@ -77,8 +77,7 @@ def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):
     assert rows["attack_evaluations"].to_list() == [2]
     assert list(done.manifest.identity.frames.attack_sources) == [name]
     source("VALUE = 1\n")
-    with pytest.raises(RunError, match=name):
-        _run("my_noise:Mine:tries=2:moved=first")
+    assert name in str(refusal(lambda: _run("my_noise:Mine:tries=2:moved=first"), RunError, done.path))
 
 
 def test_an_own_attack_in_processes_gives_the_same_rows(source, quick_workers):
@@ -127,7 +126,7 @@ def kind(name="Any", **attributes):
         (max, "the function max"),
         (kind(name="two words"), "two words"),
         (kind(name="pgd"), "pgd"),
-        (kind("Bad", __init__=lambda self, size: None), "attack 'bad' cannot be built"),
+        (kind("Bad", __init__=lambda self, size: None), "bad"),
     ],
 )
 def test_object_that_is_not_an_attack_is_refused(made, culprit):
@@ -140,9 +139,9 @@ def test_object_that_is_not_an_attack_is_refused(made, culprit):
         (lambda problem, rng: None, "wrong"),
         (lambda problem, rng: problem.ball.clean.astype(np.float64), "wrong"),
         (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "wrong"),
-        (lambda problem, rng: problem.ball.clean.fill(0), "attack 'wrong' failed"),
-        (lambda problem, rng: problem.pair.frames[0].fill(0), "attack 'wrong' failed"),
-        (lambda problem, rng: 1 / 0, "attack 'wrong' failed"),
+        (lambda problem, rng: problem.ball.clean.fill(0), "wrong"),
+        (lambda problem, rng: problem.pair.frames[0].fill(0), "wrong"),
+        (lambda problem, rng: 1 / 0, "wrong"),
     ],
 )
 def test_error_in_an_own_attack_ends_the_run(run, culprit):

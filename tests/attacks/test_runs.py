@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -111,8 +112,8 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
     assert (
         rows[names[2]]["frames_digest"] == same
     )  # the surrogate is the model itself, so the transferred attack equals the attack
-    with pytest.raises(RunError, match=names[2]):
-        run(tmp_path / "run", attacks="fgsm", severities=3, count=1)
+    without = partial(run, tmp_path / "run", attacks="fgsm", severities=3, count=1)
+    assert names[2] in str(refusal(without, RunError, tmp_path / "run"))
     assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
 
 
@@ -120,8 +121,8 @@ def test_run_with_a_changed_surrogate_is_refused(tmp_path, monkeypatch):
     name, model = "transfer:tiny:attack=fgsm:device=cpu", TINY.load()
     run(tmp_path / "run", model, attacks=name, severities=3, count=1)
     monkeypatch.setattr("robustflow.attacks.composed.ModelSpec.identity", lambda spec, model: {"weights": "new"})
-    with pytest.raises(RunError, match=name):
-        run(tmp_path / "run", model, attacks=name, severities=3, count=1)
+    again = partial(run, tmp_path / "run", model, attacks=name, severities=3, count=1)
+    assert name in str(refusal(again, RunError, tmp_path / "run"))
 
 
 @pytest.mark.parametrize("options", [{"attacks": "pdg"}, {"variant": "theirs"}, {"attacks": [], "corruptions": []}])

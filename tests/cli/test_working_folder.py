@@ -158,7 +158,8 @@ def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkey
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts but finds nothing
     fetch = f"from robustflow.corruptions.weather import frost_photographs as f; f._download(f.Path({str(tmp_path)!r}))"
     done = place.python("-P", "-c", fetch)
-    assert "pip could not download" in done.stderr
+    assert done.returncode == 1
+    assert "AssetError: " in done.stderr
     assert place.what_ran() == []
 
 
@@ -183,9 +184,7 @@ def test_training_and_profiling_in_a_folder_of_decoys_run_none(place, tmp_path):
 
 def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(robustflow):
     Path("glob.py").write_text("class Net: ...\n")
-    error = robustflow.refuses("run", "-m", "glob:Net")
-    assert "glob.py" in error
-    assert "rename" in error
+    assert str(Path("glob.py").absolute()) in robustflow.refuses("run", "-m", "glob:Net")
 
 
 def test_settings_of_numba_and_matplotlib_in_the_working_folder_change_no_number_and_no_figure(tmp_path):
@@ -220,7 +219,7 @@ def test_compiled_code_is_not_read_where_everybody_could_replace_it(tmp_path, mo
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
     done = _python(tmp_path, "-m", "robustflow", "corrupt", *frames, "-c", "gaussian_noise")
     assert done.returncode == 2
-    assert re.fullmatch(r"robustflow: \S+/numba: .* NUMBA_CACHE_DIR .*\n", done.stderr)
+    assert re.fullmatch(r"robustflow: \S+/numba: .*\n", done.stderr)
 
 
 @pytest.mark.parametrize("mode", [0o755, 0o1777])

@@ -36,6 +36,7 @@ from robustflow.stats.model_result import ModelResult
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results
 
+from ..refusals import refusal
 from ..stats.simulated import Truth, rows_of
 from .hostile import HOSTILE
 
@@ -98,7 +99,7 @@ def test_a_name_in_any_script_warns_only_where_the_font_draws_a_box(recwarn):
     results = [replace(line, name="\u5149\u6d41") if line.name == "RAFT" else line for line in few]
     assert "\u5149\u6d41" in figure_bytes(clean_against_cre(results), "svg", live_text=True).decode()
     assert not [str(warning.message) for warning in recwarn]
-    with pytest.warns(UserWarning, match="Glyph 20809 .* missing"):
+    with pytest.warns(UserWarning, match="20809"):
         figure_bytes(clean_against_cre(results), "png")
 
 
@@ -233,8 +234,7 @@ def test_too_few_or_too_many_models_are_refused_or_left_out():
     ]:
         with pytest.raises(UsageError):
             draw(results)
-    with pytest.raises(UsageError, match="9"):
-        severity_curves({str(i): _rows() for i in range(9)})
+    refusal(lambda: severity_curves({str(i): _rows() for i in range(9)}), UsageError, "9 runs")
     five = _own(*["OOD"] * 5)
     title = relations([*five, *(replace(line, setting="ID") for line in five[:3])]).axes[0].get_title(loc="left")
     assert "OOD: r = " in title

@@ -29,6 +29,7 @@ from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.stats.uncertainty import intervals
 from robustflow.testing import ConstantFlow
 
+from ..refusals import refusal
 from ..stats.simulated import Truth, rows_of
 from .elements import Elements
 from .hostile import HOSTILE
@@ -69,8 +70,7 @@ def test_benchmarks_are_ordered_by_their_number_of_runs_then_of_models(small_run
 
 def test_value_given_twice_and_page_without_results_are_refused():
     results = _file("OOD,RAFT,epe,clean,1.00,mine\n")
-    with pytest.raises(DataError, match="mine"):
-        whole_content([], [("one.csv", results), ("two.csv", results)])
+    refusal(lambda: whole_content([], [("one.csv", results), ("two.csv", results)]), DataError, "RAFT")
     with pytest.raises(UsageError):
         _own("")
 

@@ -11,6 +11,7 @@ from robustflow.stats.published.tables import published_costs, published_results
 from robustflow.stats.results_file import parse_results
 from robustflow.stats.seeds import SeedGroup
 from tests.made_rows import values_frame
+from tests.refusals import refusal
 
 _SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}
 
@@ -108,8 +109,6 @@ def test_seeds_have_a_mean_only_in_a_section_with_all_of_them():
 
 
 def test_unknown_or_empty_table_is_refused():
-    with pytest.raises(UsageError, match="eppe"):
-        build_table("eppe", published_results())
+    refusal(lambda: build_table("eppe", published_results()), UsageError, "eppe")
     for make in (*(lambda name=name: build_table(name, []) for name in PAPER_TABLES), lambda: cost_table([])):
-        with pytest.raises(UsageError, match="--table"):
-            make()
+        refusal(make, UsageError, "--table")

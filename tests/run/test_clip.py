@@ -4,6 +4,7 @@ engine.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from robustflow.run.source import RunSource
 from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
+from tests.refusals import refusal
 
 from .conftest import FAST, FRAMES, SMALLEST
 from .models_for_tests import FiveFrames
@@ -106,8 +108,8 @@ def test_window_at_the_ends_of_a_clip_follows_the_model(clip_folder, tmp_path, w
     assert [index for _, index in model.calls[::2]] == places
     identity = rf.Result(tmp_path / "run").manifest.identity
     assert identity.model.window == {"before": window.before, "after": window.after, "ends": window.ends}
-    with pytest.raises(RunError, match="window"):
-        run(Recorder((1, 1)), clip_folder, tmp_path / "run", **SMALLEST)
+    other = partial(run, Recorder((1, 1)), clip_folder, tmp_path / "run", **SMALLEST)
+    assert "window" in str(refusal(other, RunError, tmp_path / "run"))
 
 
 def test_two_frame_models_get_the_same_frames_and_identity_on_a_clip(clip_folder, tmp_path):
@@ -135,19 +137,16 @@ def test_changed_and_damaged_frames_around_a_pair_are_detected(tmp_path):
     chosen = SMALLEST | {"limit": 1}
     run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
     write_image(frames / "2.png", np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(RunError, match="sample '1'"):
-        run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
+    again = partial(run, Recorder((0, 1)), frames, tmp_path / "run", **chosen)
+    assert "'1'" in str(refusal(again, RunError, tmp_path / "run"))
     whole = (frames / "2.png").read_bytes()
     (frames / "2.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DataError, match=r"2\.png"):
-        run(Recorder((0, 1)), frames, tmp_path / "other", **chosen)
+    refusal(lambda: run(Recorder((0, 1)), frames, tmp_path / "other", **chosen), DataError, frames / "2.png")
 
 
 def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_folder, tmp_path):
-    message = r"motorcycle: .*5 frames.*sintel, .*folder"
-    with pytest.raises(UsageError, match=message) as error:
-        rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **SMALLEST)
-    assert "\n" not in str(error.value)
+    start = partial(rf.evaluate, Recorder(), "demo", output=tmp_path / "run", **SMALLEST)
+    assert "sintel" in str(refusal(start, UsageError, "motorcycle"))
     assert not (tmp_path / "run").exists()
     model = WithPairs()
     result = rf.evaluate(model, "demo", output=tmp_path / "run", **SMALLEST)
@@ -158,12 +157,10 @@ def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_fo
 
 
 def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):
-    with pytest.raises(UsageError, match="--batch-size"):
-        run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
+    refusal(lambda: run(Recorder(), clip_folder, tmp_path / "run", batch_size=2), UsageError, "--batch-size")
     with pytest.raises(UsageError):
         load_model(MODEL, tile="64x64")
-    with pytest.raises(ModelError, match="'all'"):
-        run(Recorder("all"), clip_folder, tmp_path / "run")
+    refusal(lambda: run(Recorder("all"), clip_folder, tmp_path / "run"), ModelError, "window")
 
 
 def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):
@@ -172,15 +169,16 @@ def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):
             flow = super().predict_clip(frames, index)
             return flow if len(self.calls) < 4 else flow[:5]
 
-    with pytest.raises(ModelError, match="sample '1', contrast severity 1"):
-        run(Wrong(), clip_folder, tmp_path / "run", **SMALLEST)
+    refusal(
+        lambda: run(Wrong(), clip_folder, tmp_path / "run", **SMALLEST), ModelError, "sample '1', contrast severity 1"
+    )
 
     class Raises(Recorder):
         def predict_clip(self, frames, index):
             return frames[7]
 
-    with pytest.raises(ModelError, match=r"sample '0', clean: .*IndexError"):
-        run(Raises(), clip_folder, tmp_path / "run2", **SMALLEST)
+    error = refusal(lambda: run(Raises(), clip_folder, tmp_path / "run2", **SMALLEST), ModelError, "sample '0', clean")
+    assert "IndexError" in str(error)
 
 
 class OwnClips(TexturePairs):
@@ -209,20 +207,19 @@ class OwnClips(TexturePairs):
 
 
 @pytest.mark.parametrize(
-    ("fault", "error", "says"),
+    ("fault", "error", "culprit", "fact"),
     [
-        ("files", UsageError, r"files\('0'\).* 'no disk'"),
-        ("around", UsageError, r"around\('0'\).* 'no disk'"),
-        ("around without an answer", UsageError, r"around\('0'\).* None"),
-        ("frame", UsageError, r"frame\('0', -1\).* 'no disk'"),
-        ("frame without an answer", DataError, "sample '0', frame -1"),
-        ("frame_files", UsageError, r"frame_files\('0'\).* 'no disk'"),
+        ("files", UsageError, "the dataset 'texture_pairs'", "files('0')"),
+        ("around", UsageError, "the dataset 'texture_pairs'", "around('0')"),
+        ("around without an answer", UsageError, "the dataset 'texture_pairs'", "around('0')"),
+        ("frame", UsageError, "the dataset 'texture_pairs'", "frame('0', -1)"),
+        ("frame without an answer", DataError, "sample '0', frame -1", ""),
+        ("frame_files", UsageError, "the dataset 'texture_pairs'", "frame_files('0')"),
     ],
 )
-def test_a_users_dataset_that_fails_is_named(tmp_path, fault, error, says):
+def test_a_users_dataset_that_fails_is_named(tmp_path, fault, error, culprit, fact):
     own = rf.Benchmark("mine", OwnClips(fault), ("0", "1"), ("contrast",))
-    with pytest.raises(error, match=says):
-        rf.evaluate(Recorder(), own, output=tmp_path / "run")
+    assert fact in str(refusal(lambda: rf.evaluate(Recorder(), own, output=tmp_path / "run"), error, culprit))
 
 
 def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_path):

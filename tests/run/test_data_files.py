@@ -137,7 +137,7 @@ def test_a_second_call_checks_the_whole_data_set(frames):
 def test_files_that_no_list_names_are_reported_and_a_damaged_list_is_refused(three, tmp_path):
     assert _digests("--data", three).exit_code == 0
     (three / DIGEST_LIST).write_text("".join((three / DIGEST_LIST).read_text().splitlines(keepends=True)[:-1]))
-    with pytest.warns(UserWarning, match=r"1 file .*2\.bmp"):
+    with pytest.warns(UserWarning, match=r"2\.bmp"):
         _run(ZeroFlow(), three, tmp_path / "run")
     with open(three / DIGEST_LIST, "a") as file:
         file.write("nonsense\n")

@@ -56,15 +56,16 @@ def test_a_flow_that_is_not_finite_is_refused():
             flow[0, :3, 1] = math.nan, math.inf, -math.inf
             return flow
 
-    with pytest.raises(ModelError, match=r"sample 'motorcycle', clean: .* 3 pixels"):
-        displacement_histogram(load_benchmark("demo"), Broken())
+    error = refusal(
+        lambda: displacement_histogram(load_benchmark("demo"), Broken()), ModelError, "sample 'motorcycle', clean"
+    )
+    assert "3 pixels" in str(error)
 
 
 def test_displacement_without_ground_truth_needs_a_model(tmp_path):
     for index in range(2):
         write_image(tmp_path / f"{index}.png", np.zeros((8, 8, 3), np.uint8))
-    with pytest.raises(DataError, match=r"^folder: "):
-        displacement_histogram(load_benchmark("folder", tmp_path))
+    refusal(lambda: displacement_histogram(load_benchmark("folder", tmp_path)), DataError, "folder")
 
 
 @pytest.fixture(scope="module")

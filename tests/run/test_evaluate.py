@@ -82,10 +82,8 @@ def test_rows_depend_on_the_seed_only(tmp_path):
 
 
 def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
-    with pytest.raises(RunError, match="seed"):
-        _run(whole.path, seed=1)
-    with pytest.raises(RunError, match="model"):
-        rf.evaluate("farneback", output=whole.path)
+    assert "seed" in str(refusal(lambda: _run(whole.path, seed=1), RunError, whole.path))
+    assert "model" in str(refusal(lambda: rf.evaluate("farneback", output=whole.path), RunError, whole.path))
 
 
 def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
@@ -110,8 +108,8 @@ def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatc
     (tmp_path / "mine_for_test.py").write_text(source.format(1))
     rf.evaluate("mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
     (tmp_path / "mine_for_test.py").write_text(source.format(2))
-    with pytest.raises(RunError, match="model"):
-        rf.evaluate("mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
+    again = partial(rf.evaluate, "mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
+    assert "model" in str(refusal(again, RunError, tmp_path / "run"))
 
 
 def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path):
@@ -120,8 +118,8 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
 
     folder = tmp_path / "run"
     first = rf.evaluate(constant(1.0), output=folder, **SMALLEST)
-    with pytest.raises(RunError, match="motorcycle: "):
-        rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
+    other = partial(rf.evaluate, constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
+    refusal(other, RunError, "motorcycle")
     assert rf.Result(folder).rows.equals(first.rows)
     more = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[2])
     assert more.rows.height == 2
@@ -129,21 +127,21 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("trouble", "engine", "error", "says"),
+    ("trouble", "engine", "error", "fact"),
     [
-        ("nan", "serial", ModelError, "1 pixels .* sample 'motorcycle', clean"),
-        ("shape", "serial", ModelError, rf"\(2, {HEIGHT}, {WIDTH}\)"),
-        ("exits", "serial", ModelError, "sample 'motorcycle', clean: .*SystemExit: 2"),
-        ("exits", "processes", ModelError, "sample 'motorcycle', clean: .*SystemExit: 2"),
-        ("raises", "processes", ModelError, "sample 'motorcycle', clean: .*ValueError: no weights"),
-        ("hangs", None, ModelError, r" 0\.5 s .* sample 'motorcycle', clean"),
-        ("dies", "processes", RunError, "17.* sample 'motorcycle', clean"),
+        ("nan", "serial", ModelError, "1 pixels"),
+        ("shape", "serial", ModelError, f"(2, {HEIGHT}, {WIDTH})"),
+        ("exits", "serial", ModelError, "SystemExit: 2"),
+        ("exits", "processes", ModelError, "SystemExit: 2"),
+        ("raises", "processes", ModelError, "ValueError: no weights"),
+        ("hangs", None, ModelError, "0.5 s"),
+        ("dies", "processes", RunError, "17"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, trouble, engine, error, says):
+def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, trouble, engine, error, fact):
     options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if trouble == "hangs" else None}
-    with pytest.raises(error, match=says):
-        rf.evaluate(_trouble(trouble), output=tmp_path / "run", corruptions=FAST, **options)
+    run = partial(rf.evaluate, _trouble(trouble), output=tmp_path / "run", corruptions=FAST, **options)
+    assert fact in str(refusal(run, error, "sample 'motorcycle', clean"))
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 
@@ -190,8 +188,8 @@ def test_a_model_that_reuses_its_output_array_has_the_rows_of_one_that_does_not(
 def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
     (tmp_path / "flows" / "clean").mkdir(parents=True)
     (tmp_path / "flows" / "clean" / "motorcycle.flo").write_bytes(b"<html>")
-    with pytest.raises(ModelError, match=r"motorcycle\.flo: .*sample 'motorcycle', clean"):
-        rf.evaluate(str(tmp_path / "flows"), output=tmp_path / "run", corruptions=["contrast"])
+    run = partial(rf.evaluate, str(tmp_path / "flows"), output=tmp_path / "run", corruptions=["contrast"])
+    refusal(run, ModelError, tmp_path / "flows/clean/motorcycle.flo")
 
 
 def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):

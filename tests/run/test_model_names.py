@@ -70,7 +70,8 @@ def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
     robustflow.prints(*options, "--trained-on", "C+T")
     provenance = rf.load_run(tmp_path / "r").manifest.provenance
     assert provenance.trained_on == ("flyingchairs", "flyingthings3d")
-    assert "give it once" in robustflow.refuses(*options, "--trained-on", "C+T", "-O", "trained_on=C")
+    refused = robustflow.refuses(*options, "--trained-on", "C+T", "-O", "trained_on=C")
+    assert refused.startswith("robustflow: trained_on: ")
 
 
 @pytest.mark.parametrize("model", ["dis", "farneback", "dis_rgb"])
@@ -78,7 +79,9 @@ def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
     ("option", "value"), [("--device", "cuda"), ("--precision", "bf16"), ("--checkpoint", "things")]
 )
 def test_options_of_networks_are_refused_for_other_models(robustflow, model, option, value):
-    assert robustflow.refuses("run", "-m", model, option, value).startswith(f"robustflow: {option}: model '{model}'")
+    refused = robustflow.refuses("run", "-m", model, option, value)
+    assert refused.startswith(f"robustflow: {option}: ")
+    assert f"'{model}'" in refused
 
 
 def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow):

@@ -1,15 +1,17 @@
 """Runs with a user's own corruption: resumption, edits to its source, worker processes, and records."""
 
 import sys
+from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import RobustFlowError, RunError, UsageError
+from robustflow.core.errors import RunError, UsageError
 from robustflow.testing import ZeroFlow
 from tests.corruptions.rain import forget
+from tests.refusals import refusal
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
 
@@ -26,7 +28,7 @@ def test_edited_own_corruption_starts_a_new_run_on_the_command_line(rain_package
     robustflow.prints(*run, *own)  # goes on
     (rain_package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
     forget()
-    assert "corruptions (rain)" in robustflow.refuses(*run, *own, code=1)
+    assert "(rain)" in robustflow.refuses(*run, *own, code=1)
 
     robustflow.prints("record", "pack", "run", "-o", "mine.robustflow")
     robustflow.prints("record", "verify", "mine.robustflow")
@@ -44,8 +46,9 @@ def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_packag
     one, two = (run.rows.filter(pl.col("corruption") == "rain").sort("severity")["frames_digest"] for run in runs)
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
-    with pytest.raises(RobustFlowError, match=r"corruptions \(rain\)"):
-        rf.evaluate(ZeroFlow(), output=rain_package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
+    folder = rain_package / "serial"
+    changed = partial(rf.evaluate, ZeroFlow(), output=folder, corruptions=["contrast", Rain(3)], severities=[1, 2])
+    assert "rain" in str(refusal(changed, RunError, folder))
 
 
 @pytest.mark.parametrize(("common", "patterns"), [(True, 1), (False, 2)])
@@ -66,7 +69,7 @@ def test_edited_own_corruption_without_an_output_folder_starts_a_new_run_with_a_
 
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
     assert rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
-    with pytest.warns(UserWarning, match=r"^rain has changed since runs/"):
+    with pytest.warns(UserWarning, match=r"rain .*runs/"):
         other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path
     assert set(rf.load_run(first.path).rows["severity"]) == {0, 1, 2}
@@ -102,8 +105,8 @@ class Flicker:
 @pytest.mark.parametrize("where", ["draw", "apply"])
 @pytest.mark.parametrize("workers", [None, 2])
 def test_corruption_with_frames_that_cannot_be_repeated_stops_the_run(tmp_path, where, workers):
-    with pytest.raises(UsageError, match="flicker"):
-        rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=[Flicker(where)], severities=[1], workers=workers)
+    options = {"corruptions": [Flicker(where)], "severities": [1], "workers": workers}
+    refusal(lambda: rf.evaluate(ZeroFlow(), output=tmp_path, **options), UsageError, "flicker")
 
 
 def test_corruption_of_a_run_is_repeated_once_and_not_for_every_cell(tmp_path):

@@ -6,6 +6,7 @@ import hashlib
 import os
 import pickle
 import random
+import re
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +29,7 @@ from robustflow.run.engines.ray_prepare import prepare_on_ray
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.worker import Job
 from tests.data.video import clips
+from tests.refusals import refusal
 
 from .conftest import FAST
 from .processes import rows_so_far
@@ -119,15 +121,19 @@ def _evaluate_trouble(kind, frames, folder, **options):
 
 
 def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capfd):
-    with pytest.raises(RunError, match=r"'.*', clean, 3 .*(node \S+ \(ActorDiedError\)(, )?){3}"):
+    with pytest.raises(RunError) as caught:
         _evaluate_trouble("dies", frames, tmp_path / "run", workers=1, **two_nodes.engine)
+    assert re.fullmatch("sample '.*', clean", caught.value.culprit)
+    assert len(re.findall(r"node \S+ \(ActorDiedError\)", str(caught.value))) == 3
     assert "raylet" not in "".join(capfd.readouterr()), "Ray's own messages do not appear in the output"
 
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
     options = {"workers": 1, "model": {"fault": "hang"}, "timeout": 0.5, **two_nodes.engine}
-    with pytest.raises(ModelError, match=r" 0\.5 s on sample '.*--timeout \(on node"):
+    with pytest.raises(ModelError) as caught:
         _run(tmp_path / "run", frames, **options)
+    assert caught.value.culprit.startswith("sample '")
+    assert "0.5 s" in str(caught.value)
 
 
 @pytest.mark.slow
@@ -202,8 +208,10 @@ def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkey
         patch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "shadow"), os.environ["PYTHONPATH"]]))
         odd = two_nodes.add()
     slow = {"pause": 1.0}  # the others must not finish the run before the third has started
-    with pytest.raises(RunError, match=r"^node \S+:? .*ImportError"):
+    with pytest.raises(RunError) as caught:
         _run(tmp_path / "run", frames, workers=3, model=slow, **two_nodes.engine)
+    assert caught.value.culprit.startswith("node ")
+    assert "ImportError" in str(caught.value)
     two_nodes.kill(odd)
 
 
@@ -221,7 +229,7 @@ def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path
     unit = Unit("00", "clean", (0,))
     for call, expected, part in (
         (lambda: actor.run(unit, [(str(frames / "gone.png"), size)]), "DataError", "gone.png"),
-        (lambda: actor.run(unit, [(str(frames / "00.png"), size + 1)]), "DataError", f"00.png has {size} bytes"),
+        (lambda: actor.run(unit, [(str(frames / "00.png"), size + 1)]), "DataError", f" {size} "),
         (lambda: actor.begin(job, replace(start, identity={"source": "another"})), "RunError", "source"),
         (lambda: actor.begin(job, replace(start, installed={"numpy": "0.1"})), "RunError", "numpy"),
     ):
@@ -241,8 +249,10 @@ def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_pa
     assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
     assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "no other files are left"
     other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
-    with pytest.raises(DataError, match=r"\(on node .+\)$"):
-        prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)
+    error = refusal(
+        lambda: prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray), DataError, tmp_path / "ray/one"
+    )
+    assert f"node {socket.gethostname()}" in str(error)
 
 
 def _contents(folder: Path) -> dict[str, str]:

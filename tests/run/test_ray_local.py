@@ -94,8 +94,7 @@ def test_object_that_cannot_be_pickled_is_refused(tmp_path):
 
 def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(AssetError, match=r"robustflow\[ray\]"):
-        _evaluate(tmp_path, DIS)
+    refusal(lambda: _evaluate(tmp_path, DIS), AssetError, "ray")
 
 
 @pytest.mark.parametrize(

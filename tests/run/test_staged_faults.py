@@ -2,6 +2,7 @@
 
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,33 +13,35 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs
 
+from ..refusals import refusal
 from .conftest import FAST
 from .models_for_tests import KillsItsReader
 from .processes import descendants, finished, rows_so_far, start_run, wait_until
 
 
 @pytest.mark.parametrize(
-    ("trouble", "error", "says"),
+    ("trouble", "error", "fact"),
     [
-        ("nan", ModelError, r"1 pixels .* sample '0', \w+ severity \d"),
-        ("raises", ModelError, r"sample '0', \w+ severity \d: .*ValueError: no weights"),
-        ("hangs", ModelError, r" 1\.5 s .* sample '0', \w+ severity \d"),
-        ("dies", RunError, r" 17\) .* sample '0', \w+ severity \d"),
+        ("nan", ModelError, "1 pixels"),
+        ("raises", ModelError, "ValueError: no weights"),
+        ("hangs", ModelError, "1.5 s"),
+        ("dies", RunError, "17"),
     ],
 )
-def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, says):
+def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, fact):
     options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
     model = ModelSpec("tests.run.models_for_tests:Trouble", options)
-    benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
-    with pytest.raises(error, match=says):
-        rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, timeout=1.5 if trouble == "hangs" else None)
+    benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), ("contrast",), (4,))
+    timeout = 1.5 if trouble == "hangs" else None
+    run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1, timeout=timeout)
+    assert fact in str(refusal(run, error, "sample '0', contrast severity 4"))
 
 
 def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
     benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
     model = ModelSpec("tests.run.models_for_tests:Accelerated")
-    with pytest.raises(RunError, match=r" 18\) .* sample '1', clean"):
-        rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1)
+    run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1)
+    assert "18" in str(refusal(run, RunError, "sample '1', clean"))
 
 
 def _start(folder, *options, **environment):

@@ -74,7 +74,7 @@ class Previewer:
         """Return pictures as `data:` URLs, and metrics in pixels, None if unavailable."""
         source = self._sources.get(wanted.source)
         if wanted.index >= source.pairs:
-            raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: choose 1 to {source.pairs}")
+            raise UsageError(f"pair {wanted.index + 1}", f"{source.name} has the pairs 1 to {source.pairs}")
         sample = source.sample(wanted.index)
         stage("loading the model")
         model = self._models.load(wanted.model, wanted.checkpoint)

@@ -190,7 +190,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
 
     model, gradient = asked[0].model, asked[0].loss is not None
     assert isinstance(model, Differentiable)
-    where = f"{describe_cells([one.cell for one in asked])}, in its method differentiable"
+    where = describe_cells([one.cell for one in asked])
     images = torch.from_numpy(np.stack([one.images for one in asked if one.images is not None]))
     images.requires_grad_(gradient)
     with reproducible(getattr(model, "threads", 1)), naming_errors(where):

@@ -51,7 +51,7 @@ class OwnAttack(Attack):
         made = attack
         if inspect.isclass(attack):
             advice = "give every argument a default value, or pass an object"
-            made = called(f"attack '{registered}' cannot be built", lambda: attack(**options), advice)
+            made = called(registered, "its constructor", lambda: attack(**options), advice)
         return cls(made_by_user=made, given=tuple(options.items()), **common)
 
     @property
@@ -85,7 +85,7 @@ class OwnAttack(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         run = self.made_by_user.run
-        images: Images = called(f"attack '{self.name}' failed", lambda: run(problem, rng), read_only="the pair")
+        images: Images = called(self.name, "run", lambda: run(problem, rng), read_only="the pair")
         return images
 
 

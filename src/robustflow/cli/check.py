@@ -35,7 +35,7 @@ def check(
                 f"needs the option {missing[0]}, which check cannot pass: give a default value, or check an object",
             )
         if kind in ("model", "dataset"):
-            thing = called(f"{target} failed in its construction", thing)
+            thing = called(target, "its constructor", thing)
     typer.echo(f"{kind} '{plain(checks[kind](thing))}': all checks passed")
 
 

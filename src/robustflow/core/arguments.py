@@ -12,7 +12,7 @@ SEVERITIES = (1, 2, 3, 4, 5)
 def check_severity(severity: int) -> int:
     """Return `severity`; raise a UsageError if it is not a valid severity.
 
-    >>> check_severity(6)
+    >>> check_severity(6)  # doctest: +IGNORE_EXCEPTION_DETAIL
     Traceback (most recent call last):
     robustflow.core.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
     """

@@ -118,7 +118,7 @@ def refuse_links(folder: Path, *inside: str) -> None:
     >>> (folder / "clean").symlink_to("/usr")
     >>> refuse_links(folder, "clean")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    robustflow.core.errors.RunError: .../clean: is a link; ...
+    robustflow.core.errors.RunError: .../clean: ...
     """
     for place in (folder, *(folder / name for name in inside)):
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError), os.scandir(place) as entries:

@@ -34,7 +34,7 @@ class Registry(Generic[T]):
     >>> colours.add("red", "string:ascii_lowercase")
     >>> colours.get("red")[:3]
     'abc'
-    >>> colours.get("rad")
+    >>> colours.get("rad")  # doctest: +IGNORE_EXCEPTION_DETAIL
     Traceback (most recent call last):
     robustflow.core.errors.UsageError: unknown colour 'rad': did you mean 'red'? Known: red
     """
@@ -113,16 +113,16 @@ EXTRAS = {
 }
 """Mapping from a module to the extra of this package that installs it."""
 
-_TITLES = {"torch": "PyTorch", "ray": "Ray"}
-
 
 def require(library: str, needing: str) -> None:
     """Raise an error that names the required extra if a library is not installed."""
     if find_spec(library) is None:
-        raise AssetError(
-            f"{needing} needs {_TITLES.get(library, library)}, which is not installed: {install_command(library)} "
-            "(with -c constraints.txt from a checkout)"
-        )
+        raise _not_installed(library, needing)
+
+
+def _not_installed(library: str, needing: str) -> AssetError:
+    remedy = f"{install_command(library)} (with -c constraints.txt from a checkout)"
+    return AssetError(library, f"not installed, but {needing} needs it: {remedy}")
 
 
 def install_command(library: str) -> str:
@@ -182,8 +182,7 @@ def import_target(target: str, kind: str) -> Any:
     except (Exception, SystemExit) as cause:  # SystemExit: a script that reads its arguments on import
         missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
         if missing in EXTRAS:
-            command = install_command(missing)
-            raise AssetError(f"{kind} '{target}' needs {missing}, which is not installed: {command}") from cause
+            raise _not_installed(missing, f"{kind} '{target}'") from cause
         raise UsageError(target, f"cannot import '{name}' for this {kind}: {_reason(name, cause, missing)}") from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
@@ -269,7 +268,7 @@ def check_options(factory: Callable[..., Any], what: str, options: Collection[st
         raise UsageError(missing[0], f"an option that {what} needs; pass {flag} {missing[0]}=VALUE")
 
 
-def called(doing: str, function: Callable[[], Any], advice: str = "", read_only: str = "") -> Any:
+def called(culprit: str, doing: str, function: Callable[[], Any], advice: str = "", read_only: str = "") -> Any:
     """Call a user's function and return its result; convert its exceptions to a `UsageError`."""
     try:
         return function()
@@ -278,7 +277,8 @@ def called(doing: str, function: Callable[[], Any], advice: str = "", read_only:
     except Exception as error:
         if read_only and "read-only" in str(error):
             advice = f"copy {read_only} before changing it"
-        raise UsageError(doing, f"{type(error).__name__}: {error}" + (f"; {advice}" if advice else "")) from error
+        reason = f"{type(error).__name__}: {error}" + (f"; {advice}" if advice else "")
+        raise UsageError(culprit, f"{doing} raised {reason}") from error
 
 
 def described(made: Any) -> str:

@@ -146,8 +146,9 @@ class Child:
             if not self._began and code == 1:
                 raise RunError(f"a worker process failed to start; a guard may be missing: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process exited without an error message (exit code {code}) while computing {doing}; "
-                f"the usual causes are lack of memory or a crash inside the model: {advice}"
+                doing,
+                f"its process exited without an error message (exit code {code}); the usual causes are lack of "
+                f"memory or a crash inside the model: {advice}",
             ) from None
         self._began = True
         if kind == "error":

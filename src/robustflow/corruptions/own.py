@@ -80,7 +80,7 @@ class OwnCorruption(Corruption):
 
     def _call(self, method: str, function: Callable[[], Any]) -> Any:
         what = "the frame or the depth" if self.needs_depth else "the frame"
-        return called(f"corruption '{self.name}' failed in {method}", function, read_only=what)
+        return called(self.name, method, function, read_only=what)
 
 
 def register_custom(made: Made) -> str:
@@ -145,4 +145,4 @@ def _build(kind: type[Any], variant: str) -> Any:
         return kind(variant=variant) if "variant" in takes and variant in VARIANTS else kind()
 
     advice = "give every argument a default value, or pass an instance"
-    return called(f"corruption '{own_name(kind)}' cannot be built", build, advice)
+    return called(own_name(kind), "its constructor", build, advice)

@@ -170,7 +170,7 @@ class CorruptionTransform:
 def check_image(image: Image) -> None:
     """Check that an image has a supported type, dtype, shape and value range.
 
-    >>> check_image(np.zeros((8, 8, 3), np.uint16))
+    >>> check_image(np.zeros((8, 8, 3), np.uint16))  # doctest: +IGNORE_EXCEPTION_DETAIL
     Traceback (most recent call last):
     robustflow.core.errors.DataError: uint16: an image's dtype; corruptions operate on 8-bit values; convert it to uint8
     """

@@ -169,7 +169,7 @@ def _open_run(run: AnyRun) -> Run:
         return run
     if isinstance(run, str | Path):
         return load_any_run(run)
-    raise UsageError(f"compare expects runs, or paths of their folders or records; got {type(run).__name__}")
+    raise UsageError(type(run).__name__, "compare expects runs, or paths of their folders or records")
 
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:

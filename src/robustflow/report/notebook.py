@@ -95,8 +95,6 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
             warnings.warn(common.remark, stacklevel=2)
         return figures.severity_curves(common.rows, metric)
     if words := differences(named):
-        raise UsageError(
-            f"these runs measured different conditions and cannot be drawn together ({words}); plot them separately"
-        )
+        raise UsageError(kind, f"the runs measured different conditions ({words}); plot them separately")
     results = run_results(runs)
     return of_results[kind](results)

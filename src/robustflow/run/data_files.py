@@ -37,7 +37,7 @@ _REWRITE = "write it again with robustflow prepare digests --data FOLDER --overw
 
 def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
     """Return the files of a sample: of the pair, of the frames around it and, last, those only of its depth."""
-    files: list[Path] = called(f"the dataset failed in files('{key}')", lambda: dataset.files(key))
+    files: list[Path] = called(f"the dataset '{dataset.name}'", f"files('{key}')", lambda: dataset.files(key))
     if window is not None:
         assert isinstance(dataset, Clips)
         files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))

@@ -127,11 +127,12 @@ def recorded_plan(
     )
     plan = Plan(benchmark, options, named.identity if named else {})
     if differing := differing_fields(made := plan.identity().frames, recorded):
-        parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
+        parts = [f"{getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
         remedies = [words for name, words in _REMEDIES.items() if name in differing]
         raise RunError(
+            ", ".join(differing),
             f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
-            f"{remedies[0] if remedies else 'use the version of the run'}"
+            f"{remedies[0] if remedies else 'use the version of the run'}",
         )
     return plan
 

@@ -83,9 +83,7 @@ class View:
 
 
 def _invalid(what: str, cell: Cell, remedy: str) -> ModelError:
-    return ModelError(
-        f"the model returned {what} that are NaN or infinite on {describe_cell(*cell)}; fix the model, or {remedy}"
-    )
+    return ModelError(describe_cell(*cell), f"the model returned {what} that are NaN or infinite; fix it, or {remedy}")
 
 
 def _confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict[str, Any]:

@@ -174,12 +174,9 @@ def _joined_lines(lines: Sequence[ModelResult], where: str) -> ModelResult:
     values: dict[ValueKey, Value] = {}
     for line in lines:
         for metric, condition in values.keys() & line.values.keys():
-            whose = f"'{plain(line.name)}' ({plain(line.setting)})"
-            raise DataError(
-                where,
-                f"{metric} of {whose} on {condition} appears twice for the sample set "
-                f"'{plain(line.frames)}'; give each value only once",
-            )
+            whose = f"'{plain(line.name)}' ({plain(line.setting)}, sample set '{plain(line.frames)}')"
+            message = f"{metric} of {whose} on {condition} appears twice; give each value only once"
+            raise DataError(where or plain(line.name), message)
         values |= line.values
     coverage = min((line.stated_coverage for line in lines if line.stated_coverage is not None), default=None)
     return replace(lines[0], values=values, stated_coverage=coverage)

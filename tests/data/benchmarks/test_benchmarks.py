@@ -81,7 +81,7 @@ def only_noc(kitti, tmp_path):
 
 def test_without_flow_occ_kitti_fc_is_refused_and_kitti2015_warns(only_noc, tmp_path):
     refusal(lambda: load_benchmark("kitti-fc", only_noc), DataError, only_noc / "training")
-    with pytest.warns(UserWarning, match="flow_occ"):
+    with pytest.warns(UserWarning, match=str(only_noc)):
         load_benchmark("kitti2015", only_noc)
     (tmp_path / "released" / "clean").mkdir(parents=True)
     (only_noc / "training").rename(tmp_path / "released" / "clean" / "val")
@@ -111,7 +111,7 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
 
 def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
     for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
-        with pytest.warns(UserWarning, match="flow_occ"):
+        with pytest.warns(UserWarning, match=folder):
             assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}
         assert load_benchmark(name, shared(f"data/{name}")).protocol == {}
     folder = shared("data/kitti2015_noc_only")
@@ -195,8 +195,7 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
     frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2})
     assert frames.protocol == {"options": {"step": "2"}}, "a different step is a different run"
     refusal(lambda: load_benchmark("kitti-fc", kitti, options={"render_pass": "final"}), UsageError, "kitti-fc")
-    with pytest.raises(UsageError, match="sintel"):
-        load_benchmark("sintl", kitti)
+    refusal(lambda: load_benchmark("sintl", kitti), UsageError, "sintl")
 
 
 def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_path):
@@ -218,7 +217,7 @@ def test_folder_of_a_different_data_set_is_refused_by_name(kitti, tmp_path):
     (tmp_path / "training" / "colored_0").mkdir(parents=True)
     for name, data, fitting in (("kitti-fc", tmp_path, "kitti2012"), ("sintel", kitti, "kitti-fc")):
         refused = refusal(lambda name=name, data=data: load_benchmark(name, data), DataError, data)
-        assert f"--benchmark {fitting}" in str(refused)
+        assert str(refused).endswith(f" {fitting}")
 
 
 def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(kitti, tmp_path):

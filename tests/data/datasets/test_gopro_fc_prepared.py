@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -192,8 +193,7 @@ def test_bit_errors_of_the_reference_variant_use_5_m(prepared):
 def test_two_images_are_not_enough():
     grey = np.zeros((16, 16, 3), np.uint8)
     for name in CLIP:
-        with pytest.raises(UsageError, match="--benchmark gopro-fc"):
-            corrupt(grey, grey, name, 1)
+        refusal(partial(corrupt, grey, grey, name, 1), UsageError, name)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -243,8 +243,8 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     path = tmp_path / "mine.mp4"
     clips.clip(path, 60, HEIGHT, WIDTH, fps=30)
     with (
-        pytest.warns(UserWarning, match=r"30 frames per second.*1\.03 s"),
-        pytest.warns(UserWarning, match="5 of GoPro-FC's 5 sequences .*1 of the 1 evaluated"),
+        pytest.warns(UserWarning, match=r"30 .*1\.03 s"),
+        pytest.warns(UserWarning, match="5 .*5 .*1 .*1 "),
     ):
         benchmark = load_benchmark("gopro-fc", path)
     assert benchmark.corruptions == PAPER_ORDER

@@ -370,7 +370,7 @@ def test_kitti_needs_its_folders_and_no_others(tmp_path: Path) -> None:
     for images, folder in {"auto": "colored_0", "colour": "colored_0", "grey": "image_0"}.items():
         assert load_dataset("kitti2012", tmp_path, images=images).files("000000")[0].parent.name == folder
     (tmp_path / "flow_noc/000001_10.png").unlink()
-    with pytest.warns(UserWarning, match="1 of 3 maps") as caught:
+    with pytest.warns(UserWarning, match="1 .*3") as caught:
         dataset = load_dataset("kitti2012", tmp_path)
     assert len(caught) == 1
     assert [sample.occluded is None for sample in dataset] == [False, True, False]

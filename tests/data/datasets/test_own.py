@@ -1,6 +1,7 @@
 """A user's own dataset and benchmark are checked before anything runs, and identified by their source."""
 
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -128,8 +129,8 @@ def test_check_dataset_finds_faults_that_loading_does_not(module, name):
 def test_ground_truth_of_a_wrong_type_or_shape_is_refused_by_the_sample(part, array):
     """The inverse of an integer mask is not a mask, so the pictures of a report would be wrong."""
     truth = {"flow": np.zeros((6, 8, 2), np.float32), "valid": np.ones((6, 8), bool), "occluded": None}
-    with pytest.raises(DataError, match="sample 'a'"):
-        rf.Sample("a", (np.zeros((6, 8, 3), np.uint8),) * 2, **{**truth, part: array})
+    frames = (np.zeros((6, 8, 3), np.uint8),) * 2
+    refusal(lambda: rf.Sample("a", frames, **{**truth, part: array}), DataError, "sample 'a'")
 
 
 def test_own_benchmark_is_opened_and_an_invalid_one_refused(module):
@@ -152,8 +153,8 @@ def test_an_edited_source_never_continues_a_run(module):
 
 @pytest.mark.parametrize("name", ["BreaksLater", "SwapsLater", "FlowLater"])
 def test_a_dataset_that_fails_at_a_later_sample_is_named_and_the_rows_before_are_kept(module, name):
-    with pytest.raises(UsageError, match="the dataset 'noise'"):
-        rf.evaluate(ZeroFlow(), data=f"own_noise:{name}", corruptions="contrast", severities=1, output="run")
+    run = partial(rf.evaluate, ZeroFlow(), data=f"own_noise:{name}", corruptions="contrast", severities=1, output="run")
+    refusal(run, UsageError, "the dataset 'noise'")
     assert set(rf.load_run("run").rows["sample"]) == {"0"}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -71,8 +72,7 @@ def test_benchmark_has_only_the_unpacked_corruptions(root):
     for wrong in ({"corruptions": ["robustspring_snow"]}, {"severities": [2]}):
         refusal(lambda wrong=wrong: benchmark.narrowed(**wrong), UsageError, "robustspring")
     for other in (benchmark, load_benchmark("demo")):
-        with pytest.raises(UsageError, match=FOG):
-            other.narrowed(["fog+robustspring_fog"])
+        refusal(partial(other.narrowed, [f"fog+{FOG}"]), UsageError, FOG)
 
 
 def test_facts_of_robustspring_state_corruptions_and_severity():
@@ -96,8 +96,7 @@ def test_names_of_robustspring_differ_from_those_of_this_project():
     members = [name for names in MEMBERS.values() for name in names if name in ROBUSTSPRING.names]
     assert members == list(ROBUSTSPRING.names)
     assert len(set(ORDER)) == len(ORDER) == 24 + 20
-    with pytest.raises(UsageError, match="--benchmark robustspring"):
-        load_corruption(FOG)
+    refusal(lambda: load_corruption(FOG), UsageError, FOG)
 
     class Mine:
         name = FOG
@@ -108,8 +107,7 @@ def test_names_of_robustspring_differ_from_those_of_this_project():
         def apply(self, frame, state, index):
             return frame
 
-    with pytest.raises(UsageError, match=FOG):
-        register_custom(Mine)
+    refusal(lambda: register_custom(Mine), UsageError, FOG)
 
 
 def _apart(root: Path, where: str) -> dict[str, str]:

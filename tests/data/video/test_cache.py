@@ -109,5 +109,4 @@ FolderCache(Path({str(tmp_path)!r}), 1000).use("a", slowly, None)
 
 def test_cache_without_a_lock_is_refused_in_one_sentence(tmp_path):
     (tmp_path / ".a.lock").mkdir()
-    with pytest.raises(DataError, match=f"{tmp_path}: "):
-        FolderCache(tmp_path, 1000).use("a", make, read)
+    refusal(lambda: FolderCache(tmp_path, 1000).use("a", make, read), DataError, tmp_path)

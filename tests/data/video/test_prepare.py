@@ -214,10 +214,10 @@ def test_the_shortest_clip_for_a_step_is_named_exactly(source, step, factor):
         clip.count = count
         return clip_timing(clip, Preparation(fps=Fraction(30), factor=factor, step=step))
 
-    needed = int(re.search(r"at least (\d+)", str(refusal(lambda: timing(5), DataError, source.name)))[1])
+    sentence = str(refusal(lambda: timing(5), DataError, source.name)).removeprefix(source.name)
+    needed = int(re.findall(r"\d+", sentence)[-1])
     assert len(timing(needed).key_frames) >= 2
-    refused = refusal(lambda: timing(needed - 1), DataError, source.name)
-    assert ("--step" in str(refused)) == (step > 1)
+    refusal(lambda: timing(needed - 1), DataError, source.name)
 
 
 def resized(source):

@@ -222,9 +222,10 @@ def test_checkpoint_is_chosen_by_name(library, tmp_path, monkeypatch):
 
     monkeypatch.setattr(torch.hub, "download_url_to_file", no_network)
     place = tmp_path / "checkpoints" / "raft-things-802bbcfd.ckpt"
-    with pytest.raises(ModelError, match=str(place)) as caught:
+    with pytest.raises(ModelError) as caught:
         load_model("raft", checkpoint="things")
     assert caught.value.culprit.endswith(f"/{place.name}")
+    assert str(place) in str(caught.value)
     torch.save(adapter("raft").net.model.state_dict(), place)
     refusal(lambda: load_model("raft", checkpoint="things"), ModelError, place)
     digits = hashlib.sha256(place.read_bytes()).hexdigest()[:8]

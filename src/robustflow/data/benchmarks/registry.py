@@ -31,8 +31,8 @@ def own_benchmark(target: str, data: Path | None, split: Path | None) -> Benchma
         if opener is None:
             raise UsageError(target, "not a benchmark: it has no function open; see the guide 'add your dataset'")
         if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
-            opener = called(f"{target} failed in its construction", made).open
-        made = called(f"{target} failed in open(data, split)", lambda: opener(data, split))
+            opener = called(target, "its constructor", made).open
+        made = called(target, "open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
         raise UsageError(target, f"returned {type(made).__name__}; open must return a Benchmark")
     _check_new(made.name, target)
@@ -50,7 +50,7 @@ def _check_new(name: str, target: str) -> None:
 def check_keys(benchmark: Benchmark, what: str) -> None:
     if not benchmark.keys:
         raise UsageError(what, "lists no samples; keys must contain at least one key of its dataset")
-    known = set(called(f"the dataset of {what} failed in keys", benchmark.dataset.keys))
+    known = set(called(f"the dataset of {what}", "keys()", benchmark.dataset.keys))
     for key in benchmark.keys:
         if key not in known:
             raise UsageError(what, f"lists the sample {key!r:.60}, which its dataset does not contain")

@@ -171,10 +171,10 @@ def has_clips(dataset: Dataset) -> bool:
 
 
 def range_around(dataset: Clips, key: str, reach: int) -> range:
-    where = f"the dataset failed in around('{key}')"
-    offsets = called(where, lambda: dataset.around(key, reach))
+    culprit, doing = f"the dataset '{dataset.name}'", f"around('{key}')"
+    offsets = called(culprit, doing, lambda: dataset.around(key, reach))
     if not (isinstance(offsets, range) and offsets.step == 1 and 0 in offsets and 1 in offsets):
-        raise UsageError(where, f"expected a range with 0 and 1, got {offsets!r:.60}")
+        raise UsageError(culprit, f"{doing} must return a range with 0 and 1, not {offsets!r:.60}")
     return offsets
 
 

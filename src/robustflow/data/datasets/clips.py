@@ -57,8 +57,8 @@ class ContextFrames:
         numbers = self._numbers(key)[2:]
         if not numbers:
             return []
-        where = f"the dataset failed in frame_files('{key}')"
-        return called(where, lambda: list(self._dataset.frame_files(key, numbers)))
+        culprit, doing = f"the dataset '{self._dataset.name}'", f"frame_files('{key}')"
+        return called(culprit, doing, lambda: list(self._dataset.frame_files(key, numbers)))
 
     def add(self, sample: Sample) -> Sample:
         around = [self._frame(sample, number) for number in self._numbers(sample.key)[2:]]
@@ -66,8 +66,8 @@ class ContextFrames:
 
     def _frame(self, sample: Sample, number: int) -> Frame:
         key = sample.key
-        where = f"the dataset failed in frame('{key}', {number})"
-        frame: Frame = called(where, lambda: self._dataset.frame(key, number))
+        culprit, doing = f"the dataset '{self._dataset.name}'", f"frame('{key}', {number})"
+        frame: Frame = called(culprit, doing, lambda: self._dataset.frame(key, number))
         check_frame(frame, sample.frames[0], f"sample '{key}', frame {number}")
         return frame
 

@@ -115,7 +115,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     if inspect.isclass(dataset) or inspect.isroutine(dataset):
         check_options(dataset, target, options, "-D")
         opener = dataset
-        dataset = called(f"{target} failed in its construction", lambda: opener(**options))
+        dataset = called(target, "its constructor", lambda: opener(**options))
     elif options:
         raise UsageError(target, f"a dataset object does not accept options; omit {', '.join(options)}")
     check_members(dataset, target)
@@ -128,7 +128,7 @@ def check_members(dataset: Any, what: str) -> None:
             raise UsageError(what, f"not a dataset: it has no '{member}'; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
         raise UsageError(what, f"the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
-    keys = called(f"{what} failed in keys", dataset.keys)
+    keys = called(what, "keys()", dataset.keys)
     if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
         raise UsageError(what, f"keys() must return a non-empty list of strings, not {keys!r:.60}")
     if len(set(keys)) != len(keys):
@@ -138,7 +138,7 @@ def check_members(dataset: Any, what: str) -> None:
 
 def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
     what = what or f"the dataset '{dataset.name}'"
-    sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
+    sample = called(what, f"load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
         raise UsageError(what, f"load('{key}') returned {type(sample).__name__}; it must return a Sample")
     if sample.key != key:
@@ -151,7 +151,7 @@ def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
     sample = load_checked(dataset, key, what)
-    files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
+    files = called(what, f"files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
         raise UsageError(what, f"files('{key}') must return the paths of existing files, not {files!r:.80}")
     return sample

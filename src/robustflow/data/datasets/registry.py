@@ -54,7 +54,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
     >>> load_dataset("motorcycle").keys()
     ['motorcycle']
-    >>> load_dataset("motorcycel")
+    >>> load_dataset("motorcycel")  # doctest: +IGNORE_EXCEPTION_DETAIL
     Traceback (most recent call last):
     robustflow.core.errors.UsageError: unknown dataset 'motorcycel': did you mean 'motorcycle'? Known: ...
     """

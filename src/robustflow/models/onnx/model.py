@@ -99,7 +99,7 @@ class OnnxModel(PairNetwork):
         try:
             if not child.pipe.poll(self._time):
                 raise ModelError(self._path, f"{doing} took longer than {self._time:g} s; set -O time_limit=SECONDS")
-            value = child.receive(f"{doing} of {self._path}", "allow more with -O memory_limit=GIB")[1]
+            value = child.receive(doing, "allow more with -O memory_limit=GIB")[1]
         except BaseException as error:
             child.end()
             if isinstance(error, RunError):

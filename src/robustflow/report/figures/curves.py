@@ -77,7 +77,7 @@ def severity_curves(
     the same axes.
     """
     if len(runs) > len(MODEL_STYLES):
-        raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")
+        raise UsageError(f"{len(runs)} runs", f"one figure shows at most {len(MODEL_STYLES)}")
     styles = distinct_styles({name: styles.get(name) for name in runs})
     curves = {
         name: intervals(rows, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
@@ -216,7 +216,7 @@ def sparsification_curves(model: str, known: Means) -> MarkedFigure:
 def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     """Plot the share of pixels against their flow magnitude on a logarithmic axis, with a dashed line per table."""
     if len(tables) > MOST_LINES:
-        raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
+        raise UsageError(f"{len(tables)} histograms", f"one figure shows at most {MOST_LINES}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
     if not tables:
         raise UsageError("there are no displacements to draw: no pixel in these tables has a flow")

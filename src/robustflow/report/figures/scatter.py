@@ -215,7 +215,8 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
     drawn = {line: values for models in groups.values() for line, values in models.items()}
     if len(drawn) < LEAST_MODELS:
         raise UsageError(
-            f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, not {len(drawn)}"
+            "relations",
+            f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, not {len(drawn)}",
         )
     figure, axes = new_figure(3.3, 3.2, 4, columns=2)
     ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _QUANTITIES.items()}

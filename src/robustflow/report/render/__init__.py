@@ -29,11 +29,9 @@ def render(table: Table, format: str) -> str:
     except Exception as error:
         if not is_target(format):
             raise
-        raise UsageError(
-            f"format '{format}' failed on table '{table.name}': {type(error).__name__}: {error}"
-        ) from error
+        raise UsageError(format, f"raised {type(error).__name__} for the table '{table.name}': {error}") from error
     if not isinstance(text, str):
-        raise UsageError(f"format '{format}' returned {type(text).__name__} for table '{table.name}', not text")
+        raise UsageError(format, f"returned {type(text).__name__} for the table '{table.name}', not text")
     return text
 
 

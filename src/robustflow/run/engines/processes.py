@@ -68,7 +68,7 @@ so that one slow corruption does not keep the device waiting."""
 
 def too_slow(timeout: float, what: str) -> ModelError:
     """Return the error for a model that takes longer than `timeout` seconds on `what`."""
-    return ModelError(f"the model took longer than {timeout:g} s on {what}; fix it, or allow more time with --timeout")
+    return ModelError(what, f"the model took longer than {timeout:g} s; fix it, or allow more time with --timeout")
 
 
 def processes(
@@ -164,7 +164,7 @@ class _EngineProcess:
     def receive(self) -> FinishedUnit | None:
         """Read one message, and return the unit that it finishes, if any."""
         unfinished = [describe_cell(unit.key, unit.corruption, *unit.severities) for unit in self.units[:1]]
-        kind, value = self.child.receive(self._doing or next(iter(unfinished), "nothing"), self._advice)
+        kind, value = self.child.receive(self._doing or next(iter(unfinished), "idle worker"), self._advice)
         if kind == "doing":
             self._doing, self._since = value, time.monotonic()
             return None

@@ -130,8 +130,7 @@ class _Crew:
         self._most = max(self._most, int(self._ray.cluster_resources().get(self._kind, 0)))
         wanted = self._workers or self._most
         if not wanted:
-            kind = self._kind
-            raise RunError(f"Ray knows of no {kind} on its nodes; use --workers N to wait for N of them to join")
+            raise RunError(self._kind, "Ray knows of none on its nodes; use --workers N to wait for N of them to join")
         for _ in range(min(wanted, self._left) - len(self.members)):
             resources = {"num_cpus": 1, "num_gpus": int(self._kind == "GPU"), "scheduling_strategy": "SPREAD"}
             actor = self._ray.remote(UnitActor).options(max_restarts=0, max_task_retries=0, **resources).remote()
@@ -174,18 +173,18 @@ class _Crew:
             self._failed_starts += 1
             if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
                 raise RunError(
-                    f"no worker could be started on the Ray cluster: {self._failed_starts} were lost while starting, "
-                    f"the last on {where}; the usual causes are lack of memory or a crash while loading the model"
+                    where,
+                    f"the last of {self._failed_starts} Ray workers that were lost while starting; the usual causes "
+                    "are lack of memory or a crash while loading the model",
                 )
             return
         unit, losses = member.unit, self._losses.setdefault(member.unit, [])
         losses.append(where)
         if len(losses) == ATTEMPTS:
             raise RunError(
-                "a worker exited without an error message while computing "
-                f"{describe_cell(unit.key, unit.corruption, *unit.severities)}, {ATTEMPTS} times (on "
-                f"{', '.join(losses)}); the usual causes are lack of memory or a crash inside the model: try fewer "
-                "--workers"
+                describe_cell(unit.key, unit.corruption, *unit.severities),
+                f"{ATTEMPTS} worker processes exited without an error message (on {', '.join(losses)}); the usual "
+                "causes are lack of memory or a crash inside the model: try fewer --workers",
             )
         self._schedule.give_back(unit)
 

@@ -113,7 +113,7 @@ def check_text(text: str, where: str) -> None:
 
     >>> check_text("RAFT\x1b[31m", "author")
     Traceback (most recent call last):
-    robustflow.core.errors.DataError: author: 'RAFT�[31m' contains a character that cannot be displayed; remove it
+    robustflow.core.errors.DataError: author: 'RAFT�[31m'...
     """
     if len(text) > _LONGEST_TEXT:
         raise DataError(where, f"{len(text)} characters, but a record allows at most {_LONGEST_TEXT}; shorten it")
