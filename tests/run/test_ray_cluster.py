@@ -249,10 +249,10 @@ def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_pa
     assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
     assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "no other files are left"
     other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
-    error = refusal(
-        lambda: prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray), DataError, tmp_path / "ray/one"
-    )
-    assert f"node {socket.gethostname()}" in str(error)
+    with pytest.raises(DataError) as caught:
+        prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)
+    assert caught.value.culprit in (str(tmp_path / "ray/one"), str(tmp_path / "ray/two"))
+    assert f"node {socket.gethostname()}" in str(caught.value)
 
 
 def _contents(folder: Path) -> dict[str, str]:

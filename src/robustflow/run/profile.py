@@ -171,9 +171,7 @@ def network_of(model: Any) -> NetworkModel:
     while isinstance(model, TiledModel):
         model = model.model
     if isinstance(model, TorchClipModel):
-        raise UsageError(
-            f"'{model.name}' needs a clip, but only two-frame networks can be profiled: choose a different model"
-        )
+        raise UsageError(model.name, "needs a clip, but only two-frame networks can be profiled; choose another model")
     if not isinstance(model, NetworkModel):
         raise UsageError(
             "only PyTorch networks can be profiled, but this model does not expose one; choose a model that "
