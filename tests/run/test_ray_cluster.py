@@ -29,7 +29,6 @@ from robustflow.run.engines.ray_prepare import prepare_on_ray
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.worker import Job
 from tests.data.video import clips
-from tests.refusals import refusal
 
 from .conftest import FAST
 from .processes import rows_so_far
