@@ -87,7 +87,7 @@ def test_a_severity_that_does_not_exist_is_an_empty_place(pair, drawn):
     (data,) = Elements(_page("t", pair[:1], cells, lacking)).data()
     ((_, shots),) = data["corruptions"]
     assert [shot["severity"] for shot in shots] == list(calibrated_levels(name))
-    assert [np.ptp(picture) for _, picture in drawn[:2]] == [np.ptp(pair[0]), 0]
+    assert (drawn[1][1] == 236).all()
 
 
 def test_the_figure_holds_every_picture_in_its_place(pair):
@@ -234,9 +234,9 @@ def test_the_frames_shown_are_the_middle_of_the_part(video):
 
 def test_a_long_folder_of_frames_is_read_in_natural_order_and_in_part(tmp_path):
     for index in range(LONGEST_PART + 20):
-        write_image(tmp_path / f"f{index}.png", np.full((16, 16, 3), index, np.uint8))
+        write_image(tmp_path / f"{index + 7}.png", np.full((16, 16, 3), index, np.uint8))
     part = ClipPart(tmp_path, shown=2)
-    assert part.count == LONGEST_PART
+    assert (part.count, part.first_number) == (LONGEST_PART, part.shown[0]), "only a video's frames have numbers"
     assert [int(frame[0, 0, 0]) for frame in part.frames(part.shown)] == [LONGEST_PART // 2 - 1, LONGEST_PART // 2]
     assert int(list(part.frames())[-1][0, 0, 0]) == LONGEST_PART - 1
 
