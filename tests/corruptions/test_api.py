@@ -22,12 +22,6 @@ from .pictures import picture, scene
 FRAME = np.random.default_rng(1).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("name", ["snow", "over_exposure"])
-def test_a_single_image_is_the_first_frame_of_a_pair(name):
-    pair = corrupt(FRAME, FRAME, name, 3, 2, "k")
-    assert (corrupt(FRAME, corruption=name, severity=3, seed=2, key="k") == pair[0]).all()
-
-
 def test_images_of_pillow_come_back_as_such():
     image = Image.fromarray(FRAME)
     first, second = corrupt(image, image, "snow", 3)

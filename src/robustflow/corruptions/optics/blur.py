@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ...core.compiled import inner, intrinsic, njit, types
 from ...core.types import Frame
 from ..kernels.cache import BytesCache
-from .psf_field import SUPPORT, Axis, PsfField, grid_of, kernels_at
+from .psf_field import SIZE, Axis, PsfField, grid_of, kernels_at
 
 BLOCK = 64
 """Number of image rows transformed together."""
@@ -225,7 +225,7 @@ def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: An
 GREY = 128.0
 """Grey level subtracted from all pixels, because sums of smaller numbers have smaller rounding errors."""
 
-_REACH = SUPPORT // 2
+_REACH = SIZE // 2
 
 
 class Kernels(NamedTuple):
@@ -294,12 +294,12 @@ def _kernels(field: PsfField, height: int, width: int) -> Kernels:
     pitch = grid_of(height, width)
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
     nodes, corner = rows.offsets.size, math.sqrt(height * height + width * width) / 2.0
-    kernels = np.empty((columns.offsets.size, nodes, 3, SUPPORT, SUPPORT), np.float32)
+    kernels = np.empty((columns.offsets.size, nodes, 3, SIZE, SIZE), np.float32)
     of_column = np.empty(kernels.shape[1:])
     for column, dx in enumerate(columns.offsets):
         kernels_at(field.stack, np.full(nodes, dx), rows.offsets, corner, of_column)
         kernels[column] = of_column
-    used = kernels.reshape(-1, SUPPORT, SUPPORT).any(axis=0)
+    used = kernels.reshape(-1, SIZE, SIZE).any(axis=0)
     y, x = (int(np.abs(places - _REACH).max()) for places in np.nonzero(used))
     kernels = kernels[..., _REACH - y : _REACH + y + 1, _REACH - x : _REACH + x + 1][..., ::-1, :]
     length = transform_length(2 * pitch + 2 * x)

@@ -277,11 +277,7 @@ def goal_of(severity: int) -> tuple[Specification, Goal]:
         focal_length=IMAGE_RADIUS / tangent,
         f_number=specification.f_number,
         field_tangent=tangent,
-        tangential=np.array(measured["tangential"], np.float64),
-        in_phase=np.array(measured["in_phase"], np.float64),
-        sagittal=np.array(measured["sagittal"], np.float64),
-        rms=np.array(measured["rms"], np.float64),
-        lateral=np.array(measured["lateral"], np.float64),
+        **{name: np.array(values, np.float64) for name, values in measured.items()},
         nominal_rms=specification.rms,
     )
 

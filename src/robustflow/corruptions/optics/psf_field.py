@@ -31,6 +31,7 @@ from ...media.arrays import DAMAGE
 
 FIELDS = 64
 SIZE = 61
+"""Size of a PSF, and of the kernels that follow from it, in pixels."""
 SHAPE = (FIELDS, 3, SIZE, SIZE)
 
 
@@ -48,9 +49,6 @@ class PsfField:
         self.stack: npt.NDArray[np.float32] = np.ascontiguousarray(values / sums, np.float32)
         self.digest = hashlib.sha256(self.stack.tobytes()).hexdigest()
 
-
-SUPPORT = 61
-"""Kernel size in pixels."""
 
 PITCHES = (34, 30, 24, 18, 12)
 """Maximum distances between nodes in pixels."""
