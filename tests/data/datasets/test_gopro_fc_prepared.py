@@ -230,7 +230,7 @@ def test_released_folder_is_read_without_preparation(tmp_path):
     for position in (0, 1):
         assert (clean.frames[position] == images[f"clean/GOPR0379_11_00/000032_{position}"]).all()
         assert (bright[position] == images[f"brightness_3/GOPR0379_11_00/000032_{position}"]).all()
-    lost = [tmp_path / folder / "GOPR0374_11_02/000064_1.png" for folder in ("fog_3", "clean")]
+    lost = [tmp_path / folder / f"GOPR0374_11_02/000064_{n}.png" for folder, n in (("fog_3", 1), ("clean", 0))]
     lost[0].unlink()
     refusal(lambda: dataset.corrupted("GOPR0374_11_02/000064", "fog", 3), DataError, lost[0])
     lost[1].unlink()

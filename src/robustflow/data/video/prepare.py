@@ -31,7 +31,7 @@ from .prepared import (
     PreparedClip,
     choose_key_frames,
     locked,
-    parse_manifest,
+    read_manifest,
 )
 from .source import Source
 
@@ -145,9 +145,9 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None
-    manifest = parse_manifest(path, ClipManifest)
+    manifest = read_manifest(path, ClipManifest)
     same = {"master_sha256": "", "encoder": {}}
-    if manifest is None or manifest.model_copy(update=same) != wanted.model_copy(update=same):
+    if manifest.model_copy(update=same) != wanted.model_copy(update=same):
         raise DataError(folder, "contains this clip with different settings; choose a different --output or delete it")
     return PreparedClip(folder, manifest)
 

@@ -20,7 +20,7 @@ from ...media.images import images_in, png_bytes
 from .codec import Encoder, even_size, lossless, rgb_to_i420
 from .interpolation import FlowInterpolator, interpolate, load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip
-from .prepared import CACHE_LIMIT, FOLDER_MANIFEST, VERSION, FolderManifest, PreparedClip, parse_manifest, read_folder
+from .prepared import CACHE_LIMIT, FOLDER_MANIFEST, VERSION, FolderManifest, PreparedClip, read_folder, read_manifest
 from .source import PictureFolder, Source, VideoFile
 
 SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
@@ -109,12 +109,8 @@ def _in_processes(
 def _claim(output: Path, manifest: FolderManifest) -> None:
     make_folder(output)
     path = output / FOLDER_MANIFEST
-    if path.is_file():
-        on_disk = parse_manifest(path, FolderManifest)
-        if on_disk is None:
-            raise DataError(path, "damaged; delete its folder, then run the same command again")
-        if on_disk.clips != manifest.clips:
-            raise DataError(output, "contains different prepared clips; choose a different --output")
+    if path.is_file() and read_manifest(path, FolderManifest).clips != manifest.clips:
+        raise DataError(output, "contains different prepared clips; choose a different --output")
     write_json(path, sealed(manifest.model_dump()))
 
 

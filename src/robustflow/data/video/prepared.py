@@ -187,30 +187,23 @@ def choose_key_frames(count: int, step: int) -> list[int]:
 
 
 def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
-    manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
+    manifest = read_manifest(root / FOLDER_MANIFEST, FolderManifest)
     clips = []
     for name in manifest.clips:
         if not (root / name / CLIP_MANIFEST).is_file():
             raise DataError(root / name, "not finished; run the same robustflow prepare command again")
-        clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
+        clips.append(PreparedClip(root / name, read_manifest(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
 
 
-def parse_manifest(path: Path, kind: type[R]) -> R | None:
-    """Read `clip.json` or `gopro_fc.json`; None if it is damaged or was not written by `robustflow prepare`."""
+def read_manifest(path: Path, kind: type[R]) -> R:
+    """Read `clip.json` or `gopro_fc.json`, which may come from another machine."""
     try:
-        return kind.model_validate_json(unsealed(path.read_bytes()) or b"")
-    except ValidationError:
-        return None
-
-
-def _read(path: Path, kind: type[R]) -> R:
-    try:
-        manifest = parse_manifest(path, kind)
+        manifest = kind.model_validate_json(unsealed(path.read_bytes()) or b"")
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror}); was it created by robustflow prepare?") from error
-    if manifest is None:
-        raise DataError(path, "not written by robustflow prepare, or damaged; prepare the clips again")
+    except ValidationError as error:
+        raise DataError(path, "not written by robustflow prepare, or damaged; prepare the clips again") from error
     if manifest.version != VERSION:
         raise DataError(path, "written by a different version of RobustFlow; prepare the clips again")
     return manifest
