@@ -75,13 +75,10 @@ def test_benchmark_has_only_the_unpacked_corruptions(root):
         refusal(partial(other.narrowed, [f"fog+{FOG}"]), UsageError, FOG)
 
 
-def test_facts_of_robustspring_state_corruptions_and_severity():
+def test_facts_of_robustspring_state_its_corruptions_and_its_domain():
     facts = benchmark_facts("robustspring")
     assert (facts.title, facts.has_flow, facts.published) == ("RobustSpring", False, False)
     assert (len(facts.paper_corruptions), facts.severities) == (20, (1,))
-
-
-def test_springs_training_sequences_are_its_domain_but_not_its_frames():
     settings = {"spring": "ID", "flyingchairs": "OOD"}
     for trained, setting in settings.items():
         assert setting_of(Training(sets=(trained,), basis="declared"), "robustspring") == setting

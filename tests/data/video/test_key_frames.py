@@ -7,24 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.core.errors import UsageError
 from robustflow.corruptions import load_corruption
 from robustflow.data.video.interpolation import FlowInterpolator, interpolate
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames, row_offsets
 from robustflow.data.video.prepared import REACH
-from tests.refusals import refusal
 
 from .render import Scene
 
 REACHES = load_corruption("object_motion_blur").severities
 READOUTS = load_corruption("rolling_shutter").severities
-
-
-@pytest.mark.parametrize(
-    ("make", "culprit"), [(mean_of_windows, "object_motion_blur"), (rolling_frames, "rolling_shutter")]
-)
-def test_a_corruption_without_parameters_is_refused(make, culprit):
-    refusal(lambda: make(lambda index: np.zeros((1, 1, 3), np.uint8), 0, []), UsageError, culprit)
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 6), min_size=1, max_size=4))

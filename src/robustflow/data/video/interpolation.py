@@ -98,8 +98,6 @@ class FlowInterpolator:
     name = "flow"
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        if factor < 2:
-            raise UsageError("factor", f"nothing to interpolate with {factor}; give at least 2")
         first, second = (np.ascontiguousarray(frame) for frame in window[1:3])
         forward, backward = dis_flow(first, second, _POINT), dis_flow(second, first, _POINT)
         seen_first, seen_second = _visible(forward, backward), _visible(backward, forward)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import DataError, UsageError
+from ...core.errors import DataError
 from ...core.files import make_folder, sealed, sha256_of_file, unsealed, write_json
 from ...core.types import Frame
 from .clip import ClipFile, ClipReader
@@ -27,8 +27,6 @@ from .variants import FRAMES_FILE, make_variant
 
 def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
     """Compute a key frame for several readout times, in one pass over the longest readout."""
-    if not readouts or min(readouts) < 0:
-        raise UsageError("rolling_shutter", f"invalid readout times: {list(readouts)} frames")
     reach = (max(readouts) + 1) // 2
     frames: dict[int, Frame] = {}
     for index in range(centre - reach, centre + reach + 1):
@@ -45,8 +43,6 @@ def row_offsets(height: int, readout: int) -> np.ndarray:
 
 def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequence[int]) -> dict[int, Frame]:
     """Compute the mean over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window."""
-    if not reaches or min(reaches) < 0:
-        raise UsageError("object_motion_blur", f"invalid windows: {list(reaches)} frames on each side")
     reaches = tuple(dict.fromkeys(reaches))
     longest = max(reaches)
     sums: dict[int, np.ndarray] = {}
