@@ -21,15 +21,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
+import polars as pl
 from synthetic_runs import synthetic_runs
 
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
-from robustflow.stats.model_result import ModelResult
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.published.tables import published_frame
 
 _TIMING = """() => {
     const { navigationStart, domContentLoadedEventEnd, loadEventEnd } = performance.timing;
@@ -38,17 +37,16 @@ _TIMING = """() => {
 _QUIET = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
 
 
-def many_models(count: int) -> list[ModelResult]:
+def many_models(count: int) -> pl.DataFrame:
     """Results of `count` models: copies of a published model, each slightly worse than the previous one and with a
     different name."""
-    of_raft = ("kitti-fc", "ID", "RAFT")
-    (raft,) = (line for line in published_results() if (line.benchmark, line.setting, line.name) == of_raft)
+    raft = published_frame().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
     models = []
     for index in range(count):
-        values = {key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in raft.values.items()}
-        setting = ("OOD", "ID", "own")[index % 3]
-        models.append(replace(raft, name=f"Model {index:03d}", setting=setting, frames="file", values=values))
-    return models
+        texts = {"model": f"Model {index:03d}", "setting": ("OOD", "ID", "own")[index % 3], "sample_set": "file"}
+        changed = {name: pl.lit(text) for name, text in texts.items()}
+        models.append(raft.with_columns(value=pl.col("value") * (1 + 0.01 * index), **changed))
+    return pl.concat(models)
 
 
 def seconds(make: Callable[[], str]) -> tuple[str, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import astuple
 from typing import Any
 
 import polars as pl
@@ -16,7 +15,6 @@ from robustflow.metrics.rows import rows_frame as frame_of
 from robustflow.run.cells import Cells
 from robustflow.run.identity import FrameIdentity, Identity
 from robustflow.run.run import Run
-from robustflow.stats.model_result import ModelResult
 
 _CLEAN_SUMS = {
     "epe_sum": "n_valid",
@@ -87,14 +85,3 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
         part = "frames" if name in FrameIdentity.model_fields else "model" if name == "window" else "measuring"
         content[part][name] = value
     return Identity.model_validate_json(json.dumps(content))
-
-
-def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
-    """Convert results to the rows of a results file, one row per value."""
-    columns = ("benchmark", "sample_set", "setting", "model", "note", "metric", "corruption")
-    rows = [
-        (line.benchmark, line.frames, line.setting, line.name, line.note, *key, *astuple(value))
-        for line in results
-        for key, value in line.values.items()
-    ]
-    return pl.DataFrame(rows, schema=[*columns, "value", "decimals", "marked", "source"], orient="row")

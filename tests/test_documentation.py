@@ -17,8 +17,7 @@ from robustflow.cli.main import app
 from robustflow.corruptions import FAMILIES
 from robustflow.corruptions.registry import SHIPPED
 from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
-from robustflow.stats.published.tables import published_results
-from tests.made_rows import values_frame
+from robustflow.stats.published.tables import published_frame
 
 from .guide_blocks import DOCS, blocks
 from .public_surface import surface
@@ -124,10 +123,8 @@ def test_a_page_for_each_family_has_its_means(generated):
     blur = families.page("blur", {name: numbers((1, 1, 1, 1, 1), 0.5) for name in FAMILIES["blur"]})
     assert blur.count("| **mean** |") == 1  # object_motion_blur is measured on a clip; its table has no mean
     weather = families.page("weather", dict.fromkeys(FAMILIES["weather"], numbers((1, 1, 1, 1, 1), 0.5)))
-    published = values_frame(published_results()).filter(
-        metric="cre", setting="OOD", model="RAFT", benchmark="kitti-fc"
-    )
-    values = [published.filter(corruption=name)["value"].item() for name in ("spatter", "fog", "frost", "snow")]
+    published = published_frame().filter(measure="cre", setting="OOD", model="RAFT", benchmark="kitti-fc")
+    values = [published.filter(condition=name)["value"].item() for name in ("spatter", "fog", "frost", "snow")]
     assert f"| RAFT | OOD | {sum(values) / 4:.2f} |" in weather
     assert weather.count(" | ID | ") + weather.count(" | OOD | ") + weather.count(" | knowledge-driven | ") == 29
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import polars as pl
 import pytest
 import skimage
 
@@ -133,10 +134,8 @@ def pages(tmp_path_factory, real_pictures, small_demo) -> dict[str, Path]:
     with real_pictures(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(skimage, "__file__", small_demo)
         run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
-    hostile = [
-        replace(line, name=HOSTILE if line.name == "A" else "x" * 200, note=HOSTILE)
-        for line in parse_results(_CELLS, "made.csv", "file")
-    ]
+    name = pl.when(model="A").then(pl.lit(HOSTILE)).otherwise(pl.lit("x" * 200))
+    hostile = parse_results(_CELLS, "made.csv", "file").with_columns(model=name, note=pl.lit(HOSTILE))
     paths = {"report": run.path / "report.html"}
     made = {"leaderboard": whole_content([run]), "hostile": whole_content([], [(HOSTILE, hostile)], published=False)}
     for name, content in made.items():

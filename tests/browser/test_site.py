@@ -5,8 +5,7 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from robustflow.stats.published.tables import published_results
-from tests.made_rows import values_frame
+from robustflow.stats.published.tables import published_frame
 
 from .conftest import HOSTILE
 
@@ -78,7 +77,7 @@ def test_filters_and_search_are_kept_in_the_address(opened):
     page.get_by_label("Columns").locator("visible=true").select_option("weather")
     page.locator("select[data-part=metric]").locator("visible=true").select_option("cre")
     page.get_by_role("button", name="Snow").click()
-    snow = values_frame(published_results()).filter(setting="ID", metric="cre", corruption="snow").sort("value")
+    snow = published_frame().filter(setting="ID", measure="cre", condition="snow").sort("value")
     expected = [f"{row['value']:.2f}" for row in snow.iter_rows(named=True) if row["model"].startswith("SAMFlow")]
     assert _column(page, "Snow") == expected
     address = page.url
@@ -156,8 +155,10 @@ def test_words_and_legends_are_not_cut_off_on_a_phone(opened):
 
 def _printed(model: str, corruption: str) -> list[str]:
     """CRE, RCRE and EPE in each setting, as in the paper's tables."""
-    rows = values_frame(published_results()).filter(benchmark="kitti-fc", model=model, corruption=corruption)
-    return [f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(metric=metric).to_dicts()]
+    rows = published_frame().filter(benchmark="kitti-fc", model=model, condition=corruption)
+    return [
+        f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(measure=metric).to_dicts()
+    ]
 
 
 def test_page_of_a_model_opens_at_its_top_and_returns(opened):
@@ -307,7 +308,8 @@ def test_downloads_contain_the_numbers(opened, tmp_path):
             page.get_by_role("button", name=name).click()
         wait.value.save_as(path)
         frames.append(read(path).filter(pl.col("sample_set") == "paper", pl.col("metric") != "crer"))
-    published = values_frame(published_results())
+    published = published_frame().rename({"measure": "metric", "condition": "corruption"})
+    published = published.filter(pl.col("metric").is_in(["epe", "cre", "rcre"]))
     for frame in frames:
         assert frame.height == published.height
         joined = frame.join(published, on=["benchmark", "setting", "model", "metric", "corruption"], suffix="_paper")

@@ -11,6 +11,7 @@ from robustflow.data.datasets.robustspring import CORRUPTIONS, SEQUENCES, Condit
 from robustflow.media.flow import read_flow, write_flow
 from robustflow.media.images import read_image
 from robustflow.models import load_model
+from robustflow.stats.model_result import lines_of
 from robustflow.stats.results_file import read_results
 from tests.data.datasets import layouts
 
@@ -72,7 +73,7 @@ def test_exported_flows_equal_the_predictions_of_the_model(robustflow, export, f
             assert (flow.compression, flow.compression_opts, flow.dtype) == ("gzip", 5, np.float32)
         assert np.array_equal(read_flow(path)[0], model.predict(*map(read_image, images)))
 
-    (line,) = read_results("submission/results.csv")
+    (line,) = lines_of(read_results("submission/results.csv"))
     rcre = line.numbers("rcre")
     assert (line.benchmark, line.setting) == ("robustspring", "knowledge")
     assert set(rcre) == {"robustspring_fog", "robustspring_rain", "average"}
@@ -121,7 +122,7 @@ def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_f
     sets = []
     for number, (corruption, pairs) in enumerate([("fog", 4), ("rain", 4), ("fog", 2), ("fog", 4)]):
         robustflow.prints(*export, "-c", corruption, "--limit", pairs, "-o", number)
-        sets += [line.frames for line in read_results(f"{number}/results.csv")]
+        sets += read_results(f"{number}/results.csv")["sample_set"].unique().to_list()
     assert len(set(sets)) == 3
     assert sets[0] == sets[3]
 

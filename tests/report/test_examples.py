@@ -20,7 +20,7 @@ from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.report.gallery.cells import pair_cells
 from robustflow.report.site import examples as embedded
 from robustflow.report.site.examples import MOST_RUNS, examples_of, run_examples
-from robustflow.stats.run_results import run_results
+from robustflow.stats.model_result import run_results
 from tests.refusals import refusal
 
 

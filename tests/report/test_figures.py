@@ -32,7 +32,7 @@ from robustflow.report.figures import (
 )
 from robustflow.report.figures.curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, FigureStyles
-from robustflow.stats.model_result import ModelResult
+from robustflow.stats.model_result import ModelResult, lines_of
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results
 
@@ -64,7 +64,7 @@ def _own(*settings: str, weather: bool = False) -> list[ModelResult]:
         for index, setting in enumerate(settings)
         for metric, corruption, extra in cells
     ]
-    return parse_results("setting,model,metric,corruption,value\n" + "".join(lines), "own.csv", "own frames")
+    return lines_of(parse_results("setting,model,metric,corruption,value\n" + "".join(lines), "own.csv", "own frames"))
 
 
 def _many(models: int, settings: int = 1, crer: float = 1.0) -> list[ModelResult]:
@@ -75,7 +75,7 @@ def _many(models: int, settings: int = 1, crer: float = 1.0) -> list[ModelResult
             clean = float(rng.uniform(0.5, 4.0))
             error = clean * (1 + crer * rng.uniform(0.5, 1))
             lines += [f"s{setting},Model {index},epe,{on},{v:.3f}" for on, v in (("clean", clean), ("average", error))]
-    return parse_results("\n".join(lines), "test", "test")
+    return lines_of(parse_results("\n".join(lines), "test", "test"))
 
 
 def test_bubbles_are_at_the_positions_of_their_numbers():

@@ -6,11 +6,10 @@ import pytest
 
 from robustflow.core.errors import UsageError
 from robustflow.report.paper_tables import PAPER_TABLES, build_table, cost_table
-from robustflow.stats.model_result import ModelResult, printed_cost_ranks
-from robustflow.stats.published.tables import published_costs, published_results
+from robustflow.stats.model_result import ModelResult, lines_of
+from robustflow.stats.published.tables import cost_ranks, published_costs, published_frame, published_results
 from robustflow.stats.results_file import parse_results
 from robustflow.stats.seeds import SeedGroup
-from tests.made_rows import values_frame
 from tests.refusals import refusal
 
 _SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}
@@ -29,9 +28,9 @@ def _printed(table) -> dict[tuple[str, str], list[tuple[str, bool]]]:
 )
 def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
     """Check Tab. 2 and 4 only, because some marks in Tab. 7 and 8 are misplaced in the paper (see the audit)."""
-    table, published = build_table(name, published_results()), values_frame(published_results())
+    table, published = build_table(name, published_results()), published_frame()
     for (setting, model), cells in _printed(table).items():
-        rows = published.filter(metric=metric, benchmark=benchmark, setting=setting, model=model)
+        rows = published.filter(measure=metric, benchmark=benchmark, setting=setting, model=model)
         expected = sorted((f"{row['value']:.2f}", bool(row["marked"])) for row in rows.iter_rows(named=True))
         assert sorted(cells) == expected, (setting, model)
         assert len(cells) == len(table.columns)
@@ -47,7 +46,7 @@ def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
 )
 def test_the_title_names_what_was_measured_on(benchmarks, title):
     lines = "".join(f"{name},OOD,A,epe,clean,2.00\n{name},OOD,A,epe,average,3.00\n" for name in benchmarks)
-    results = parse_results(f"benchmark,setting,model,metric,corruption,value\n{lines}", "mine.csv", "file")
+    results = lines_of(parse_results(f"benchmark,setting,model,metric,corruption,value\n{lines}", "mine.csv", "file"))
     assert build_table("epe", results).title == title
 
 
@@ -61,26 +60,19 @@ def test_columns_follow_the_paper():
 
 
 def test_ranks_are_the_printed_ones():
-    ranks = printed_cost_ranks(published_results())
+    ranks = cost_ranks(published_results())
     for name, cost in published_costs().items():
-        assert ranks["flops"][name] == cost.flops_rank
-        assert ranks["crer_ood"].get(name) == cost.crer_rank_ood
-        assert ranks["crer_id"].get(name) == cost.crer_rank_id
-        assert ranks["average_ood"].get(name) == cost.average_rank_ood
-        assert ranks["average_id"].get(name) == cost.average_rank_id
+        for setting in ("OOD", "ID"):
+            assert str(ranks["flops", setting][name]) == cost["flops_rank"]
+            assert str(ranks["crer", setting].get(name, "")) == cost[f"crer_rank_{setting.lower()}"]
+            assert str(ranks["average", setting].get(name, "")) == cost[f"average_rank_{setting.lower()}"]
     texts, best = zip(*_printed(cost_table(published_results()))["Published", "CSFlow"], strict=True)
     assert texts == ("5.60", "251.7 (5)", "1.16 (3)", "2.19 (5)", "1", "4")
     assert best == (False, False, False, False, True, False)
 
 
-class _Run(ModelResult):
-    """The table entry of a run without cost and coverage."""
-
-    cost = coverage = None
-
-
 def _own(text: str) -> list[ModelResult]:
-    return parse_results("setting,model,metric,corruption,value,note\n" + text, "own.csv", "own")
+    return lines_of(parse_results("setting,model,metric,corruption,value,note\n" + text, "own.csv", "own"))
 
 
 def test_runs_are_compared_only_on_the_same_frames():
@@ -94,7 +86,8 @@ def test_runs_are_compared_only_on_the_same_frames():
     assert ood["SAMFlow-H"].cells[0].best
     claimed = _own("OOD,A,epe,clean,2.0,\nOOD,B,epe,clean,1.0,\nOOD,C,epe,clean,1.00,\n")
     runs = [
-        _Run(line.benchmark, line.frames, line.setting, line.name, "", line.values, run=object()) for line in claimed
+        ModelResult(line.benchmark, line.frames, line.setting, line.name, "", line.values, run=object())
+        for line in claimed
     ]
     best = {line.label: line.cells[0].best for line in build_table("epe", runs).sections[0].lines}
     assert best == {"A": False, "B": True, "C": True}

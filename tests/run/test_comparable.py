@@ -20,7 +20,8 @@ from robustflow.run.manifest import Manifest
 from robustflow.run.recheck import recheck
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.run.run import Run
-from robustflow.stats.run_results import comparison_notes, run_results
+from robustflow.stats.model_result import run_results
+from robustflow.stats.run_results import comparison_notes
 from robustflow.stats.seeds import seeds_of
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame

@@ -53,7 +53,7 @@ def measured(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def no_exclusions(monkeypatch):
     """Turn off exclusions, which would apply to models that move every pixel alike."""
-    monkeypatch.setattr("robustflow.stats.run_results.exclusions", lambda runs: [""] * len(runs))
+    monkeypatch.setattr("robustflow.stats.frame.exclusions", lambda runs: [""] * len(runs))
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from robustflow.report.paper_tables import build_table
 from robustflow.run.records.pack import record_bytes
 from robustflow.run.source import RunSource
 from robustflow.run.submission import Robustness, Submitted
+from robustflow.stats.model_result import lines_of, run_results
 from robustflow.stats.robustspring import robustspring_results
-from robustflow.stats.run_results import run_results
 from robustflow.testing import ZeroClipFlow
 from tests.run.records.forge import entries_of as entries_of_record
 from tests.run.records.forge import failure, sealed, verified
@@ -109,7 +109,7 @@ def test_rcre_is_how_far_the_flow_moves(run, expected):
 def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
     flows = [Submitted("clean", "a", True, "0", None)]
     flows += [Submitted(name, "a", True, "1", Robustness(value, 0.0, 0.0)) for name, value in expected.items()]
-    (ours,), theirs = run_results([run]), robustspring_results(run, flows)
+    (ours,), (theirs,) = run_results([run]), lines_of(robustspring_results(run, flows))
     assert ours.benchmark == theirs.benchmark == "robustspring"
     assert ours.numbers("rcre") == pytest.approx(theirs.numbers("rcre"), rel=1e-6)
 

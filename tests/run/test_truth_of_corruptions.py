@@ -1,22 +1,20 @@
 """Rows and means of corruptions that leave no ground truth."""
 
-from dataclasses import replace
-from statistics import fmean
-
 import numpy as np
 import polars as pl
 import pytest
 
 import robustflow as rf
 from robustflow.core.errors import RunError
+from robustflow.corruptions.registry import MEMBERS
 from robustflow.metrics import METRICS
 from robustflow.metrics.regions import REGIONS
 from robustflow.report.run_tables import corruptions_table
 from robustflow.run.example_cells import example_cells
 from robustflow.run.recheck import recheck
 from robustflow.run.records.row_rules import broken_rules
-from robustflow.stats.audit.checks import check_averages
-from robustflow.stats.run_results import run_results
+from robustflow.stats.audit import audit_results
+from robustflow.stats.model_result import run_frame
 from robustflow.stats.uncertainty import intervals
 from robustflow.stats.uncertainty.variance import variance_split
 
@@ -108,13 +106,13 @@ def test_row_rules_find_rows_whose_errors_do_not_match_their_truth(run, corrupti
 
 
 def test_the_audit_of_results_expects_averages_without_these_corruptions(run):
-    line = run_results([run], detailed=False)[0]
-    assert check_averages([line])[1:] == (4, [])
-    mixed = {key: value for key, value in line.values.items() if key[0] == "rcre"}
-    wrong = replace(
-        line.values["rcre", "average"], number=fmean(mixed[key].number for key in mixed if key[1] != "average")
-    )
-    assert len(check_averages([replace(line, values={**line.values, ("rcre", "average"): wrong})])[2]) == 1
+    frame = run_frame([run])
+    audit = audit_results(frame)
+    assert (audit.checked["average"], audit.findings) == (4, [])
+    rcre, average = pl.col("measure") == "rcre", pl.col("condition") == "average"
+    mixed = frame.filter(rcre, ~average, ~pl.col("condition").is_in(list(MEMBERS)))["value"].mean()
+    wrong = frame.with_columns(value=pl.when(rcre & average).then(mixed).otherwise("value"))
+    assert [found.check for found in audit_results(wrong).findings] == ["average"]
 
 
 def test_a_recheck_finds_a_changed_truth(run):

@@ -8,7 +8,7 @@ from scipy.stats import linregress
 
 from robustflow.core.errors import UsageError
 from robustflow.stats.effective import effective_robustness
-from robustflow.stats.model_result import ModelResult
+from robustflow.stats.model_result import ModelResult, lines_of
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results_file import parse_results
 from tests.refusals import refusal
@@ -20,7 +20,7 @@ def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> li
     lines = ["setting,model,metric,corruption,value"]
     for name, (clean, average) in models.items():
         lines += [f"{setting},{name},epe,clean,{clean!r}", f"{setting},{name},epe,average,{average!r}"]
-    return parse_results("\n".join(lines), "made.csv", "made")
+    return lines_of(parse_results("\n".join(lines), "made.csv", "made"))
 
 
 def test_planted_power_law_is_recovered_with_the_residual_of_an_outlier():

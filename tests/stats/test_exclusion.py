@@ -12,7 +12,7 @@ import pytest
 from robustflow.api import evaluate
 from robustflow.paper.experiment.effects import PLAIN, arms, left_out
 from robustflow.stats.exclusion import clean_epe, exclusion_reasons, reasons_from_rows, zero_flow_epe
-from robustflow.stats.run_results import run_results
+from robustflow.stats.model_result import run_results
 from robustflow.stats.uncertainty import compare_all
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run, rows_frame

@@ -12,8 +12,8 @@ import pytest
 from robustflow.core.errors import DataError
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.stats.imported import NOTE, read_imported
+from robustflow.stats.model_result import lines_of
 from robustflow.stats.results_file import parse_results, read_results, results_csv
-from tests.made_rows import values_frame
 from tests.refusals import refusal
 
 _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
@@ -53,7 +53,7 @@ def _write(folder, content, name="results.json"):
 
 
 def test_results_file_of_the_reference_code_is_read(tmp_path):
-    (line,) = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
+    (line,) = lines_of(read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())]))
     assert (line.setting, line.name) == ("own", "RAFT_ood_2024-11-01_10-00-00")
     assert (line.benchmark, line.note) == ("kitti-fc", NOTE)
     assert line.frames == "Reference code, kitti-fc, average over 20 corruptions"
@@ -68,16 +68,16 @@ def test_results_file_of_the_reference_code_is_read(tmp_path):
 
 def test_gopro_results_have_only_rcre_and_averages_name_their_corruptions(tmp_path):
     few = {name: {"rCRE": [1, 2, 3, 4, 5], "rCRE_mean": 3.0} for name in ("h264_abr", "h264_crf", "bit_error")}
-    (line,) = read_imported([_write(tmp_path / "RAFT", few)])
+    (line,) = lines_of(read_imported([_write(tmp_path / "RAFT", few)]))
     assert (line.benchmark, {metric for metric, _ in line.values}) == ("gopro-fc", {"rcre"})
     assert line.frames.endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
-    (without,) = read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))])
+    (without,) = lines_of(read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))]))
     assert without.frames.endswith("average over 19 corruptions, without psf_blur")
 
 
 def test_files_with_equal_corruptions_form_one_group(tmp_path):
     paths = [_write(tmp_path / name, _reference()) for name in ("RAFT_ood", "GMA_ood")]
-    lines = read_imported(paths)
+    lines = lines_of(read_imported(paths))
     assert [line.name for line in lines] == ["RAFT_ood", "GMA_ood"]
     assert len({line.frames for line in lines}) == 1
 
@@ -91,7 +91,9 @@ def test_several_files_of_flowbench_are_merged(tmp_path):
         [attack, _experiment("snow", 3, 40.424386)],
         [_clean(0.59, model="gma"), _experiment("snow", 3, 30.0, model="gma", checkpoint="mine")],
     ]
-    lines = read_imported([_write(tmp_path / str(at), {"experiments": each}) for at, each in enumerate(files)])
+    lines = lines_of(
+        read_imported([_write(tmp_path / str(at), {"experiments": each}) for at, each in enumerate(files)])
+    )
     assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
     epe, cre = (
         {(line.setting, line.name, of): value for line in lines for of, value in line.numbers(metric).items()}
@@ -111,9 +113,9 @@ def test_several_files_of_flowbench_are_merged(tmp_path):
 
 def test_imported_results_survive_a_round_trip_through_csv(tmp_path):
     files = [_experiment(name, 3, 2.5) for name in ("motion_blur", "zoom_blur", "brightness", "fog")]
-    lines = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
-    again = parse_results(results_csv(lines), "results.csv", "file")
-    assert values_frame(again).drop("decimals").equals(values_frame(lines).drop("decimals"))
+    frame = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
+    again = parse_results(results_csv(frame), "results.csv", "file")
+    assert again.drop("decimals").equals(frame.drop("decimals"))
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,11 @@
 """Results files are read, and invalid ones are rejected."""
 
-from dataclasses import replace
-
+import polars as pl
 import pytest
 
 from robustflow.core.errors import DataError
 from robustflow.report.table import number_text
-from robustflow.stats.model_result import Value
+from robustflow.stats.model_result import Value, lines_of
 from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.refusals import refusal
 
@@ -16,7 +15,7 @@ _HEAD = "setting,model,metric,corruption,value\n"
 def test_a_file_is_read_with_its_decimals(tmp_path):
     path = tmp_path / "r.csv"
     path.write_text("\ufeffmodel,setting,metric,corruption,value,marked,extra\n" + "A,OOD,epe,fog,1.250,yes,z\n")
-    (line,) = read_results(path)
+    (line,) = lines_of(read_results(path))
     assert line.benchmark == "kitti-fc"
     assert line.values == {("epe", "fog"): Value(1.25, decimals=3, marked=True)}
 
@@ -25,28 +24,29 @@ def test_a_file_is_read_with_its_decimals(tmp_path):
 def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_path, written, shown):
     path = tmp_path / "mine.csv"
     path.write_text(f"{_HEAD}OOD,Mine,rcre,fog,{written}\n")
-    (line,) = read_results(path)
+    frame = read_results(path)
+    (line,) = lines_of(frame)
     value = line.values["rcre", "fog"]
     assert value.number == float(written)
     assert number_text(value.number, value.decimals) == shown
-    path.write_text(results_csv([line]))
-    assert list(map(vars, read_results(path))) == [vars(line)]
+    path.write_text(results_csv(frame))
+    assert read_results(path).equals(frame)
 
 
 def test_results_file_keeps_the_coverage_of_errors():
     head = _HEAD.replace("value", "value,coverage")
-    partly, whole = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
-    again = parse_results(results_csv([partly, whole]), "mine.csv", "mine")
-    assert [line.coverage for line in (partly, whole, *again)] == [0.625, None, 0.625, None]
-    (mixed,) = parse_results(f"{head}OOD,A,rcre,fog,1.00,\nOOD,A,rcre,snow,1.00,0.5\n", "mine.csv", "mine")
+    frame = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
+    again = parse_results(results_csv(frame), "mine.csv", "mine")
+    assert [line.coverage for line in (*lines_of(frame), *lines_of(again))] == [0.625, None, 0.625, None]
+    (mixed,) = lines_of(parse_results(f"{head}OOD,A,rcre,fog,1.00,\nOOD,A,rcre,snow,1.00,0.5\n", "mine.csv", "mine"))
     assert mixed.coverage == 0.5
 
 
 @pytest.mark.parametrize("number", [0.0, 0.5, 12.0, 1e-5, 0.1 + 0.2, 1e8 + 0.125])
 def test_unrounded_number_with_few_digits_stays_unrounded_after_a_round_trip(number):
-    (line,) = parse_results(f"{_HEAD}OOD,Mine,rcre,fog,1.00\n", "mine.csv", "mine")
-    (again,) = parse_results(results_csv([replace(line, values={("rcre", "fog"): Value(number)})]), "mine.csv", "mine")
-    assert again.values["rcre", "fog"] == Value(number)
+    frame = parse_results(f"{_HEAD}OOD,Mine,rcre,fog,1.00\n", "mine.csv", "mine")
+    exact = frame.with_columns(value=pl.lit(number), decimals=pl.lit(None, pl.Int64))
+    assert parse_results(results_csv(exact), "mine.csv", "mine").equals(exact)
 
 
 OF_FILE, OF_LINE = "r.csv", "r.csv, line 2"

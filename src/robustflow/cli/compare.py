@@ -50,8 +50,7 @@ def compare(
     from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to, named_runs
     from ..run.records.pack import load_any_run
-    from ..stats.model_result import not_ranked
-    from ..stats.run_results import run_results
+    from ..stats.model_result import not_ranked, run_results
     from ..stats.seeds import seeds_of
     from ..stats.uncertainty import compare_all, standings, variance_split
     from ..stats.uncertainty.power import plan_pairs

@@ -136,7 +136,7 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
     typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
     if moved:
         means = robustness_means(moved)
-        write_bytes(output / "results.csv", results_csv([robustspring_results(run, flows)]).encode())
+        write_bytes(output / "results.csv", results_csv(robustspring_results(run, flows)).encode())
         write_bytes(output / "robustness.csv", robustness_csv(means).encode())
         epe, fl, px1 = means[AVERAGE][1]
         typer.echo(

@@ -89,7 +89,7 @@ def leaderboard(
     page = render_site(content, None if pictured or len(runs) > MOST_DETAILED else embedded_slider()).encode()
     make_folder(output)
     write_bytes(output / "index.html", page)
-    write_bytes(output / "results.csv", results_csv(content.lines).encode())
+    write_bytes(output / "results.csv", results_csv(content.frame).encode())
     for run in runs:
         run.keep()
     typer.echo(str(output / "index.html"))

@@ -127,12 +127,16 @@ def _print_paper() -> None:
         if isinstance(counts, str):
             typer.echo(f"{method:13s} {counts}")
             continue
-        published = costs[method]
+        published = {name: float(costs[method][name]) for name in ("parameters_m", "flops_g")}
         parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
         cells = (
-            *(f"{published.parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - published.parameters_m:+.3f}"),
+            *(
+                f"{published['parameters_m']:.2f}",
+                f"{parameters:.3f}",
+                f"{parameters - published['parameters_m']:+.3f}",
+            ),
             f"{counts.parameters / 1e6:.3f}",
-            *(f"{published.flops_g:.1f}", f"{macs:.2f}", f"{macs - published.flops_g:+.2f}"),
+            *(f"{published['flops_g']:.1f}", f"{macs:.2f}", f"{macs - published['flops_g']:+.2f}"),
             f"{counts.macs / 1e9:.2f}",
         )
         typer.echo(line.format(method, "x".join(map(str, size)), *cells))

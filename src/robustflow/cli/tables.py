@@ -29,8 +29,9 @@ from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
+from ..stats.model_result import run_results
 from ..stats.results import METRIC_LABELS
-from ..stats.run_results import estimate_of, run_results
+from ..stats.run_results import estimate_of
 from ..stats.seeds import seed_groups, seeds_of
 
 MOST_LINES = 40

@@ -13,8 +13,8 @@ from statistics import fmean
 
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
-from ..stats.model_result import ModelResult, printed_cost_ranks
-from ..stats.published.tables import Method, method_of, not_discussed
+from ..stats.model_result import ModelResult
+from ..stats.published.tables import Method, cost_ranks, method_of, not_discussed
 from ..stats.results import AVERAGE, CLEAN, family_crer
 from .margin import THIN, Margin, Verdict, joint
 
@@ -26,7 +26,7 @@ class Evidence:
     """The paper's results, by model."""
 
     def __init__(self, results: Sequence[ModelResult]) -> None:
-        self.cost_ranks = printed_cost_ranks(results)
+        self.cost_ranks = cost_ranks(results)
         self._without = not_discussed(results)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}
         self.rcre: dict[ModelInSetting, dict[str, float]] = {}

@@ -132,7 +132,7 @@ def _weather_is_why(evidence: Evidence) -> Iterable[Statement]:
 
 def _cost_considered(evidence: Evidence) -> Iterable[Statement]:
     """Unsupervised models have a better average rank of FLOPs and CREr (ID) than supervised ones."""
-    ranks = {setting: evidence.cost_ranks[f"average_{setting.lower()}"] for setting in ("OOD", "ID")}
+    ranks = {setting: evidence.cost_ranks["average", setting] for setting in ("OOD", "ID")}
     supervised, unsupervised = (
         [("ID", name) for name in ranks["ID"] if evidence.method(("ID", name)).type == kind]
         for kind in ("supervised", "unsupervised")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import fmean
 
 from ..core.arguments import SEVERITIES
@@ -14,7 +14,7 @@ from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts
 from ..report.table import Column, Line, Section, Table, TableCell, number_text
 from ..run.run import Run
-from ..stats.model_result import ModelResult
+from ..stats.model_result import CRER, ModelResult, run_results
 from ..stats.published.tables import published_results
 from ..stats.results import (
     AVERAGE,
@@ -24,11 +24,12 @@ from ..stats.results import (
     OVERALL,
     RESULT_METRICS,
     SETTING_LABELS,
+    family_crer,
     family_label,
     mean_label,
     short_label,
 )
-from ..stats.run_results import comparison_note, run_results
+from ..stats.run_results import comparison_note
 from .plan import Artefact, Runnable, Variant
 
 MetricValues = Mapping[tuple[str, str], float]
@@ -76,28 +77,24 @@ def _in_paper(artefact: Artefact) -> tuple[str, ...]:
 def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
     of_variant = (artefact.benchmark, variant.setting, variant.method)
     line = next(line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant)
-    cost = line.printed_cost
-    crer = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting) if cost is not None else None
-    if artefact.columns == "crer" and crer is None:
+    printed = {key: v.number for key, v in line.values.items() if key[1] == AVERAGE and not v.derived}
+    if artefact.columns == "crer" and CRER not in printed:
         return {}  # Tab. 3 does not contain the method
     values = _values_over(line, measured)
-    if len(measured) < len(_in_paper(artefact)):
-        return values
-    printed = {key: value.number for key, value in line.values.items() if key[1] == AVERAGE}
-    return {**values, **printed, **({} if crer is None else {("crer", AVERAGE): crer})}
+    return values if len(measured) < len(_in_paper(artefact)) else {**values, **printed}
 
 
 def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
     """Return the values on the clean frames and under some corruptions, with the averages over these corruptions, and
     the CREr of each family as ("crer", FAMILY)."""
-    some = replace(line, values={key: value for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)})
-    values = {key: value.number for key, value in some.values.items()}
+    values = {key: value.number for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)}
     for metric in RESULT_METRICS:
         if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
             values[metric, AVERAGE] = fmean(of_these)
-    if (cre := [some.cre[name] for name in corruptions if name in some.cre]) and values.get(("epe", CLEAN)):
-        values["crer", AVERAGE] = fmean(cre) / values["epe", CLEAN]
-    return values | {("crer", family): crer for family, crer in some.family_crer.items()}
+    cre, clean = {name: line.cre[name] for name in corruptions if name in line.cre}, values.get(("epe", CLEAN))
+    if cre and clean:
+        values[CRER] = fmean(cre.values()) / clean
+    return values | {("crer", family): crer for family, crer in family_crer(cre, clean).items()}
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:

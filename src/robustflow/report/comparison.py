@@ -14,9 +14,8 @@ from ..core.text import plain
 from ..run.comparable import common_to, named_runs
 from ..run.records.pack import load_any_run
 from ..run.run import Run
-from ..stats.model_result import not_ranked
+from ..stats.model_result import not_ranked, run_results
 from ..stats.results import METRIC_LABELS, long_label, mean_label, metric_label
-from ..stats.run_results import run_results
 from ..stats.uncertainty import compare_rows
 from ..stats.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..stats.uncertainty.paired import p_text

@@ -10,8 +10,7 @@ from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
 from ..stats.exclusion import CAVEAT, PHANTOM
-from ..stats.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames, printed_cost_ranks
-from ..stats.published.tables import PAPER
+from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
 from ..stats.ranking import Compared, best_of_columns, competition_ranks
 from ..stats.results import (
     AVERAGE,
@@ -19,7 +18,6 @@ from ..stats.results import (
     FAMILY_LABELS,
     METRIC_LABELS,
     benchmark_label,
-    family_means,
     long_label,
     short_label,
 )
@@ -29,12 +27,8 @@ from ..stats.uncertainty.paired import MOST_COMPARED
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
-PARAMETERS: ValueKey = ("parameters", "")
-FLOPS: ValueKey = ("flops", "")
 PLACE: ValueKey = ("place", "")
-RANK: ValueKey = ("rank", "")
 EPE: ValueKey = ("epe", AVERAGE)
-CRER: ValueKey = ("crer", AVERAGE)
 
 START: tuple[ValueKey, ...] = (EPE, ("rcre", AVERAGE), ("epe", CLEAN))
 """Initial sort keys: the EPE under corruption, or the RCRE without ground truth. Sorting by CRE would put the
@@ -55,10 +49,10 @@ _OVERVIEW_COLUMNS = tuple(
         (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),
         (CRER, "CREr", "CRE / clean EPE", "", OVERVIEW),
         (("rcre", AVERAGE), "RCRE", "Change in the flow under corruption", "px", OVERVIEW, COMPACT),
-        (("length", CLEAN), "Flow", "Mean length of the flow on the clean frames", "px", OVERVIEW),
+        (("flow_length", CLEAN), "Flow", "Mean length of the flow on the clean frames", "px", OVERVIEW),
         (("photometric", CLEAN), "Clean photom.", "Photometric error on the clean frames", "grey", OVERVIEW),
         (("photometric", AVERAGE), "Photom.", "Photometric error under corruption", "grey", OVERVIEW),
-        (("photometric", "still"), "of zero flow", "Photometric error of a flow that is zero", "grey", OVERVIEW),
+        (("photometric_still", CLEAN), "of zero flow", "Photometric error of a flow that is zero", "grey", OVERVIEW),
         (
             COVERAGE,
             "Coverage",
@@ -68,7 +62,7 @@ _OVERVIEW_COLUMNS = tuple(
         ),
         (PARAMETERS, "Param.", "Parameters, millions", "M", OVERVIEW),
         (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G", OVERVIEW),
-        (RANK, "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", "", OVERVIEW),
+        (RANKS["average"], "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", "", OVERVIEW),
     )
 )
 Cells = Mapping[ValueKey, TableCell]
@@ -102,8 +96,8 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
 def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
     """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
     print are not marked."""
-    ranks, places = printed_cost_ranks(results), _places(results)
-    values = {line: _values(line, ranks) for line in results}
+    places = _places(results)
+    values = {line: _values(line) for line in results}
     compared = []
     for line in results:
         texts = {
@@ -115,49 +109,22 @@ def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
     cells: dict[ModelResult, Cells] = {}
     for line, best in zip(results, best_of_columns(compared), strict=True):
         cells[line] = {
-            key: TableCell(
-                value.text, key in best, interval_text(line.intervals.get(key)), derived=_is_derived(line, key)
-            )
+            key: TableCell(value.text, key in best, interval_text(value.ends), derived=_is_derived(line, key))
             for key, value in values[line].items()
         } | ({PLACE: places[line]} if line in places else {})
     return cells
 
 
-def _values(line: ModelResult, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
-    numbers: dict[ValueKey, float | None] = {
-        (metric, family): mean
-        for metric in BOARD_METRICS
-        for family, mean in family_means(line.numbers(metric)).items()
-    }
-    numbers |= {CRER: line.crer, COVERAGE: line.coverage}
-    if line.run is not None and ("epe", CLEAN) not in line.values:
-        numbers |= {
-            ("length", CLEAN): line.run.mean("flow_length", CLEAN),
-            ("photometric", CLEAN): line.run.mean("photometric", CLEAN),
-            ("photometric", AVERAGE): line.run.mean("photometric"),
-            ("photometric", "still"): line.run.mean("photometric_still", CLEAN),
-        }
-    cost = line.printed_cost or line.cost
-    out = {**line.values, **_known(numbers)}
-    if cost is not None:
-        out |= {PARAMETERS: Value(cost.parameters_m), FLOPS: Value(cost.flops_g, 1)}
-    setting = line.setting.lower()
-    if isinstance(cost, PrintedCost) and setting in ("ood", "id"):
-        out |= _known({RANK: ranks[f"average_{setting}"].get(line.name)}, 0)
-        out |= _known({CRER: getattr(cost, f"crer_{setting}")})
-    return out
-
-
-def _known(numbers: Mapping[ValueKey, float | None], decimals: int | None = None) -> dict[ValueKey, Value]:
-    return {key: Value(number, decimals) for key, number in numbers.items() if number is not None}
+def _values(line: ModelResult) -> dict[ValueKey, Value]:
+    """Return what a board shows of a line."""
+    shown = {key: value for key, value in line.values.items() if key not in (RANKS["flops"], RANKS["crer"])}
+    shown |= {key: value for key, value in line.families.items() if key[0] in BOARD_METRICS}
+    return shown if line.coverage is None else shown | {COVERAGE: Value(line.coverage)}
 
 
 def _is_derived(line: ModelResult, key: ValueKey) -> bool:
     """Whether a value of the paper's lines is computed from others, because the paper does not print it."""
-    if key != CRER or line.frames != PAPER:
-        return False
-    cost, setting = line.printed_cost, line.setting.lower()
-    return cost is None or setting not in ("ood", "id") or getattr(cost, f"crer_{setting}") is None
+    return key == CRER and line.source == "published" and line.values[CRER].derived
 
 
 def _places(results: Sequence[ModelResult]) -> dict[ModelResult, TableCell]:

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from ..core.errors import UsageError, unknown_name
 from ..run.comparable import common_to, differences, named_runs
 from ..stats.anatomy import displacements_of
-from ..stats.run_results import run_results
+from ..stats.model_result import run_results
 from .render import render
 from .run_tables import result_table
 
@@ -96,5 +96,5 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         return figures.severity_curves(common.rows, metric)
     if words := differences(named):
         raise UsageError(kind, f"the runs measured different conditions ({words}); plot them separately")
-    results = run_results(runs)
+    results = run_results(runs, intervals=True)
     return of_results[kind](results)

@@ -10,10 +10,10 @@ from ..core.text import joined
 from ..corruptions.registry import ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
-from ..run.costs import COUNTED_SIZE, RunCost
+from ..run.costs import COUNTED_SIZE, RunCost, read_cost
 from ..stats.exclusion import PHANTOM
-from ..stats.model_result import ModelResult, Value, printed_cost_ranks, printed_costs
-from ..stats.published.tables import COUNTED_ITERATIONS, PAPER
+from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey
+from ..stats.published.tables import COUNTED_ITERATIONS, PAPER, published_costs
 from ..stats.ranking import Compared, best_of_columns
 from ..stats.results import (
     AVERAGE,
@@ -157,7 +157,7 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
     if printed := _published_costs(results):
         sections.append(Section("Published", printed))
     others = [line for line in results if line.frames != PAPER]
-    if lines := tuple(_cost_line(line) for line in others if line.crer is not None):
+    if lines := tuple(_cost_line(line) for line in others if CRER in line.values):
         sections.append(Section("Measured on different frames", lines))
     if not sections:
         raise UsageError("--table", "'cost' would be empty: it needs the published costs, or runs with a CREr")
@@ -165,7 +165,7 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
         "Published FLOPs are ranked over all models, CREr within its setting; lower is better, equal values share a "
         "rank. The average rank is the rank of the mean of both."
     ] * bool(printed)
-    if any(line.cost for line in others):
+    if any(FLOPS in line.values for line in others):
         remarks.append(
             f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted)."
@@ -175,26 +175,31 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
 
 
 def _published_costs(results: Sequence[ModelResult]) -> tuple[Line, ...]:
-    ranks = printed_cost_ranks(results)
     lines = []
-    for name, printed in printed_costs(results).items():
-        crer = [
-            DASH if value is None else f"{value:.2f} ({ranks[key][name]})"
-            for key, value in (("crer_ood", printed.crer_ood), ("crer_id", printed.crer_id))
-        ]
-        average = [ranks[key].get(name) for key in ("average_ood", "average_id")]
-        size = f"{printed.parameters_m:.2f}", f"{printed.flops_g:.1f} ({ranks['flops'][name]})"
-        cells = [*map(TableCell, (*size, *crer, DASH))]
-        cells += [TableCell(DASH if rank is None else str(rank), rank == 1) for rank in average]
-        lines.append(Line(name, tuple(cells), best=1 in average))
+    for name in published_costs():
+        printed = (line for line in results if line.name == name and RANKS["flops"] in line.values)
+        of_setting = {line.setting: line.values for line in printed}
+        if not of_setting:
+            continue
+        model = next(iter(of_setting.values()))
+        texts = [model[PARAMETERS].text, _with_rank(model, FLOPS, RANKS["flops"])]
+        texts += [_with_rank(of_setting.get(setting, {}), CRER, RANKS["crer"]) for setting in ("OOD", "ID")]
+        ranks = [of_setting.get(setting, {}).get(RANKS["average"]) for setting in ("OOD", "ID")]
+        cells = [*map(TableCell, (*texts, DASH))]
+        cells += [TableCell(DASH) if rank is None else TableCell(rank.text, rank.number == 1) for rank in ranks]
+        lines.append(Line(name, tuple(cells), best=any(cell.best for cell in cells)))
     return tuple(lines)
+
+
+def _with_rank(values: Mapping[ValueKey, Value], key: ValueKey, rank: ValueKey) -> str:
+    return f"{values[key].text} ({values[rank].text})" if rank in values else DASH
 
 
 def _cost_line(result: ModelResult) -> Line:
     texts, notes = [DASH] * len(_COST_COLUMNS), [full_note(result)]
-    texts[{"OOD": 2, "ID": 3}.get(result.setting, 4)] = number_text(result.crer)
-    if (found := result.cost) is not None:
-        texts[:2] = f"{found.parameters_m:.2f}", f"{found.flops_g:.1f}"
+    texts[{"OOD": 2, "ID": 3}.get(result.setting, 4)] = result.values[CRER].text
+    if result.run is not None and (found := read_cost(result.run)) is not None:
+        texts[:2] = result.values[PARAMETERS].text, result.values[FLOPS].text
         notes.append(_counted_note(found))
     return Line.of(result.name, texts, "; ".join(filter(None, notes)))
 

@@ -11,9 +11,8 @@ from statistics import mean, stdev
 from ..core.errors import UsageError
 from ..run.comparable import differences
 from ..run.run import Run
-from ..stats.model_result import ModelResult, Value
+from ..stats.model_result import ModelResult, Value, run_results
 from ..stats.published.tables import published_results
-from ..stats.run_results import run_results
 from ..stats.seeds import SeedGroup, seed_groups
 
 DASH = "-"
@@ -239,6 +238,6 @@ class Wanted:
         return run_results(self.runs)
 
 
-def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
+def results_of(runs: Sequence[Run], published: bool, intervals: bool = False) -> list[ModelResult]:
     """Return the published results, if requested, followed by the results of the runs."""
-    return [*(published_results() if published else []), *run_results(runs, published)]
+    return [*(published_results() if published else []), *run_results(runs, published, intervals=intervals)]

@@ -51,7 +51,7 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     from .figures import all_figures, displacement_figure
     from .figures.curves import MOST_LINES
 
-    figures = all_figures(results_of(runs, published))
+    figures = all_figures(results_of(runs, published, intervals=True))
     moved = displacements_of(runs)
     if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)

@@ -1,21 +1,27 @@
-"""The results frame: every number of runs as one table, of which tables, figures and exports show a part."""
+"""The results frame: every number of runs, of the paper and of results files as one table, of which tables, figures
+and exports show a part."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import polars as pl
 
+from ..core.errors import DataError
+from ..core.text import plain
 from ..corruptions.registry import MEMBERS
-from ..metrics.means import AVERAGE, MeanKey, Means, means
+from ..metrics.means import AVERAGE, PAPER, MeanKey, Means, means
 from ..metrics.measures import CONFIDENCE, METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.comparable import named_runs, sample_set
+from ..run.costs import read_cost
 from ..run.run import Run
 from .attacks import attack_scores
+from .exclusion import exclusions
 from .ranking import partial_spearman, spearman
-from .run_results import run_setting
+from .results import NEVER_RANKED
+from .run_results import comparison_notes, run_setting
 from .uncertainty.intervals import interval_ends
 
 RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
@@ -31,11 +37,24 @@ RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
     "high": pl.Float64,
     "pairs": pl.Int64,
     "source": pl.String,
+    "note": pl.String,
+    "coverage": pl.Float64,
+    "excluded": pl.String,
+    "origin": pl.String,
+    "decimals": pl.Int64,
+    "marked": pl.Boolean,
 }
 """`condition` is "clean", "average" (over corruptions), "paper" (over exactly the paper's corruptions), a family, a
 corruption, a region of the image, or an attack; `severity` is null for a mean over severities. `low` and `high` are the
 ends of the 95 % interval, where one was computed. Models of one `sample_set` measured the same frames and may be
-compared. `source` is "measured" or "verified record"."""
+compared. `source` is "measured", "verified record", "published" or "claimed" (by a results file without rows). `note`
+says what was measured, `coverage` is the share of the pixels that the errors include (null for all), and `excluded` the
+reason why the model is not ranked (""). Of one number, `origin` is the table or the run that it is from, `decimals` the
+number of its printed decimals (null if it was not rounded), and `marked` whether its source sets it in bold (null if
+that marks nothing)."""
+
+LINE = ("benchmark", "sample_set", "setting", "model")
+"""The columns that a line of a results table has in common."""
 
 KINDS = ("means", "confidence", "uncoupled", "attacks")
 """Parts of the frame: the means of `robustflow.metrics.MEASURES`, and the measures of confidence, of robustness beside
@@ -45,25 +64,80 @@ LEAST_IMAGES = 5
 """Minimum number of images for a correlation."""
 
 
-def results_frame(runs: Sequence[Run], kinds: Collection[str] = KINDS, *, intervals: bool = True) -> pl.DataFrame:
+def results_frame(
+    runs: Sequence[Run],
+    kinds: Collection[str] = KINDS,
+    *,
+    intervals: bool = True,
+    detailed: bool = True,
+    beside_published: bool = False,
+    notes: Sequence[str] | None = None,
+) -> pl.DataFrame:
     """Return the numbers of runs, one per row (`RESULTS_SCHEMA`); what was not measured has no row. Computing intervals
-    takes about a second for each run that has not stored them."""
-    parts = []
-    for name, run in named_runs(runs).items():
+    takes about a second for each run that has not stored them; unless `detailed`, only averages have one. With
+    `beside_published`, averages are over the paper's corruptions where all of them were run."""
+    parts, named = [pl.DataFrame(schema=RESULTS_SCHEMA)], named_runs(runs)
+    notes = notes or comparison_notes(runs, beside_published)
+    for (name, run), note, excluded in zip(named.items(), notes, exclusions(runs), strict=True):
         values = [(*key, value) for kind in kinds for key, value in _NUMBERS[kind](run).items()]
-        part = pl.DataFrame(values, schema=_VALUES, orient="row").with_columns(
-            benchmark=pl.lit(run.benchmark),
-            model=pl.lit(name),
-            sample_set=pl.lit(sample_set(run)),
-            setting=pl.lit(run_setting(run)),
-            pairs=pl.lit(run.measured.samples, pl.Int64),
-            source=pl.lit("verified record" if run.record else "measured"),
-        )
-        ends = [(*key, *pair) for key, pair in interval_ends(run).items()] if intervals and "means" in kinds else []
-        known = pl.DataFrame(ends, schema=_ENDS, orient="row").with_columns(severity=pl.lit(None, pl.Int64))
-        part = part.join(known, on=["measure", "condition", "severity"], how="left", nulls_equal=True)
-        parts.append(part.select([*RESULTS_SCHEMA]))
-    return pl.concat(parts) if parts else pl.DataFrame(schema=RESULTS_SCHEMA)
+        part = pl.DataFrame(values, schema=_VALUES, orient="row")
+        if beside_published and run.measured.paper_over:
+            part = part.filter(pl.col("condition") != AVERAGE)
+            part = part.with_columns(pl.col("condition").replace(PAPER, AVERAGE))
+        wanted = intervals and "means" in kinds
+        known = interval_ends(run, detailed, beside_published).items() if wanted else ()
+        ends = pl.DataFrame([(*key, *pair) for key, pair in known], schema=_ENDS, orient="row")
+        ends = ends.with_columns(severity=pl.lit(None, pl.Int64))
+        part = part.join(ends, on=["measure", "condition", "severity"], how="left", nulls_equal=True)
+        facts = {
+            "benchmark": run.benchmark,
+            "model": name,
+            "sample_set": sample_set(run),
+            "setting": run_setting(run),
+            "pairs": run.measured.samples,
+            "source": "verified record" if run.record else "measured",
+            "note": note,
+            "coverage": covered(run),
+            "excluded": excluded,
+            "origin": run.manifest.identity_digest,
+        }
+        typed = {column: pl.lit(fact, RESULTS_SCHEMA[column]) for column, fact in facts.items()}
+        parts.append(part.with_columns(**typed))
+    return pl.concat(parts, how="diagonal")
+
+
+def given_frame(rows: Iterable[dict[str, Any]], where: str = "") -> pl.DataFrame:
+    """Return the results frame of numbers that are given as they are, without rows. Raise a DataError, with the name of
+    the file, if one is given twice."""
+    frame = pl.DataFrame(list(rows), schema=RESULTS_SCHEMA, orient="row")
+    reasons = pl.col("setting").replace_strict(NEVER_RANKED, default="", return_dtype=pl.String)
+    texts = pl.col("note", "origin").fill_null(""), pl.col("source").fill_null("claimed")
+    return once(frame.with_columns(*texts, excluded=reasons), where)
+
+
+def once(frame: pl.DataFrame, where: str = "") -> pl.DataFrame:
+    """Return a frame in which no line has a number twice; raise a DataError otherwise."""
+    repeated = frame.filter(frame.select(*LINE, "measure", "condition", "severity").is_duplicated())
+    for row in repeated.head(1).iter_rows(named=True):
+        whose = f"'{plain(row['model'])}' ({plain(row['setting'])}, sample set '{plain(row['sample_set'])}')"
+        message = f"{row['measure']} of {whose} on {row['condition']} appears twice; give each value only once"
+        raise DataError(where or plain(row["model"]), message)
+    return frame
+
+
+def line_by_line(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return a frame with the numbers of each line together, in order of first appearance."""
+    return frame.sort(pl.int_range(pl.len()).min().over(LINE), maintain_order=True)
+
+
+def covered(run: Run) -> float | None:
+    """Return the fraction of pixels included in the errors; None for all pixels. Pixels without a predicted flow and
+    planned rows that are missing are not included."""
+    predicted = run.mean("coverage") if run.averages.has_gaps else None
+    if not run.measured.missing:
+        return predicted
+    missing = sum(len(cells.samples) for cells in run.measured.missing)
+    return (1.0 if predicted is None else predicted) * (1 - missing / len(run.planned()))
 
 
 _VALUES = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "severity", "value")}
@@ -114,9 +188,19 @@ def attack_means(run: Run) -> Means:
     return out
 
 
+def _facts(run: Run) -> Means:
+    """Return the cost of the model, and `covered`."""
+    cost, share = read_cost(run), covered(run)
+    known: Means = {} if share is None else {("coverage", "", None): share}
+    if cost is not None:
+        known |= {("parameters", "", None): cost.parameters_m, ("flops", "", None): cost.flops_g}
+    return known
+
+
 _NUMBERS = {
     "means": lambda run: run.means,
     "confidence": lambda run: confidence_means(run.rows),
     "uncoupled": lambda run: uncoupled_means(run.rows),
     "attacks": attack_means,
+    "facts": _facts,
 }

@@ -27,11 +27,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import fsum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import polars as pl
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ..core.arguments import SEVERITIES
@@ -46,7 +47,7 @@ from ..data.datasets.released import DISK_NAMES
 from ..metrics.rows import CLEAN
 from ..models.catalog import PTLFLOW, entries_of
 from ..models.provenance import training_of_entry
-from .model_result import ModelResult, Value
+from .frame import LINE, given_frame
 from .results import AVERAGE
 from .run_results import OWN_SETTING
 
@@ -120,15 +121,15 @@ class _Experiment(_Foreign):
         return (CLEAN, 0) if self.name is None or self.severity is None else (self.name, self.severity)
 
 
-def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
+def read_imported(paths: Sequence[Path]) -> pl.DataFrame:
     """Read JSON result files of the paper's reference code and of FlowBench, distinguished by their content."""
-    of_reference: list[ModelResult] = []
+    numbers: list[dict[str, Any]] = []
     experiments: list[_Experiment] = []
     for path in paths:
         content = _read_json(path)
         entries = list(content.values()) if isinstance(content, dict) else []
         if entries and all(isinstance(entry, dict) for entry in entries) and any("rCRE" in entry for entry in entries):
-            of_reference.append(_reference_line(content, path))
+            numbers += _reference_numbers(content, path)
         elif isinstance(content, dict) and isinstance(content.get("experiments"), list):
             experiments += _experiments(content["experiments"], path)
         else:
@@ -137,7 +138,7 @@ def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
                 "neither a results.json of the reference code nor a metrics_DATASET.json of FlowBench; give one of "
                 "these, a CSV file of results, or a run's folder or record",
             )
-    return [*of_reference, *_flowbench_lines(experiments)]
+    return given_frame([*numbers, *_flowbench_numbers(experiments)], ", ".join(map(str, paths)))
 
 
 def _read_json(path: Path) -> Any:
@@ -167,9 +168,9 @@ def _averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
     return f"{text}: {', '.join(names)}"
 
 
-def _reference_line(content: dict[str, dict[str, Any]], path: Path) -> ModelResult:
-    """Return the line of a file, whose folder the reference code names after the model, the setting and the time. Files
-    of one benchmark with the same corruptions form a sample set, because the release has only one set of frames."""
+def _reference_numbers(content: dict[str, dict[str, Any]], path: Path) -> list[dict[str, Any]]:
+    """Return the numbers of a file; the reference code names its folder after the model, the setting and the time.
+    Files of one benchmark with the same corruptions form a sample set, because there is only one set of frames."""
     values: dict[tuple[str, str], float] = {}
     for written, entry in content.items():
         if written == CLEAN:
@@ -195,8 +196,14 @@ def _reference_line(content: dict[str, dict[str, Any]], path: Path) -> ModelResu
             values[metric, AVERAGE] = fsum(values[metric, name] for name in names) / len(names)
     frames = f"Reference code, {benchmark}, {_averaged_over(names, benchmark_facts(benchmark).paper_corruptions)}"
     model = user_path(path).resolve().parent.name if path.name == "results.json" else path.stem
-    cells = {key: Value(value, source="results.json of the reference code") for key, value in values.items()}
-    return ModelResult(benchmark, frames, OWN_SETTING, plain(model) or "unnamed", NOTE, cells)
+    head = benchmark, frames, OWN_SETTING, plain(model) or "unnamed"
+    return _rows(head, "results.json of the reference code", values)
+
+
+def _rows(head: tuple[str, ...], origin: str, values: Mapping[tuple[str, str], float]) -> list[dict[str, Any]]:
+    """Return the values of a line as rows of the results frame."""
+    shared = dict(zip(LINE, head, strict=True)) | {"note": NOTE, "origin": origin}
+    return [shared | {"measure": metric, "condition": of, "value": value} for (metric, of), value in values.items()]
 
 
 def _valid(kind: TypeAdapter[Any], value: Any, where: str) -> Any:
@@ -218,8 +225,8 @@ def _experiments(entries: list[Any], path: Path) -> Iterator[_Experiment]:
             yield one
 
 
-def _flowbench_lines(experiments: Sequence[_Experiment]) -> Iterator[ModelResult]:
-    """Yield a line for each model, averaged over the severities that all its corruptions have. Models without
+def _flowbench_numbers(experiments: Sequence[_Experiment]) -> Iterator[dict[str, Any]]:
+    """Yield the numbers of each model, averaged over the severities that all its corruptions have. Models without
     corrupted frames are left out. CRE is the difference from the clean error over the same images and pixels. Models on
     one dataset under the same corruptions and severities form a sample set."""
     models: dict[tuple[str, str, str], dict[tuple[str, int], float]] = {}
@@ -245,8 +252,8 @@ def _flowbench_lines(experiments: Sequence[_Experiment]) -> Iterator[ModelResult
             given |= {("cre", name): value - clean for name, value in values.items()}
         averaged = _averaged_over(names, _FLOWBENCH_CORRUPTIONS)
         frames = f"FlowBench, {dataset}, severity {', '.join(map(str, levels))}, {averaged}"
-        cells = {key: Value(value, source="FlowBench metrics files") for key, value in given.items()}
-        yield ModelResult(f"FlowBench {dataset}", frames, _setting(dataset, model, checkpoint), shown, NOTE, cells)
+        head = f"FlowBench {dataset}", frames, _setting(dataset, model, checkpoint), shown
+        yield from _rows(head, "FlowBench metrics files", given)
 
 
 def _setting(dataset: str, model: str, checkpoint: str) -> str:

@@ -1,39 +1,52 @@
-"""`ModelResult`: one line of a results table, from a run, the paper, or a results file."""
+"""`ModelResult`: the numbers of one model on one sample set in one setting, a line of the results frame."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
-from ..core.errors import DataError
+import polars as pl
+
 from ..core.text import plain
-from ..core.types import Frozen
-from ..run.costs import RunCost, read_cost
-from .ranking import average_ranks, competition_ranks
-from .results import AVERAGE, CLEAN, NEVER_RANKED, family_crer
-from .uncertainty.intervals import IntervalEnds, interval_ends
+from ..corruptions.registry import MEMBERS
+from ..metrics.means import PAPER
+from ..metrics.regions import REGIONS
+from ..run.comparable import run_names, sample_set
+from .frame import LINE, once, results_frame
+from .results import AVERAGE, CLEAN, RESULT_METRICS, family_means
+from .uncertainty.intervals import IntervalEnds
 
 if TYPE_CHECKING:
     from ..run.run import Run
 
 ValueKey = tuple[str, str]
-"""(metric, condition), where the condition is a corruption, "clean" or "average"."""
+"""(measure, condition), where the condition is a corruption, a family, "clean" or "average"; "" for a model's cost."""
+
+PARAMETERS: ValueKey = ("parameters", "")
+FLOPS: ValueKey = ("flops", "")
+CRER: ValueKey = ("crer", AVERAGE)
+RANKS = {name: (f"{name}_rank", "") for name in ("flops", "crer", "average")}
+"""The ranks that the paper's Tab. 3 prints."""
 
 _UNROUNDED = 1e-9
 """The relative error assumed for a number that was not rounded for printing."""
+_WITHOUT_TRUTH = ("flow_length", "photometric", "photometric_still")
+"""The measures of a run that a line shows without ground truth."""
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number, its printed number of decimals (None if not rounded), whether the source sets it in bold (None if the
-    source sets nothing in bold), and the source."""
+    """A number of the results frame: its printed decimals, whether it is set in bold, what it is from, and the ends of
+    its interval. A `derived` one is computed from the others of its line."""
 
     number: float
     decimals: int | None = None
     marked: bool | None = None
-    source: str = ""
+    origin: str = ""
+    ends: IntervalEnds | None = None
+    derived: bool = False
 
     @property
     def text(self) -> str:
@@ -46,26 +59,9 @@ class Value:
         return _UNROUNDED * max(1.0, abs(self.number)) if self.decimals is None else 0.5 * 10.0**-self.decimals
 
 
-class PrintedCost(Frozen):
-    """Size, computing cost and relative robustness of a model in the paper (Tab. 3), with the printed ranks."""
-
-    row: int
-    model: str
-    parameters_m: float
-    flops_g: float
-    flops_rank: int
-    crer_ood: float | None
-    crer_rank_ood: int | None
-    crer_id: float | None
-    crer_rank_id: int | None
-    average_rank_ood: int | None
-    average_rank_id: int | None
-    source: str
-
-
 @dataclass(frozen=True, eq=False)
 class ModelResult:
-    """One line of a results table. Values derived from a run's rows are computed on first use and cached."""
+    """A line of the results frame."""
 
     benchmark: str
     frames: str
@@ -73,27 +69,19 @@ class ModelResult:
     name: str
     note: str
     values: Mapping[ValueKey, Value]
+    source: str = "claimed"
+    coverage: float | None = None
+    excluded: str = ""
     run: Run | None = None
     beside_published: bool = False
-    detailed: bool = True
-    published: bool = False
-    printed_cost: PrintedCost | None = None
-    stated_coverage: float | None = None
-    exclusion: Callable[[], str] = field(default=str, repr=False)
-
-    @property
-    def source(self) -> Literal["measured", "verified record", "published", "claimed"]:
-        """Where the values come from. Only values with rows can be checked; a results file merely claims its values."""
-        if self.run is not None:
-            return "verified record" if self.run.record else "measured"
-        return "published" if self.published else "claimed"
+    families: Mapping[ValueKey, Value] = field(default_factory=dict)
 
     def may_be_best(self, metric: str) -> bool:
         """Return whether the lowest value of a metric may be marked: of runs, only the EPE, because a flow that is too
         short has a lower CRE, CREr and RCRE than the sound flow; of the paper, all of them."""
         if self.setting == "knowledge":
             return False
-        return self.published or (self.run is not None and metric == "epe")
+        return self.source == "published" or (self.run is not None and metric == "epe")
 
     @property
     def key(self) -> tuple[str, str]:
@@ -101,54 +89,17 @@ class ModelResult:
         return self.frames, self.name
 
     @cached_property
-    def excluded(self) -> str:
-        """The reason why the model is not ranked; "" for a ranked model."""
-        return self.exclusion() or NEVER_RANKED.get(self.setting, "")
-
-    @cached_property
-    def cost(self) -> RunCost | None:
-        """The computational cost of the run's model."""
-        return read_cost(self.run) if self.run else None
-
-    @property
-    def coverage(self) -> float | None:
-        """The fraction of pixels included in the errors; None for all pixels. Pixels without a predicted flow and
-        planned rows that are missing are not included."""
-        if self.run is None:
-            return self.stated_coverage
-        predicted = self.run.mean("coverage") if self.run.averages.has_gaps else None
-        if not self.run.measured.missing:
-            return predicted
-        missing = sum(len(cells.samples) for cells in self.run.measured.missing)
-        return (1.0 if predicted is None else predicted) * (1 - missing / len(self.run.planned()))
-
-    @cached_property
     def cre(self) -> Mapping[str, float]:
         """The CRE by corruption, and "average": as measured, over the pixels that have a flow on both the clean and the
         corrupted frames. Where only a rounded CRE or none is given, it is EPE - clean EPE, because the published CRE
         does not match the published EPE (see `robustflow reproduce audit`)."""
-        epe = self.numbers("epe")
-        clean = epe.pop(CLEAN, None)
-        computed = {} if clean is None else {of: value - clean for of, value in epe.items()}
-        printed = {of: value for (metric, of), value in self.values.items() if metric == "cre"}
-        return computed | {of: value.number for of, value in printed.items() if value.decimals is None}
-
-    @cached_property
-    def family_crer(self) -> Mapping[str, float]:
-        """The CREr of each family, from `cre`; empty without a clean EPE."""
-        return family_crer(self.cre, self.number("epe", CLEAN))
-
-    @cached_property
-    def crer(self) -> float | None:
-        """The average CREr, either given or computed from the average CRE and the clean EPE."""
-        given, clean, cre = self.number("crer", AVERAGE), self.number("epe", CLEAN), self.cre.get(AVERAGE)
-        return cre / clean if given is None and cre is not None and clean else given
+        return changes(self.values)
 
     @cached_property
     def intervals(self) -> Mapping[ValueKey, IntervalEnds]:
-        """The 95 % intervals of a run's means, including corruption families (see `interval_ends`); empty without a
-        run."""
-        return interval_ends(self.run, self.detailed, self.beside_published) if self.run else {}
+        """The 95 % intervals of a run's means, including corruption families."""
+        every = {**self.values, **self.families}
+        return {key: value.ends for key, value in every.items() if value.ends is not None}
 
     def number(self, metric: str, condition: str) -> float | None:
         """Return the number of a metric under a condition; None if there is no value."""
@@ -159,27 +110,91 @@ class ModelResult:
         """Return the numbers of one metric by condition."""
         return {of: value.number for (kind, of), value in self.values.items() if kind == metric}
 
-
-def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
-    """Merge lines with the same benchmark, sample set, setting and name, in order of first appearance. The note of the
-    first line and the smallest stated coverage are kept. `where` names the source in error messages.
-    """
-    parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
-    for line in lines:
-        parts.setdefault((line.benchmark, line.frames, line.setting, line.name), []).append(line)
-    return [one[0] if len(one) == 1 else _joined_lines(one, where) for one in parts.values()]
+    @property
+    def family_crer(self) -> Mapping[str, float]:
+        """The CREr of each family, from `cre`; empty without a clean EPE."""
+        return {family: value.number for (metric, family), value in self.families.items() if metric == "crer"}
 
 
-def _joined_lines(lines: Sequence[ModelResult], where: str) -> ModelResult:
-    values: dict[ValueKey, Value] = {}
-    for line in lines:
-        for metric, condition in values.keys() & line.values.keys():
-            whose = f"'{plain(line.name)}' ({plain(line.setting)}, sample set '{plain(line.frames)}')"
-            message = f"{metric} of {whose} on {condition} appears twice; give each value only once"
-            raise DataError(where or plain(line.name), message)
-        values |= line.values
-    coverage = min((line.stated_coverage for line in lines if line.stated_coverage is not None), default=None)
-    return replace(lines[0], values=values, stated_coverage=coverage)
+def changes(values: Mapping[ValueKey, Value]) -> dict[str, float]:
+    """Return the CRE by condition (`ModelResult.cre`)."""
+    clean = values.get(("epe", CLEAN))
+    of_metric = {metric: {of: v for (m, of), v in values.items() if m == metric} for metric in ("epe", "cre")}
+    computed = {of: v.number - clean.number for of, v in of_metric["epe"].items() if of != CLEAN} if clean else {}
+    return computed | {of: value.number for of, value in of_metric["cre"].items() if value.decimals is None}
+
+
+def lines_of(
+    frame: pl.DataFrame, runs: Mapping[tuple[str, str], Run] | None = None, beside_published: bool = False
+) -> list[ModelResult]:
+    """Return the lines of a results frame in order of first appearance, with what follows from their numbers: the means
+    over families of corruptions and the CREr. `runs` are known by sample set and name."""
+    lines = []
+    for head, part in once(frame).group_by(LINE, maintain_order=True):
+        benchmark, frames, setting, name = map(str, head)
+        rows = part.to_dicts()
+        values = {
+            (row["measure"], row["condition"]): Value(
+                row["value"],
+                row["decimals"],
+                row["marked"],
+                row["origin"],
+                None if row["low"] is None else (row["low"], row["high"]),
+            )
+            for row in rows
+        }
+        run, share = (runs or {}).get((frames, name)), min((c for c in part["coverage"] if c is not None), default=None)
+        facts = rows[0]["source"], share, rows[0]["excluded"], run, beside_published and run is not None
+        values |= {key: value for key, value in _derived(values).items() if key not in values}
+        families = {key: values.pop(key) for key in [*values] if key[1] in MEMBERS}
+        lines.append(ModelResult(benchmark, frames, setting, name, rows[0]["note"], values, *facts, families))
+    return lines
+
+
+def _derived(values: Mapping[ValueKey, Value]) -> dict[ValueKey, Value]:
+    """Compute what a line does not give: the means over families, and the CREr from the CRE and the clean EPE."""
+    made: dict[ValueKey, float] = {}
+    for metric in ("epe", "cre", "rcre"):
+        of_metric = {of: value.number for (kind, of), value in values.items() if kind == metric}
+        made |= {(metric, family): mean for family, mean in family_means(of_metric).items()}
+    cre, clean = changes(values), values.get(("epe", CLEAN))
+    if clean is not None and clean.number:
+        made |= {("crer", family): mean / clean.number for family, mean in family_means(cre).items()}
+        made |= {CRER: cre[AVERAGE] / clean.number} if AVERAGE in cre else {}
+    return {key: Value(number, derived=True) for key, number in made.items()}
+
+
+def run_frame(
+    runs: Sequence[Run],
+    beside_published: bool = False,
+    *,
+    notes: Sequence[str] | None = None,
+    detailed: bool = True,
+    intervals: bool = False,
+) -> pl.DataFrame:
+    """Return what lines show of runs (see `results_frame`): the EPE, CRE, RCRE and CREr over severities, of a run
+    without ground truth how its flow explains the clean frames, and the cost of its model."""
+    options: Any = {"intervals": intervals, "detailed": detailed, "notes": notes}
+    frame = results_frame(runs, ["means", "facts"], beside_published=beside_published, **options)
+    frame = frame.filter(pl.col("severity").is_null())
+    of_clean = pl.col("condition") == CLEAN
+    error = of_clean & (pl.col("measure") == "epe")
+    means = pl.col("measure").is_in(RESULT_METRICS) & ~pl.col("condition").is_in([CLEAN, PAPER, *REGIONS])
+    facts = pl.col("condition") == ""
+    blind = pl.col("measure").is_in(_WITHOUT_TRUTH) & (of_clean | (pl.col("condition") == AVERAGE))
+    shown = frame.filter(error | means | facts | (blind & error.any().over(LINE).not_()))
+    return shown.with_columns(decimals=pl.when(pl.col("measure") == FLOPS[0]).then(pl.lit(1, pl.Int64)))
+
+
+def run_results(runs: Sequence[Run], beside_published: bool = False, *, intervals: bool = False) -> list[ModelResult]:
+    """Return the lines of runs, see `run_frame`."""
+    frame = run_frame(runs, beside_published, intervals=intervals)
+    return lines_of(frame, by_line(runs), beside_published)
+
+
+def by_line(runs: Sequence[Run]) -> dict[tuple[str, str], Run]:
+    """Return runs by the sample set and the name of their line."""
+    return dict(zip(zip(map(sample_set, runs), run_names(runs), strict=True), runs, strict=True))
 
 
 def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
@@ -198,22 +213,3 @@ def by_frames(results: Iterable[ModelResult]) -> dict[str, Sequence[ModelResult]
     for line in results:
         groups.setdefault(line.frames, []).append(line)
     return dict(groups)
-
-
-def printed_costs(results: Iterable[ModelResult]) -> dict[str, PrintedCost]:
-    """Return the paper's costs for the models in the results, by model name, in the order of Tab. 3."""
-    costs = {line.name: line.printed_cost for line in results if line.printed_cost is not None}
-    return dict(sorted(costs.items(), key=lambda item: item[1].row))
-
-
-def printed_cost_ranks(results: Iterable[ModelResult]) -> dict[str, dict[str, int]]:
-    """Rank the models with a printed cost by "flops", "crer_ood", "crer_id", "average_ood" and "average_id"."""
-    costs = printed_costs(results)
-    ranks = {"flops": competition_ranks({name: cost.flops_g for name, cost in costs.items()})}
-    for setting in ("ood", "id"):
-        known = {name: getattr(cost, f"crer_{setting}") for name, cost in costs.items()}
-        ranks[f"crer_{setting}"] = competition_ranks(
-            {name: value for name, value in known.items() if value is not None}
-        )
-        ranks[f"average_{setting}"] = average_ranks(ranks[f"crer_{setting}"], ranks["flops"])
-    return ranks

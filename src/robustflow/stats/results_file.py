@@ -10,18 +10,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
+
+import polars as pl
 
 from ..core.errors import DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.text import text_cell
-from ..corruptions.registry import on_disk
+from ..corruptions.registry import MEMBERS, on_disk
 from ..corruptions.stack import parse_stack
-from .model_result import ModelResult, Value, merged
+from .frame import given_frame, line_by_line
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
 ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
@@ -38,8 +39,8 @@ _MOST_PRINTED = 6
 """Largest number of decimals of a rounded number; a number with more decimals counts as unrounded."""
 
 
-def read_results(path: str | Path) -> list[ModelResult]:
-    """Read the lines of a results file: CSV, UTF-8, with a header."""
+def read_results(path: str | Path) -> pl.DataFrame:
+    """Read a results file as a results frame: CSV, UTF-8, with a header."""
     path = user_path(path)
     data = read_bounded(path, _LARGEST_FILE, "give a CSV file of results")
     try:
@@ -53,7 +54,7 @@ FILE = "file"
 """The sample set of lines without a `sample_set`."""
 
 
-def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
+def parse_results(text: str, name: str, sample_set: str, source: str = "claimed") -> pl.DataFrame:
     """Parse the text of a results file, see `read_results`. `name` appears in error messages; `sample_set` is used for
     lines without a sample set."""
     reader = csv.DictReader(io.StringIO(text), strict=True)
@@ -63,13 +64,14 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
             raise DataError(name, f"no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
         if duplicates := [column for column in _WRITTEN if names.count(column) > 1]:
             raise DataError(name, f"the column '{duplicates[0]}' appears twice; remove one of the two")
-        return merged((_result_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
+        numbers = [_number_of_line(line, f"{name}, line {reader.line_num}", sample_set) for line in reader]
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}", f"{error}; this is not a CSV file of results") from error
+    return given_frame((number | {"source": source} for number in numbers), name)
 
 
-def _result_of_line(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
-    """Parse one line of the file, which contains one value."""
+def _number_of_line(line: dict[Any, Any], where: str, sample_set: str) -> dict[str, Any]:
+    """Parse one line of the file, which contains one value, as a row of the results frame."""
     if None in line or None in line.values():
         raise DataError(where, "the number of cells differs from that of the header; quote cells that contain commas")
     cells = {column: line[column].strip() for column in line}
@@ -79,22 +81,26 @@ def _result_of_line(line: dict[Any, Any], where: str, sample_set: str) -> ModelR
     if cells["metric"] not in RESULT_METRICS:
         raise DataError(where, f"unknown metric '{cells['metric'][:40]}'; choose from {', '.join(RESULT_METRICS)}")
     marked = cells.get("marked", "")
-    if marked not in _MARKED.values():
+    if marked not in _MARKED:
         raise DataError(where, f"'marked' must be yes, no or empty, not '{marked[:40]}'")
     _check_corruption(cells["corruption"], where)
     number, decimals = _number(cells["value"], where)
     if number < 0 and cells["metric"] in ("epe", "rcre"):
         raise DataError(where, f"{cells['metric'].upper()} {number:g}: a length in pixels cannot be negative")
-    value = Value(number, decimals, None if marked == "" else marked == "yes", cells.get("source") or "")
-    return ModelResult(
-        benchmark=cells.get("benchmark") or "kitti-fc",
-        frames=cells.get("sample_set") or sample_set,
-        setting=cells["setting"],
-        name=cells["model"],
-        note=cells.get("note") or "",
-        values={(cells["metric"], cells["corruption"]): value},
-        stated_coverage=_share(cells.get("coverage", ""), where),
-    )
+    return {
+        "benchmark": cells.get("benchmark") or "kitti-fc",
+        "sample_set": cells.get("sample_set") or sample_set,
+        "setting": cells["setting"],
+        "model": cells["model"],
+        "note": cells.get("note"),
+        "measure": cells["metric"],
+        "condition": cells["corruption"],
+        "value": number,
+        "decimals": decimals,
+        "marked": _MARKED[marked],
+        "origin": cells.get("source"),
+        "coverage": _share(cells.get("coverage", ""), where),
+    }
 
 
 def _share(text: str, where: str) -> float | None:
@@ -130,22 +136,23 @@ def _number(text: str, where: str) -> tuple[float, int | None]:
     return value, decimals if decimals <= _MOST_PRINTED else None
 
 
-_MARKED = {None: "", True: "yes", False: "no"}
+_TEXTS = ("benchmark", "setting", "model", "measure", "condition", "origin", "sample_set", "note")
+_MARKED = {"": None, "yes": True, "no": False}
 
 
-def results_csv(results: Iterable[ModelResult]) -> str:
-    """Write results as text that `read_results` can read, each value with its known number of decimals. The column
-    `origin` (`ModelResult.source`) is ignored by `read_results`, which reads every value as claimed.
-    """
+def results_csv(frame: pl.DataFrame) -> str:
+    """Write the EPE, CRE, RCRE and CREr of a results frame as text that `read_results` can read, each value
+    with its known number of decimals. `read_results` reads every value as claimed, whatever its `origin`."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*_WRITTEN, "origin"])
-    for line in results:
-        share = "" if line.coverage is None else repr(line.coverage)
-        for key, value in line.values.items():
-            texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note, share)
-            number = _unrounded(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
-            writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked], line.source])
+    marks = {mark: text for text, mark in _MARKED.items()}
+    of_metrics = pl.col("measure").is_in(RESULT_METRICS) & ~pl.col("condition").is_in(list(MEMBERS))
+    for row in line_by_line(frame.filter(of_metrics)).iter_rows(named=True):
+        texts = (row[name] for name in _TEXTS)
+        share = "" if row["coverage"] is None else repr(row["coverage"])
+        number = _unrounded(row["value"]) if row["decimals"] is None else f"{row['value']:.{row['decimals']}f}"
+        writer.writerow([*map(text_cell, (*texts, share)), number, marks[row["marked"]], row["source"]])
     return out.getvalue()
 
 

@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
 from typing import Protocol
 
+import polars as pl
+
 from ..core.text import counted, joined
 from ..corruptions.registry import ROBUSTSPRING
 from ..run.comparable import sample_set_of
 from ..run.run import Run
-from .model_result import ModelResult, Value
+from .frame import LINE, given_frame
 from .results import AVERAGE, inside, long_label
 from .run_results import OWN_SETTING
 
@@ -41,9 +43,9 @@ class MovedFlow(Protocol):
         """The numbers of `ROBUSTNESS`; None for the clean flow."""
 
 
-def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
-    """Compute the RCRE per corruption and its mean. Results for the same corruptions of the same frames form one sample
-    set.
+def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
+    """Compute the RCRE per corruption and its mean, as a results frame. Results for the same corruptions of
+    the same frames form one sample set.
     """
     flows = list(flows)
     moved: dict[str, list[float]] = {}
@@ -57,8 +59,9 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
     means[AVERAGE] = fsum(means.values()) / len(means)
     cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
     frames = f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}"
-    values = {("rcre", name): Value(value, source=run.manifest.identity_digest) for name, value in means.items()}
-    return ModelResult(ROBUSTSPRING.dataset, frames, _setting(run), run.name, note, values)
+    head = dict(zip(LINE, (ROBUSTSPRING.dataset, frames, _setting(run), run.name), strict=True))
+    head |= {"note": note, "measure": "rcre", "origin": run.manifest.identity_digest}
+    return given_frame(head | {"condition": name, "value": value} for name, value in means.items())
 
 
 def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, tuple[int, list[float]]]:

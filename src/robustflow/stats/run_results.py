@@ -1,20 +1,17 @@
-"""Lines of results tables from runs: means, and the remarks that readers need before comparing them."""
+"""Settings of runs, and the remarks that readers need before comparing them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from ..core.text import counted, joined
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..run.cells import UNEVEN
-from ..run.comparable import conditions_of, run_names, sample_set
-from .exclusion import exclusions
-from .model_result import ModelResult, Value
-from .results import AVERAGE, CLEAN, RESULT_METRICS, benchmark_words, inside, long_label
-from .uncertainty.intervals import more_than_paper, paper_condition
+from ..run.comparable import conditions_of, sample_set
+from .results import benchmark_words, inside, long_label
+from .uncertainty.intervals import more_than_paper
 
 if TYPE_CHECKING:
     from ..run.run import Run
@@ -22,28 +19,6 @@ if TYPE_CHECKING:
 OWN_SETTING = "own"
 """The setting of a run whose model does not declare what it was trained on."""
 _MOST_NAMED = 3
-
-
-def run_results(
-    runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None, detailed: bool = True
-) -> list[ModelResult]:
-    """Collect the EPE, CRE, CREr and RCRE of runs, per corruption, clean and average."""
-    names = run_names(runs)
-    reasons = cache(lambda: exclusions(runs))
-    results = []
-    notes = notes or comparison_notes(runs, beside_published)
-    for index, (run, name, note) in enumerate(zip(runs, names, notes, strict=True)):
-        average = paper_condition(run) if beside_published else AVERAGE
-        numbers = {("epe", CLEAN): run.epe_clean}
-        for metric in RESULT_METRICS:
-            numbers |= {(metric, name): run.mean(metric, name) for name in run.measured.corruptions}
-            numbers[metric, AVERAGE] = run.mean(metric, average)
-        digest = run.manifest.identity_digest
-        values = {key: Value(float(number), source=digest) for key, number in numbers.items() if number is not None}
-        head = (run.benchmark, sample_set(run), run_setting(run), name, note)
-        exclusion = partial(lambda index: reasons()[index], index)
-        results.append(ModelResult(*head, values, run, beside_published, detailed, exclusion=exclusion))
-    return results
 
 
 def run_setting(run: Run) -> str:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, count
 from typing import TYPE_CHECKING
+
+import polars as pl
 
 from ...core.errors import UsageError
 from ...core.files import digest_of_bytes
 from ...core.text import plain
 from ...run.comparable import sample_set
 from ...stats.exclusion import exclusion_reasons
-from ...stats.model_result import ModelResult, ValueKey, merged
-from ...stats.published.tables import PAPER, published_results
+from ...stats.model_result import ModelResult, ValueKey, by_line, lines_of, run_frame
+from ...stats.published.tables import PAPER, published_frame
 from ...stats.results import benchmark_words
 from ...stats.results_file import FILE, results_csv
-from ...stats.run_results import comparison_notes, run_results
+from ...stats.run_results import comparison_notes
 from ...stats.uncertainty.intervals import interval_ends
 from ..leaderboard import boards_of, cells_of
 from ..table import Table, TableCell
@@ -38,6 +40,7 @@ class Content:
     """The content of a page."""
 
     title: str
+    frame: pl.DataFrame
     lines: Sequence[ModelResult]
     pages: Mapping[ModelResult, str]
     group_titles: Mapping[str, str]
@@ -73,7 +76,7 @@ def run_content(run: Run) -> Content:
 
 def whole_content(
     runs: Sequence[Run],
-    files: Sequence[tuple[str, Sequence[ModelResult]]] = (),
+    files: Sequence[tuple[str, pl.DataFrame]] = (),
     *,
     published: bool = True,
 ) -> Content:
@@ -82,7 +85,7 @@ def whole_content(
 
 
 def _content(
-    title: str, runs: Sequence[Run], files: Sequence[tuple[str, Sequence[ModelResult]]], published: bool, alone: bool
+    title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
 ) -> Content:
     # a page about its runs averages over all corruptions of each run, although it also shows the paper's lines
     with_paper, detailed = published and not alone, len(runs) <= MOST_DETAILED
@@ -93,26 +96,29 @@ def _content(
             _ = run.averages, exclusion_reasons(run), interval_ends(run, corruptions=False, beside_published=with_paper)
             run.release_rows()
     note_of_run = dict(zip(map(id, runs), comparison_notes(runs, with_paper), strict=True))
-    lines: list[ModelResult] = []
+    parts: list[pl.DataFrame] = []
+    run_of: dict[tuple[str, str], Run] = {}
     titles = {PAPER: "Published values"}
     for frames, group in of_frames.items():
         notes = [note_of_run[id(run)] for run in group]
         titles[frames] = f"Measured: {notes[0] or 'the frames of the paper'}"
-        lines += run_results(group, with_paper, notes, detailed)
-    lines += published_results() if published else ()
-    verified = {line.frames for line in lines} | {PAPER}
+        parts.append(run_frame(group, with_paper, notes=notes, detailed=detailed, intervals=True))
+        run_of |= by_line(group)
+    parts += [published_frame()] * published
+    verified = {*titles}
     for name, read in files:
         # named after its values, so that a results file written from this page does not share the name of another file
         here = f"file {digest_of_bytes(results_csv(read).encode(), size=4)}"
-        for line in read:
-            of = line.frames
-            frames = here if of == FILE else f"{here}, {of}" if of in verified else of
-            titles[frames] = f"Claimed: {plain(name if of == FILE else f'{name}, sample set {of}', 80)}"
-            lines.append(replace(line, frames=frames))
-    lines = merged(lines)
-    if not lines:
+        names = {}
+        for of in read["sample_set"].unique(maintain_order=True):
+            names[of] = here if of == FILE else f"{here}, {of}" if of in verified else of
+            titles[names[of]] = f"Claimed: {plain(name if of == FILE else f'{name}, sample set {of}', 80)}"
+        parts.append(read.with_columns(pl.col("sample_set").replace(names)))
+    if not any(part.height for part in parts):
         raise UsageError("nothing to show: give runs or results files, or include the published results")
-    return Content(title, lines, page_ids(lines), titles, alone)
+    frame = pl.concat(parts)
+    lines = lines_of(frame, run_of, with_paper)
+    return Content(title, frame, lines, page_ids(lines), titles, alone)
 
 
 _LONGEST_ID = 40

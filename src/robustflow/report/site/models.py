@@ -152,7 +152,7 @@ def _run_facts(run: Run) -> list[tuple[str, str]]:
 def _published_facts(lines: Sequence[ModelResult]) -> list[tuple[str, str]]:
     """Return the sources of a model's values, and its method if the paper describes it."""
     method = method_of(lines[0].name)
-    sources = dict.fromkeys([lines[0].source, *(value.source for line in lines for value in line.values.values())])
+    sources = dict.fromkeys([lines[0].source, *(value.origin for line in lines for value in line.values.values())])
     facts = [("Source", ", ".join(filter(None, sources)))]
     if method is not None:
         described = f"{method.method} ({method.type}, {method.year})"

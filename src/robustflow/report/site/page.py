@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
+import polars as pl
 from jinja2 import Environment
 from markupsafe import Markup
 
@@ -14,7 +15,7 @@ from ...core.version import VERSION
 from ...run.run import Run
 from ...run.trust import is_current, source_digest, write_derived
 from ...stats.audit import AUDIT_CHECKS, audit_results
-from ...stats.model_result import ModelResult, by_frames
+from ...stats.model_result import ModelResult
 from ...stats.published.tables import PAPER
 from ..attack_tables import attack_table, prediction_table
 from ..gallery import slider
@@ -83,12 +84,12 @@ def _audits(content: Content, benchmark: str) -> list[tuple[str, str, list[tuple
     """Audit the values of a benchmark in the paper's tables and in results files. Return what was audited, its outcome,
     and the name, the number of values and the findings of each check."""
     out = []
-    results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
-    for frames, lines in by_frames(results).items():
+    without_rows = content.frame.filter(pl.col("source").is_in(["published", "claimed"]), benchmark=benchmark)
+    for (frames,), numbers in without_rows.group_by("sample_set", maintain_order=True):
         if frames == PAPER and content.alone:
             continue
-        audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
-        audit = audit_results(lines, audited)
+        audited = "the published tables" if frames == PAPER else content.group_titles[str(frames)]
+        audit = audit_results(numbers, audited)
         checks = []
         for check, count in audit.checked.items():
             found = tuple(

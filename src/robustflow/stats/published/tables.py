@@ -7,15 +7,17 @@ Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruption
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Literal
 
+import polars as pl
+
 from ...core.types import Frozen
-from ...data.benchmarks import benchmark_facts
-from ..model_result import ModelResult, PrintedCost, merged
+from ..frame import given_frame
+from ..model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, ValueKey, lines_of
+from ..ranking import average_ranks, competition_ranks
 from ..results_file import parse_results
 
 PAPER = "paper"
@@ -41,26 +43,58 @@ class Method(Frozen):
 
 
 @cache
-def published_results() -> tuple[ModelResult, ...]:
-    """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11."""
-    costs = published_costs()
-    lines = merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER))
-    return tuple(
-        replace(
-            line,
-            published=True,
-            printed_cost=costs.get(line.name) if benchmark_facts(line.benchmark).has_flow else None,
-        )
-        for line in lines
-    )
+def published_frame() -> pl.DataFrame:
+    """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11, and the costs of Tab. 3, as a
+    results frame."""
+    tables = [parse_results(_text(table), f"{table}.csv", PAPER, "published") for table in _TABLES]
+    epe = tables[0].unique(["setting", "model"], maintain_order=True)
+    costs = [
+        {name: line[name] for name in ("benchmark", "sample_set", "setting", "model", "source")}
+        | {"measure": measure, "condition": condition, "origin": cost["source"]}
+        | {"value": float(cost[column]), "decimals": len(cost[column].partition(".")[2])}
+        for line in epe.iter_rows(named=True)
+        if (cost := published_costs().get(line["model"])) is not None
+        for (measure, condition), column in _cost_columns(line["setting"].lower()).items()
+        if cost.get(column)
+    ]
+    return pl.concat([*tables, given_frame(costs)])
+
+
+def _cost_columns(setting: str) -> dict[ValueKey, str]:
+    """Return the columns of Tab. 3 about a model in a setting."""
+    names = {"crer": f"crer_rank_{setting}", "average": f"average_rank_{setting}", "flops": "flops_rank"}
+    return {PARAMETERS: "parameters_m", FLOPS: "flops_g", CRER: f"crer_{setting}"} | {
+        RANKS[name]: column for name, column in names.items()
+    }
 
 
 @cache
-def published_costs() -> dict[str, PrintedCost]:
+def published_results() -> tuple[ModelResult, ...]:
+    """Return the lines of `published_frame`."""
+    return tuple(lines_of(published_frame()))
+
+
+@cache
+def published_costs() -> dict[str, dict[str, str]]:
     """Return Tab. 3 by model, in the paper's order."""
-    lines = enumerate(csv.DictReader(_text("cost").splitlines()))
-    rows = ({name: cell or None for name, cell in line.items()} | {"row": row} for row, line in lines)
-    return {cost.model: cost for cost in map(PrintedCost.model_validate, rows)}
+    return {line["model"]: line for line in csv.DictReader(_text("cost").splitlines())}
+
+
+def cost_ranks(
+    results: Iterable[ModelResult], crer: Mapping[tuple[str, str], float] | None = None
+) -> dict[tuple[str, str], dict[str, int]]:
+    """Rank the models of Tab. 3, in its order, by ("flops", setting), ("crer", setting) and ("average", setting); the
+    FLOPs over the models of all settings. `crer` replaces the printed CREr of (setting, model)."""
+    of_model = {(line.setting, line.name): line.values for line in results if RANKS["flops"] in line.values}
+    flops = {name: v[FLOPS].number for name in published_costs() for (_, of), v in of_model.items() if of == name}
+    ranks: dict[tuple[str, str], dict[str, int]] = {}
+    for setting in ("OOD", "ID"):
+        printed = {name: of_model[setting, name][CRER] for name in flops if (setting, name) in of_model}
+        known = {name: (crer or {}).get((setting, name), v.number) for name, v in printed.items() if not v.derived}
+        of_setting = {"flops": competition_ranks(flops), "crer": competition_ranks(known)}
+        of_setting["average"] = average_ranks(of_setting["crer"], of_setting["flops"])
+        ranks |= {(name, setting): values for name, values in of_setting.items()}
+    return ranks
 
 
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
