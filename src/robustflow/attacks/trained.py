@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -140,10 +141,9 @@ def read_file(path: str) -> bytes:
     """Read the bytes of a perturbation file."""
     file = user_path(path)
     try:
-        if not file.is_file():
-            raise DataError(path, "not a file; give a NumPy array (.npy) written by PCFA or by a run")
-        if file.stat().st_size > _LARGEST:
-            raise DataError(path, f"larger than {_LARGEST >> 20} MB, which is too large for a perturbation")
+        if not file.is_file() or file.stat().st_size > _LARGEST:
+            expected = f"a NumPy array (.npy) of at most {_LARGEST >> 20} MB, written by PCFA or by a run"
+            raise DataError(path, f"not a file, or too large for a perturbation; give {expected}")
         return file.read_bytes()
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
@@ -151,15 +151,11 @@ def read_file(path: str) -> bytes:
 
 def read_array(path: str) -> Pattern:
     """Read a perturbation file as float32, without unpickling."""
-    content = read_file(path)
-    file = user_path(path)
-    try:
-        array = np.lib.format.open_memmap(file, mode="r") if content[:6] == b"\x93NUMPY" else None
-    except Exception as error:  # NumPy's parser can raise any exception on a manipulated header
-        reason = " ".join(str(error).split())[:100]
-        raise DataError(path, f"damaged, or not an array of numbers ({reason})") from error
+    content, array = read_file(path), None
+    with suppress(Exception):  # NumPy's parser can raise any exception on a manipulated header
+        array = np.lib.format.open_memmap(user_path(path), mode="r") if content[:6] == b"\x93NUMPY" else None
     if array is None or array.dtype.kind != "f" or array.ndim not in (3, 4) or not 0 < array.size <= _LARGEST // 2:
-        what = "not a NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"
+        what = "damaged, or not a NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"
         raise DataError(path, f"{what}; expected a floating-point array (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():

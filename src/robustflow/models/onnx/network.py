@@ -166,12 +166,9 @@ def _layout_of(path: Path, inputs: _Inputs, layout: str | None) -> str:
     chosen = [name for name in fitting if layout in (None, name)]
     if len(chosen) == 1:
         return chosen[0]
-    reason = "expected two inputs (N, 3, H, W), or one (N, 2, 3, H, W) or (N, 6, H, W); export it with such inputs"
-    if chosen:
-        reason = f"several layouts are possible; set the option layout to one of {', '.join(chosen)}"
-    elif fitting:
-        reason = f"layout={layout} does not match; {fitting[0]} does"
-    raise ModelError(path, f"its inputs are {describe_arrays(inputs)}: {reason}")
+    expected = "two inputs (N, 3, H, W), or one (N, 2, 3, H, W) or (N, 6, H, W)"
+    layouts = f"layouts that match: {', '.join(fitting) or 'none'}; set the option layout, or export it with {expected}"
+    raise ModelError(path, f"its inputs are {describe_arrays(inputs)}: {layouts}")
 
 
 def _fits(layout: str, shapes: Sequence[tuple[int | None, ...] | None]) -> bool:
@@ -193,10 +190,8 @@ def _batch_and_size(path: Path, inputs: _Inputs) -> tuple[bool, tuple[int | None
     batches = {shape[0] for shape in shapes} - {None}
     heights, widths = ({shape[axis] for shape in shapes} - {None} for axis in (-2, -1))
     if batches - {1} or len(heights) > 1 or len(widths) > 1:
-        expected = (
-            "expected a dynamic batch size or a batch size of 1, and frames of one size; export it with such inputs"
-        )
-        raise ModelError(path, f"its inputs are {describe_arrays(inputs)}: {expected}")
+        expected = "a batch size that is dynamic or 1, and frames of one size"
+        raise ModelError(path, f"its inputs are {describe_arrays(inputs)}; export it with {expected}")
     return not batches and bool(shapes), (next(iter(heights), None), next(iter(widths), None))
 
 
@@ -282,14 +277,10 @@ def _weights_sha256(path: Path, name: str) -> str:
     folder = path.resolve().parent
     try:
         file = (folder / name).resolve()
-        if not name or not file.is_relative_to(folder):
-            raise ModelError(
-                path,
-                f"it reads weights from '{name[:200]}', outside its own folder; get the original "
-                "file, or save it again with its weights in the same folder",
-            )
-        if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
-            raise ModelError(path, f"its weights '{name[:200]}' are not a regular file; get the original file")
+        pipe = file.exists() and not file.is_file()  # reading a pipe or a device could block forever
+        if not name or pipe or not file.is_relative_to(folder):
+            what = f"its weights '{name[:200]}' are not a regular file in its own folder"
+            raise ModelError(path, f"{what}; get the original file, or save it again with its weights beside it")
         return sha256_of_file(file)
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
         reason = getattr(error, "strerror", None) or error
