@@ -10,7 +10,7 @@ continue (see `Computation.open`).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -65,7 +65,9 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     samples = {
         key: tuple((path.name, digest) for path, digest in zip(paths[key], digests[key], strict=True)) for key in paths
     }
-    if changed := _changed(plan, old, samples):
+    known = {key: files for key, files in old.samples.items() if key in samples}
+    # a run that did not read depth knows fewer files of a sample
+    if changed := [key for key, files in known.items() if files != samples[key][: len(files)]]:
         more = f" and of {len(changed) - 1} more" if len(changed) > 1 else ""
         raise RunError(folder.path, f"was made from different files of sample '{changed[0]}'{more}; {_ELSEWHERE}")
     return old.model_copy(
@@ -79,13 +81,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "environment": environment(),
         }
     )
-
-
-def _changed(plan: Plan, old: Manifest, samples: Mapping[str, Any]) -> list[str]:
-    """Return the samples whose files differ from those of a run, which may not have read their depth."""
-    differing = [key for key in samples if old.samples.get(key, samples[key]) != samples[key]]
-    without_depth = _files(plan, differing, None)
-    return [key for key in differing if old.samples[key] != samples[key][: len(without_depth[key])]]
 
 
 def _samples_to_recognise(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
