@@ -16,8 +16,7 @@ from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.corruptions.kernels.filters import gaussian_frame
 from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame
 
-from .line_motion import moved_along_a_line
-from .pictures import noise
+from .pictures import moved_along_a_line, noise
 
 WIDTHS = st.integers(1, 40) | st.integers(600, 1400)
 """Widths of frames: narrower than the kernels, and wider than what is processed at a time."""

@@ -18,7 +18,7 @@ from robustflow.corruptions.weather.fog import Fog
 from robustflow.corruptions.weather.snow import Snow
 from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter, chamfer_distance
 
-from .line_motion import moved_along_a_line
+from .pictures import moved_along_a_line
 
 
 def whole_map(rng, size, decay):
