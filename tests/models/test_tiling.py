@@ -1,16 +1,13 @@
 """Test the positions and blending of tiles, and the frames that the model receives."""
 
 import json
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import load_model
-from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, tile_weights, tiled
+from robustflow.models.tiling import SIGMA, TiledModel, tile_origins, tile_weights, tiled
 
 from ..refusals import refusal
 
@@ -46,15 +43,6 @@ def test_tile_origins_and_blending_equal_the_authors_code(shared):
         assert len(model.tiles) == len(origins)
         blend = case["blend_of_constants_1_2_.."]
         np.testing.assert_allclose(flow[blend["row"], ::16, 0], blend["x_every_16"], atol=1e-6)
-
-
-@given(length=st.integers(32, 4000), tile=st.integers(OVERLAP + 1, 1000))
-def test_tiles_lie_inside_overlap_and_cover(length, tile):
-    length = max(length, tile)
-    origins = tile_origins(length, tile)
-    assert origins[0] == 0
-    assert origins[-1] == length - tile
-    assert all(1 <= after - before <= tile - OVERLAP for before, after in pairwise(origins))
 
 
 def test_a_tile_is_the_frames_pixels_and_black_beyond_them():
