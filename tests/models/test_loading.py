@@ -95,6 +95,8 @@ def test_model_is_loaded_from_module_and_attribute(module, attribute, options, v
         ("dis", {"presset": "fast"}, UsageError, "presset"),
         ("dis", {"preset": "slow"}, UsageError, "slow"),
         ("dis", {"device": "cuda"}, UsageError, "--device"),
+        ("farneback", {"precision": "bf16"}, UsageError, "--precision"),
+        ("dis_rgb", {"checkpoint": "things"}, UsageError, "--checkpoint"),
         ("precomputed", {}, UsageError, "folder"),
     ],
 )

@@ -74,16 +74,6 @@ def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
     assert refused.startswith("robustflow: trained_on: ")
 
 
-@pytest.mark.parametrize("model", ["dis", "farneback", "dis_rgb"])
-@pytest.mark.parametrize(
-    ("option", "value"), [("--device", "cuda"), ("--precision", "bf16"), ("--checkpoint", "things")]
-)
-def test_options_of_networks_are_refused_for_other_models(robustflow, model, option, value):
-    refused = robustflow.refuses("run", "-m", model, option, value)
-    assert refused.startswith(f"robustflow: {option}: ")
-    assert f"'{model}'" in refused
-
-
 def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow):
     (tmp_path / "model_that_fails.py").write_text("def fails(a, b):\n    return a.no_such_thing\n")
     monkeypatch.syspath_prepend(tmp_path)
