@@ -127,7 +127,7 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "write_report", lambda *_: None)
         patch.setattr(embedded, "embedded_slider", lambda: None)
-        patch.setattr(panel, "draw_panel", lambda _, form="png": _blank(form))
+        patch.setattr(panel, "draw_panel", lambda view, title, numbers, form="png": _blank(form))
         yield drawn
 
 

@@ -73,7 +73,7 @@ def test_a_pass_of_sintel_that_is_missing_is_named_without_an_option_that_train_
 
 def test_a_folder_of_kitti_without_occluded_pixels_is_named_before_training(tmp_path):
     layouts.kitti(tmp_path / "kitti2015", ["000001"], occ=False)
-    with pytest.warns(UserWarning, match="flow_occ/"):
+    with pytest.warns(UserWarning, match="kitti2015"):
         plan_text(load_recipe("raft", "kitti"), DataPlan([tmp_path]))
 
 

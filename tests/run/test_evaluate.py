@@ -129,12 +129,12 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
 @pytest.mark.parametrize(
     ("trouble", "engine", "error", "fact"),
     [
-        ("nan", "serial", ModelError, "1 pixels"),
+        ("nan", "serial", ModelError, " 1 "),
         ("shape", "serial", ModelError, f"(2, {HEIGHT}, {WIDTH})"),
         ("exits", "serial", ModelError, "SystemExit: 2"),
         ("exits", "processes", ModelError, "SystemExit: 2"),
         ("raises", "processes", ModelError, "ValueError: no weights"),
-        ("hangs", None, ModelError, "0.5 s"),
+        ("hangs", None, ModelError, " 0.5 "),
         ("dies", "processes", RunError, "17"),
     ],
 )

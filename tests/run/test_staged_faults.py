@@ -22,9 +22,9 @@ from .processes import descendants, finished, rows_so_far, start_run, wait_until
 @pytest.mark.parametrize(
     ("trouble", "error", "fact"),
     [
-        ("nan", ModelError, "1 pixels"),
+        ("nan", ModelError, " 1 "),
         ("raises", ModelError, "ValueError: no weights"),
-        ("hangs", ModelError, "1.5 s"),
+        ("hangs", ModelError, " 1.5 "),
         ("dies", RunError, "17"),
     ],
 )

@@ -174,9 +174,7 @@ class SourceStore:
             return self._demo
         with self._lock:
             if number not in self._sources:
-                raise UsageError(
-                    f"these frames are no longer kept (only the last {self._kept} uploads are); add them again"
-                )
+                raise UsageError("frames", f"only the last {self._kept} uploads are kept; add them again")
             self._sources.move_to_end(number)
             return self._sources[number]
 

@@ -77,7 +77,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
     finally:
         if not in_use:
             shutil.rmtree(folder, ignore_errors=True)
-    raise UsageError("give two frames, optionally with ground truth, or one clip")
+    raise UsageError("frames", "give two, optionally with ground truth, or one clip")
 
 
 def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
