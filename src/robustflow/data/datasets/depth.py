@@ -95,32 +95,54 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
     if (depth[measured] < 0).any():
         raise DataError(what, "contains negative depths; give distances along the optical axis, in front of the camera")
     if not measured.all():
-        rows = measured.any(axis=1)
-        depth[rows] = _filled(depth[rows], measured[rows])
-        depth[:] = _filled(depth.T, np.broadcast_to(rows, depth.T.shape)).T
+        _fill(depth, measured)
     return depth, measured
 
 
 def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
-    """Return the depths at the ends of the known flow vectors, 0 elsewhere; of points that meet, the nearest."""
     out = np.zeros(known.shape, np.float32)
-    rows, columns = np.nonzero(known)
-    ends = np.rint(np.stack([columns, rows], axis=1) + flow[rows, columns])
-    inside = ((ends >= 0) & (ends < known.shape[::-1])).all(axis=1)
-    metres = depth[rows, columns][inside].astype(np.float32)
-    nearest_last = np.argsort(-metres)
-    u, v = ends[inside][nearest_last].astype(int).T
-    out[v, u] = metres[nearest_last]
+    _carry(np.ascontiguousarray(depth, np.float32), flow, known, out)
     return out
 
 
-def _filled(depth: npt.NDArray[Any], known: Mask) -> npt.NDArray[Any]:
-    """Fill every row with the larger of the nearest known values on both sides; each row has one or more."""
-    places, count = np.arange(depth.shape[1]), depth.shape[1]
-    before = np.maximum.accumulate(np.where(known, places, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, places, count)[:, ::-1], axis=1)[:, ::-1]
-    left, right = np.where(before < 0, after, before), np.where(after == count, before, after)
-    return np.maximum(np.take_along_axis(depth, left, axis=1), np.take_along_axis(depth, right, axis=1))
+@njit(cache=True, nogil=True)
+def _carry(depth: Any, flow: Any, known: Any, out: Any) -> None:
+    height, width = out.shape
+    for y in range(height):
+        for x in range(width):
+            if known[y, x]:
+                u, v = np.rint(x + flow[y, x, 0]), np.rint(y + flow[y, x, 1])
+                if 0 <= u < width and 0 <= v < height:
+                    there = out[int(v), int(u)]
+                    if there == 0 or depth[y, x] < there:
+                        out[int(v), int(u)] = depth[y, x]
+
+
+@njit(cache=True, nogil=True)
+def _fill(depth: Any, measured: Any) -> None:
+    height, width = depth.shape
+    full = np.zeros(height, np.bool_)
+    for y in range(height):
+        last = -1
+        for x in range(width):
+            if measured[y, x]:
+                for hole in range(last + 1, x):
+                    depth[y, hole] = depth[y, x] if last < 0 else max(depth[y, last], depth[y, x])
+                last = x
+        full[y] = last >= 0
+        if full[y]:
+            for hole in range(last + 1, width):
+                depth[y, hole] = depth[y, last]
+    last = -1
+    for y in range(height):
+        if full[y]:
+            for hole in range(last + 1, y):
+                for x in range(width):
+                    depth[hole, x] = depth[y, x] if last < 0 else max(depth[last, x], depth[y, x])
+            last = y
+    for hole in range(last + 1, height):
+        for x in range(width):
+            depth[hole, x] = depth[last, x]
 
 
 _MOST, _LEAST = 20_000, 50
