@@ -88,7 +88,7 @@ class UnitActor:
         self._timeout: float | None = None
         self._thread = ThreadPoolExecutor(1)
         self._predicting: tuple[str, float] | None = None
-        """What is being predicted if there is a time limit, and since when."""
+        """What is being predicted, and since when."""
         self._named = True
         self._node = f"node {socket.gethostname()}"
 
