@@ -38,7 +38,7 @@ PARTS: dict[str, dict[str, str]] = {
     },
     "robustflow.corruptions.optics.psf_field": {"shipped_field": "lens tables"},
     "robustflow.corruptions.optics.blur": {"_kernels": "lens tables"},
-    "robustflow.run.worker": {"Computation.row": "measure"},
+    "robustflow.run.worker": {"Computation.row": "measure", "Computation.digest": "measure"},
     "robustflow.run.store": {"RunFolder.write_rows": "write rows", "RunFolder.pack": "write rows"},
     "robustflow.run.costs": {"keep_cost": "cost of the model"},
     "robustflow.run.displacement": {"keep_displacement": "displacements"},

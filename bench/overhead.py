@@ -41,7 +41,7 @@ if __name__ == "__main__":
     from robustflow.run.engines.choose import choose_engine
     from robustflow.run.plan import RunOptions
     from robustflow.run.setup import set_up
-    from robustflow.run.stages import frames_digest, no_seconds
+    from robustflow.run.stages import no_seconds
     from robustflow.run.store import RunFolder
     from robustflow.run.worker import Computation, Job
     from robustflow.testing import TexturePairs
@@ -140,8 +140,8 @@ def cells(benchmark: Benchmark) -> None:
     rng = np.random.default_rng(0)
     clean, flow = rng.normal(0, 3, (2, *shape, 2)).astype(np.float32)
     loaded.clean = clean
-    digest = best(lambda: frames_digest(loaded.sample.frames))
-    row = best(lambda: computation.row(loaded, flow, loaded.sample.frames, (key, CLEAN, 0))) - digest
+    digest = best(lambda: computation.digest(loaded.sample.frames))
+    row = best(lambda: computation.row(loaded, flow, "", (key, CLEAN, 0)))
     per_sample = best(lambda: frame_stage.load(key))
     total = 0.0
     print(f"\nCPU time without the model, {shape[0]}x{shape[1]}, one thread, ms per cell")

@@ -159,7 +159,7 @@ class Computation:
                 if path is not None:
                     write_array(path, opened.clean, opened.clean_flow_key)
             if key in self._kept:
-                check_same(self._kept[key], self.row(opened, opened.clean, opened.sample.frames, cell))
+                check_same(self._kept[key], self.row(opened, opened.clean, self.digest(opened.sample.frames), cell))
         return self._samples[key]
 
     def rows(self, unit: Unit) -> Steps[list[dict[str, Any]]]:
@@ -167,18 +167,28 @@ class Computation:
         opened = yield from self.open(unit.key)
         if unit.corruption == CLEAN:
             assert opened.clean is not None
-            return [self.row(opened, opened.clean, opened.sample.frames, unit.cells[0])]
+            return [self.row(opened, opened.clean, self.digest(opened.sample.frames), unit.cells[0])]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
             yield []
-            cells = unit.cells[start : start + self._batch_size]
-            corrupted = [self.frames.corrupt(opened.sample, name, severity) for _, name, severity in cells]
-            answers = yield [self.frames.request(opened.sample, *one) for one in zip(cells, corrupted, strict=True)]
-            rows += [self.row(opened, *one) for one in zip(answers, corrupted, cells, strict=True)]
+            cells, digests = unit.cells[start : start + self._batch_size], list[str]()
+            answers = yield [self._request(opened, cell, digests) for cell in cells]
+            rows += [self.row(opened, *one) for one in zip(answers, digests, cells, strict=True)]
+            del answers  # free the memory, which the frames of the next cells can use
         return rows
 
-    def row(self, opened: OpenSample, answer: Answer, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
-        """Measure the flow that was predicted from the frames of a cell."""
+    def _request(self, opened: OpenSample, cell: Cell, digests: list[str]) -> PredictionRequest:
+        """Return the request for a cell, and add the digest of its frames to a list."""
+        frames = self.frames.corrupt(opened.sample, *cell[1:])
+        digests.append(self.digest(frames))
+        return self.frames.request(opened.sample, cell, frames)
+
+    def digest(self, frames: tuple[Frame, ...]) -> str:
+        with timed(self._seconds, "measure"):
+            return frames_digest(frames[:2])
+
+    def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
+        """Measure the flow of a cell, whose frames have this digest."""
         assert opened.clean is not None
         _, corruption, severity = cell
         if corruption not in self._truths:
@@ -197,7 +207,7 @@ class Computation:
                 corruption=corruption,
                 severity=severity,
                 truth=truth,
-                frames_digest=frames_digest(frames[:2]),
+                frames_digest=digest,
             )
             if self._options.draws > 1:
                 row |= _spread_column(answer, clean_flow, cell)
@@ -239,7 +249,7 @@ class Worker:
         opened, clean = self._open(key)
         cell, frames = (key, corruption, severity), self.frames(key, corruption, severity)
         (flow,) = self._model.predict([self._computation.frames.request(opened.sample, cell, frames)])
-        row = self._computation.row(opened, flow, frames, cell)
+        row = self._computation.row(opened, flow, self._computation.digest(frames), cell)
         sample = opened.sample if row["truth"] == "unchanged" else opened.sample.without_truth()
         return View(sample, frames, flow_of(flow), flow_of(clean), row)
 
@@ -271,7 +281,8 @@ class Worker:
     def _attacked(self, targets: Sequence[tuple[OpenSample, Answer, Cell]]) -> list[dict[str, Any]]:
         attacked = self._attacks.attack([(opened.sample, flow_of(clean), cell) for opened, clean, cell in targets])
         return [
-            self._computation.row(opened, one.flow, one.frames, cell) | attack_columns(one, opened.sample)
+            self._computation.row(opened, one.flow, self._computation.digest(one.frames), cell)
+            | attack_columns(one, opened.sample)
             for one, (opened, _, cell) in zip(attacked, targets, strict=True)
         ]
 
