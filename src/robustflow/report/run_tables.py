@@ -281,12 +281,7 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     named = named_runs(runs)
     sections = {}
     for name, run in named.items():
-        lines = [
-            Line.of_numbers(
-                part.label, (part.share, part.contribution, part.cre, part.crer, part.rcre, part.broken, None)
-            )
-            for part in error_parts(run.averages)
-        ]
+        lines = [Line.of_numbers(label, (*numbers, None)) for label, *numbers in error_parts(run.averages)]
         slopes = severity_slopes(run.averages, "rcre").items()
         lines += [Line.of_numbers(long_label(corruption), [None] * 6 + [slope]) for corruption, slope in slopes]
         sections[name] = lines

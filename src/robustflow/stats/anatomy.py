@@ -8,7 +8,7 @@ change in Fl is net: new outliers minus pixels that are no longer outliers.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -34,8 +34,7 @@ REGION_LABELS = {
 }
 
 
-@dataclass(frozen=True)
-class ErrorPart:
+class ErrorPart(NamedTuple):
     """The error of a run in one image region or under one corruption family; values that were not measured are None."""
 
     label: str
@@ -55,15 +54,8 @@ def error_parts(run: Averages) -> list[ErrorPart]:
     def part(label: str, of: str, clean_fl: float | None, adds: float | None = None) -> ErrorPart:
         fl = run.mean("fl", of)
         broken = fl - clean_fl if whole and fl is not None and clean_fl is not None else None
-        return ErrorPart(
-            label,
-            run.mean("share", of),
-            adds,
-            run.mean("cre", of),
-            run.mean("crer", of),
-            run.mean("rcre", of),
-            broken,
-        )
+        cre, crer, rcre = (run.mean(metric, of) for metric in ("cre", "crer", "rcre"))
+        return ErrorPart(label, run.mean("share", of), adds, cre, crer, rcre, broken)
 
     conditions = {condition for _, condition, _ in run.means}
     parts = [

@@ -3,7 +3,7 @@ correlations over models."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import polars as pl
@@ -62,33 +62,19 @@ def twin_comparisons(runs: Sequence[Run]) -> list[TwinComparison]:
             continue
         metric = "rcre" if any(run.cre is None for run in having.values()) else "cre"
         common = common_to(having)
-        shared = set.intersection(*(_severities(part, twin) for part in common.rows.values() for twin in twins))
-        if shared:
-            parts = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
-            found.append(_compared(twins, tuple(sorted(shared)), metric, parts, excluded, common.remark))
+        parts = (rows.filter(corruption=twin) for rows in common.rows.values() for twin in twins)
+        shared = sorted(set.intersection(*(set(part["severity"]) for part in parts)))
+        if not shared:
+            continue
+        models = []
+        for name, rows in common.rows.items():
+            sums = ClusterSums.of(rows.filter(pl.col("severity").is_in([0, *shared])))
+            flat, deep = (sums.statistic(metric, twin) for twin in twins)
+            one = bootstrap({"flat": flat, "deep": deep, "difference": deep - flat}, len(sums.clusters))
+            errors = one["flat"].estimate, one["deep"].estimate
+            models.append(TwinErrors(name, *errors, one["difference"], excluded[name]))
+        ranked = [(model.flat, model.deep) for model in models if not model.excluded]
+        rho, ends = rank_correlation(*([error[at] for error in ranked] for at in (0, 1)))
+        remark = common.remark
+        found.append(TwinComparison(*twins, tuple(shared), metric, tuple(models), len(ranked), rho, ends, remark))
     return found
-
-
-def _severities(rows: pl.DataFrame, corruption: str) -> set[int]:
-    return set(rows.filter(pl.col("corruption") == corruption)["severity"])
-
-
-def _compared(
-    twins: tuple[str, str],
-    severities: tuple[int, ...],
-    metric: str,
-    rows: Mapping[str, pl.DataFrame],
-    excluded: Mapping[str, str],
-    remark: str,
-) -> TwinComparison:
-    models = []
-    for name, part in rows.items():
-        sums = ClusterSums.of(part)
-        flat, deep = (sums.statistic(metric, twin) for twin in twins)
-        statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
-        resampled = bootstrap(statistics, len(sums.clusters))
-        errors = resampled["flat"].estimate, resampled["deep"].estimate
-        models.append(TwinErrors(name, *errors, resampled["difference"], excluded[name]))
-    ranked = [model for model in models if not model.excluded]
-    rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
-    return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends, remark)

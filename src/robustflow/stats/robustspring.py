@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -16,6 +16,9 @@ from .frame import LINE, given_frame
 from .results import AVERAGE, inside, long_label
 from .run_results import OWN_SETTING
 
+if TYPE_CHECKING:
+    from ..run.submission import Submitted
+
 ROBUSTNESS = ("epe", "fl", "px1")
 """RobustSpring's three measures of a flow under corruption: its mean distance to the clean flow in pixels, and the
 percentage of pixels whose flow changes by more than Fl's thresholds and by more than 1 px."""
@@ -23,27 +26,7 @@ percentage of pixels whose flow changes by more than Fl's thresholds and by more
 _MOST_NAMED = 3
 
 
-class MovedFlow(Protocol):
-    """A flow in an export, as in `robustflow.run.submission.Submitted`."""
-
-    @property
-    def condition(self) -> str:
-        """The name of a RobustSpring corruption, or "clean"."""
-
-    @property
-    def key(self) -> str:
-        """The key of the pair."""
-
-    @property
-    def frames(self) -> str:
-        """The digest of the frame files."""
-
-    @property
-    def moved(self) -> Sequence[float] | None:
-        """The numbers of `ROBUSTNESS`; None for the clean flow."""
-
-
-def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
+def robustspring_results(run: Run, flows: Iterable[Submitted]) -> pl.DataFrame:
     """Compute the RCRE per corruption and its mean, as a results frame. Results for the same corruptions of
     the same frames form one sample set.
     """

@@ -9,7 +9,6 @@ from typing import Any
 import polars as pl
 
 from ...corruptions.registry import MEMBERS
-from ...metrics.means import PAPER
 from ...run.run import Run
 from .bootstrap import LEVEL, RESAMPLES
 from .log_scale import error_intervals, log_deviation
@@ -93,14 +92,8 @@ def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
     return list(known.select("metric", "corruption", "low", "high").iter_rows())
 
 
-def paper_condition(run: Run) -> str:
-    """Return the condition of the averages to show next to published ones: over the paper's corruptions if the run has
-    all of them."""
-    return PAPER if run.measured.paper_over else AVERAGE
-
-
 def paper_rows(run: Run) -> pl.DataFrame:
-    """Return the rows that `paper_condition` names."""
+    """Return the rows of the averages that are shown beside published ones."""
     if not more_than_paper(run):
         return run.rows
     return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.measured.paper_over]))
