@@ -64,29 +64,23 @@ class Norms(nn.Module):
         return (image1 - image2)[:, :2]
 
 
-class WithLoss(Plain):
-    def loss(self, batch):
-        assert set(batch) == {"image1", "image2", "flow", "valid"}
-        assert batch["image1"].min() >= -1
-        assert batch["image1"].max() <= 1
-        flow = self(batch["image1"], batch["image2"])
-        error = (flow - batch["flow"]).square().sum(1)[batch["valid"] > 0].mean()
-        return error, {"squared": error, "update": 7, "empty": float("nan")}
+def with_loss(returned):
+    """A network whose loss returns what `returned` makes of the error."""
+
+    class Net(Plain):
+        def loss(self, batch):
+            assert set(batch) == {"image1", "image2", "flow", "valid"}
+            assert -1 <= batch["image1"].min() <= batch["image1"].max() <= 1
+            flow = self(batch["image1"], batch["image2"])
+            return returned((flow - batch["flow"]).square().sum(1)[batch["valid"] > 0].mean())
+
+    return Net
 
 
-class LossInAList(WithLoss):
-    def loss(self, batch):
-        return [super().loss(batch)[0]]
-
-
-class Text(WithLoss):
-    def loss(self, batch):
-        return super().loss(batch)[0], {"remark": "fine"}
-
-
-class Complex(WithLoss):
-    def loss(self, batch):
-        return super().loss(batch)[0], {"spectrum": 1j}
+WithLoss = with_loss(lambda error: (error, {"squared": error, "update": 7, "empty": float("nan")}))
+LossInAList = with_loss(lambda error: [error])
+Text = with_loss(lambda error: (error, {"remark": "fine"}))
+Complex = with_loss(lambda error: (error, {"spectrum": 1j}))
 
 
 class NoEntry(Plain):
