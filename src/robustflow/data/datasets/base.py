@@ -146,6 +146,8 @@ def no_depth(corruption: str, dataset: str) -> UsageError:
 class Clips(Protocol):
     """A dataset that also provides the frames around a pair, for multi-frame models."""
 
+    name: str
+
     def around(self, key: str, reach: int) -> range:
         """Return the available offsets, at most `reach` before and after the pair, including 0 and 1."""
 
