@@ -112,7 +112,7 @@ def test_several_runs_are_printed_a_line_each_and_in_every_table_on_request(robu
 def test_audit_of_the_published_tables_prints_the_findings(robustflow):
     code, out, _ = robustflow("reproduce", "audit")
     assert code == 3
-    assert "the CRE rows of BrightFlow and UPFlow (ID) are swapped" in out
+    assert any({"BrightFlow", "UPFlow"} <= set(line.split()) for line in out.splitlines())
     code, text, _ = robustflow("reproduce", "audit", "--json")
     assert code == 3
     found = json.loads(text)
@@ -131,7 +131,8 @@ def test_audit_of_own_results_finds_inconsistent_rows(robustflow):
     path.write_text((head + "OOD,A,cre,fog,1.02\n").replace(",A,", ",A\x1b[31m,"))
     code, out, _ = robustflow("reproduce", "audit", path)
     assert code == 3
-    assert ", fog: CRE 1.02, but EPE 3.00 - clean EPE 2.00 = 1.00" in out
+    (finding,) = (line for line in out.splitlines() if line.startswith("  "))
+    assert {"1.02", "1.00"} <= set(finding.replace(",", "").split())
     assert "\n  OOD A" in out  # without a source, none is mentioned
     assert "\x1b" not in out
 
