@@ -99,3 +99,19 @@ def test_pcfa_gives_the_same_frames_on_any_number_of_threads():
     finally:
         torch.set_num_threads(before)
     assert np.array_equal(*frames)
+
+
+@pytest.mark.parametrize("norm", ["linf", "rms"])
+def test_a_change_of_the_frame_that_stays_clean_is_undone(norm):
+    class ChangesTheSecond:
+        needs_gradients = False
+
+        def run(self, problem, rng):
+            images = problem.ball.clean.copy()
+            images[1] *= 0.5
+            problem.score(images)
+            return images
+
+    attacked = rf.attack(*random_pair(), smooth_model(), ChangesTheSecond, moved="first", norm=norm)
+    assert np.array_equal(attacked.frames, random_pair())
+    assert attacked.loss == attacked.clean_loss

@@ -125,3 +125,13 @@ def test_matching_without_a_match_is_finite_and_a_wrong_size_is_refused():
     confidence, image1, image2, truth = random_features(2)
     assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()
     refusal(lambda: matching_loss(confidence[:, :30], image1, image2, truth), UsageError, "--crop")
+
+
+def test_invalid_and_very_fast_pixels_have_no_gradient():
+    flow = torch.zeros(1, 2, 2, 2, requires_grad=True)
+    truth = torch.full((1, 2, 2, 2), 5.0)
+    truth[0, :, 0, 0] = 300  # 424 px long
+    valid = torch.tensor([[[1.0, 0.0], [1.0, 1.0]]])
+    sequence_loss([flow], truth, valid).backward()
+    assert flow.grad is not None
+    assert (flow.grad[0, 0] != 0).tolist() == [[False, False], [True, True]]
