@@ -114,7 +114,7 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     from robustflow.report.site import examples as embedded
     from robustflow.run import panel
 
-    real = {(api, "write_report"): api.write_report, (panel, "draw_panel"): panel.draw_panel}
+    real = {(api, "_write_report"): api._write_report, (panel, "draw_panel"): panel.draw_panel}
     real[embedded, "embedded_slider"] = embedded.embedded_slider
 
     @contextmanager
@@ -125,7 +125,7 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
             yield
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(api, "write_report", lambda *_: None)
+        patch.setattr(api, "_write_report", lambda *_: None)
         patch.setattr(embedded, "embedded_slider", lambda: None)
         patch.setattr(panel, "draw_panel", lambda view, title, numbers, form="png": _blank(form))
         yield drawn

@@ -15,10 +15,7 @@ from .data.benchmarks import Benchmark
 from .data.datasets.registry import with_absolute_paths
 from .models import ModelSpec
 from .models.base import AnyModel
-from .report.site.page import write_report
 from .run.config import RunConfig
-from .run.costs import RunCost, read_cost
-from .run.records.pack import load_any_run
 from .run.run import Run
 
 if TYPE_CHECKING:
@@ -28,6 +25,7 @@ if TYPE_CHECKING:
     from .attacks.api import AnyAttack
     from .data.benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
+    from .run.costs import RunCost
     from .run.progress import Progress
     from .run.setup import Setup
 
@@ -46,6 +44,8 @@ class Result(Run):
     @property
     def cost(self) -> RunCost | None:
         """Return the cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
+        from .run.costs import read_cost
+
         return read_cost(self)
 
     def compare(
@@ -87,7 +87,7 @@ class Result(Run):
 
     def write_report(self) -> None:
         """Write `report.html`, including any existing example pictures."""
-        write_report(Run(self.path))
+        _write_report(Run(self.path))
 
 
 def load_run(path: str | Path) -> Result:
@@ -98,6 +98,8 @@ def load_run(path: str | Path) -> Result:
         RunError: the path contains no run, a run that this version cannot read, or a record that does not verify.
         DataError: the file cannot be read.
     """
+    from .run.records.pack import load_any_run
+
     return load_any_run(path, Result)
 
 
@@ -267,4 +269,10 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     except RobustFlowError as error:
         warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:
-        write_report(result)
+        _write_report(result)
+
+
+def _write_report(run: Run) -> None:
+    from .report.site.page import write_report  # imports matplotlib
+
+    write_report(run)

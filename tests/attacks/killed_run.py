@@ -36,7 +36,7 @@ def run(folder, last):
 
 
 def main():
-    robustflow.api.write_report = lambda *_: None
+    robustflow.api._write_report = lambda *_: None
     for last in (*map(int, sys.argv[2:]), 0):
         child = os.fork()
         if not child:

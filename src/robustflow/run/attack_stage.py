@@ -133,6 +133,27 @@ class AttackStage:
             self._on_predict(None)
         return attacked
 
+    @staticmethod
+    def columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
+        """Return the columns that appear only in rows of attacks."""
+        capped = median = None
+        if sample.flow is not None and sample.valid is not None:
+            usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid
+            error = epe_map(attacked.flow, sample.flow)[usable]
+            capped = float(np.minimum(error, np.hypot(*sample.shape)).sum())
+            median = float(np.median(error)) if error.size else None
+        return {
+            "attack_linf": attacked.linf,
+            "attack_rms": attacked.rms,
+            "attack_capped_sum": capped,
+            "attack_median": median,
+            "attack_way_gone": attacked.way_gone,
+            "attack_late_gain": attacked.late_gain,
+            "attack_start_spread": attacked.start_spread,
+            "attack_evaluations": attacked.evaluations,
+            "attack_warnings": ",".join(attacked.warnings) or None,
+        }
+
     def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
         """Return warnings about the model itself, determined by predicting once before the first attack."""
         assert isinstance(self._model, FlowModel)
@@ -159,24 +180,3 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
         for name, one in attacks.items()
     }
     return {name: " ".join(filter(None, digests)) for name, digests in sources.items() if any(digests)}
-
-
-def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
-    """Return the columns that appear only in rows of attacks."""
-    capped = median = None
-    if sample.flow is not None and sample.valid is not None:
-        usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid
-        error = epe_map(attacked.flow, sample.flow)[usable]
-        capped = float(np.minimum(error, np.hypot(*sample.shape)).sum())
-        median = float(np.median(error)) if error.size else None
-    return {
-        "attack_linf": attacked.linf,
-        "attack_rms": attacked.rms,
-        "attack_capped_sum": capped,
-        "attack_median": median,
-        "attack_way_gone": attacked.way_gone,
-        "attack_late_gain": attacked.late_gain,
-        "attack_start_spread": attacked.start_spread,
-        "attack_evaluations": attacked.evaluations,
-        "attack_warnings": ",".join(attacked.warnings) or None,
-    }

@@ -16,7 +16,6 @@ from ..core.processes import one_opencv_thread
 from ..data.datasets.base import FromClips
 from ..metrics.photometric import misread
 from ..metrics.rows import CLEAN
-from .attack_stage import learned_patterns
 from .engines.base import Engine
 from .manifest import Manifest, clips_of
 from .plan import unfinished_samples
@@ -54,8 +53,12 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     folder.write_manifest(manifest)
     folder.keep_clean(key for key in unfinished_samples(manifest, cells) if (key, CLEAN, 0) in cells)
     units = plan.missing(cells)
-    learned = learned_patterns(folder, plan, named.model, units, batch_size)
-    job = replace(job, options=replace(plan.options, learned=learned, run=manifest.identity_digest))
+    job = replace(job, options=replace(plan.options, run=manifest.identity_digest))
+    if plan.options.attacks:
+        from .attack_stage import learned_patterns
+
+        learned = learned_patterns(folder, plan, named.model, units, batch_size)
+        job = replace(job, options=replace(job.options, learned=learned))
     job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
     if units and isinstance(progress, TerminalProgress):

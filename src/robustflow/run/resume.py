@@ -21,8 +21,7 @@ import polars as pl
 from ..core.errors import RunError
 from ..corruptions.stack import needs_depth
 from ..data.benchmarks.facts import moving_name
-from ..data.datasets.base import Depths, FromClips, PreCorrupted
-from ..data.datasets.folder import OWN_FRAMES
+from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.rows import CLEAN
 from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..attacks.own import own_attacks_among
 from ..core.errors import RobustFlowError, RunError, UsageError
 from ..core.text import plain
 from ..corruptions import load_corruption
@@ -24,7 +23,6 @@ from ..data.datasets.clips import window_on
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
-from .attack_stage import check_attacks
 from .config import DEFAULTS, MeasuringOptions, RunConfig
 from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
 from .named_model import NamedModel, name_model
@@ -70,7 +68,7 @@ def set_up(
         raise UsageError("--seeds", "these frames were corrupted beforehand, with one draw; omit it")
     if measuring.draws > 1 and measuring.confidence is not None:
         raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
-    attack_sources = check_attacks(benchmark, frames.seed, variant, named.model)
+    of_attacks = _attack_options(benchmark, frames.seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
         needed = window.before + 2 + window.after
@@ -80,9 +78,7 @@ def set_up(
         measuring,
         window=window,
         **_benchmark_options(benchmark, benchmark.corruptions, variant),
-        attacks=benchmark.attacks,
-        own_attacks=own_attacks_among(benchmark.attacks),
-        attack_sources=attack_sources,
+        **of_attacks,
     )
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     plan = Plan(benchmark, options, named.identity, named.training, shown)
@@ -175,6 +171,22 @@ def open_benchmark(
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     return chosen.still() if still else chosen
+
+
+def _attack_options(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, Any]:
+    """Check the attacks of a run, and return the options that follow from them."""
+    if not benchmark.attacks:
+        if variant not in (*VARIANTS, BGR):
+            raise UsageError(variant, f"unknown variant; choose from {', '.join((*VARIANTS, BGR))}")
+        return {}
+    from ..attacks.own import own_attacks_among
+    from .attack_stage import check_attacks
+
+    return {
+        "attacks": benchmark.attacks,
+        "own_attacks": own_attacks_among(benchmark.attacks),
+        "attack_sources": check_attacks(benchmark, seed, variant, model),
+    }
 
 
 def _benchmark_options(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from ..metrics.rows import CLEAN, COVERAGES, measure
 from ..models import ModelSpec
 from ..models.base import AnyModel, describe_cell, model_identity
 from ..models.confidence import Answer, flow_of
-from .attack_stage import AttackStage, attack_columns
 from .cells import Cell
 from .plan import RunOptions, Unit
 from .stages import (
@@ -226,13 +225,17 @@ class Worker:
         self.seconds = no_seconds()
         self._computation = Computation(job, self.seconds)
         self._model = PredictStage(model, options.measuring.confidence, self.seconds, on_predict)
-        self._attacks = AttackStage(model, options, self.seconds, on_predict)
+        self._attacks = None
+        if options.attacks:
+            from .attack_stage import AttackStage
+
+            self._attacks = AttackStage(model, options, self.seconds, on_predict)
         self._batch_size = job.batch_size
         self.batches_attacks = job.batch_size > 1 and getattr(model, "batched_gradients", False) is True
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
         """Return the rows of a unit, in the order of its severities."""
-        if unit.corruption in self._attacks.names:
+        if self._attacks is not None and unit.corruption in self._attacks.names:
             return self.run_attack([unit])[0]
         self._computation.release([unit.key])
         return self._completed(self._computation.rows(unit))
@@ -279,10 +282,11 @@ class Worker:
             return result
 
     def _attacked(self, targets: Sequence[tuple[OpenSample, Answer, Cell]]) -> list[dict[str, Any]]:
+        assert self._attacks is not None
         attacked = self._attacks.attack([(opened.sample, flow_of(clean), cell) for opened, clean, cell in targets])
         return [
             self._computation.row(opened, one.flow, self._computation.digest(one.frames), cell)
-            | attack_columns(one, opened.sample)
+            | self._attacks.columns(one, opened.sample)
             for one, (opened, _, cell) in zip(attacked, targets, strict=True)
         ]
 

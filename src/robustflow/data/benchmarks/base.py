@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ...attacks.api import AnyAttack, with_controls
 from ...core.arguments import check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
@@ -18,6 +17,9 @@ from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
 from ..datasets.own import OwnDepth
 from ..datasets.still import Still
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
+
+if TYPE_CHECKING:
+    from ...attacks.api import AnyAttack
 
 AnyCorruption = str | Corruption | type[Corruption]
 """The name of a corruption, or a user-defined corruption as an object or a class."""
@@ -96,7 +98,11 @@ class Benchmark:
         """
         if limit is not None:
             check_count("--limit", limit)
-        against = with_controls(_as_iterable(attacks or ()))
+        against: tuple[str, ...] = ()
+        if attacks:
+            from ...attacks.api import with_controls
+
+            against = with_controls(_as_iterable(attacks))
         asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
         chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:

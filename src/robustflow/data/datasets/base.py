@@ -17,6 +17,9 @@ GroundTruth = Literal["dense", "sparse", "none"]
 NON_COMMERCIAL = "non-commercial research only, see the distributor's terms"
 """The licence text for distributors who do not state a standard licence."""
 
+OWN_FRAMES = "folder"
+"""Registered name of the dataset of your own frames."""
+
 FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to Corruptions"
 
 

@@ -16,7 +16,7 @@ from ...core.paths import VIDEO_SUFFIXES, folders, user_path
 from ...core.types import Frame, Sample
 from ...media.images import IMAGE_SUFFIXES, image_size, images_in, natural_order
 from ..video.reader import VideoReader
-from .base import DatasetFacts, described
+from .base import OWN_FRAMES, DatasetFacts, described
 from .pairs import PairDataset, PairFiles, Position, Samples, pairs_at_step, position, too_few_frames
 
 FACTS = DatasetFacts(
@@ -28,9 +28,6 @@ FACTS = DatasetFacts(
     citation="none",
     layout="images, folders of images, or a video file",
 )
-
-OWN_FRAMES = "folder"
-"""Registered name of this dataset."""
 
 ALONE = "frames"
 """Group of the images directly in the folder, independent of the folder's name."""
