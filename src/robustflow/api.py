@@ -209,7 +209,7 @@ def evaluate(
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
     from .run.examples import capture_slider_pictures
-    from .run.progress import shown
+    from .run.progress import Silent, TerminalProgress, shown
     from .run.setup import open_benchmark, set_up
     from .run.source import RunSource, default_folder, warn_of_a_fresh_start
     from .run.store import RunFolder
@@ -237,25 +237,29 @@ def evaluate(
         with capture_slider_pictures(setup, folder.path) if examples else nullcontext(setup) as keeping:
             with shown(progress) as listener:
                 compute_missing(folder, keeping, compute, batch_size, listener)
-            if isinstance(benchmark, str):
-                where = Path(data) if data is not None else None
-                options = with_absolute_paths(benchmark, data_options or {})
-                RunSource(setup.model.spec, where, options).write(folder.path)
-            whole = Result(folder.path)
-            _draw(whole, keeping, examples)
-            return Result(folder.path, whole.manifest.restricted([setup.plan.cells()], setup.plan.left_out()))
+                if isinstance(benchmark, str):
+                    where = Path(data) if data is not None else None
+                    options = with_absolute_paths(benchmark, data_options or {})
+                    RunSource(setup.model.spec, where, options).write(folder.path)
+                whole = Result(folder.path)
+                whole.write_means()
+                asked = whole.manifest.restricted([setup.plan.cells()], setup.plan.left_out())
+                result = Result(folder.path, asked)
+                phases = listener if isinstance(listener, TerminalProgress) else Silent()
+                phases.measured(result)
+                _draw(whole, keeping, examples, phases.drawing)
+            return result
     finally:
         folder.unlock()
 
 
-def _draw(result: Result, setup: Setup, wanted: bool) -> None:
-    """Draw the example pictures after the rows are saved, so that a failure here loses no rows."""
+def _draw(result: Result, setup: Setup, wanted: bool, drawing: Callable[[str], None]) -> None:
+    """Draw the example pictures and the page after the rows are saved, so that a failure here loses no rows."""
     from .run.costs import keep_cost
     from .run.displacement import keep_displacement
     from .run.example_cells import are_current, drop_examples
     from .run.examples import write_examples
 
-    result.write_means()
     wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks
     try:
         keep_cost(result, setup.model.model)
@@ -265,11 +269,13 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
             return
         drop_examples(result.path)
         if wanted:
-            write_examples(result, setup)
+            write_examples(result, setup, drawing)
     except RobustFlowError as error:
         warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:
+        drawing("page")
         _write_report(result)
+        drawing("")
 
 
 def _write_report(run: Run) -> None:

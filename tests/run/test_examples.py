@@ -22,6 +22,7 @@ from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
 from robustflow.run import examples as examples_module
 from robustflow.run.example_cells import are_current
+from robustflow.run.progress import DRAWN, TerminalProgress
 from robustflow.run.recheck import recheck
 from robustflow.run.setup import restore_setup
 from robustflow.run.source import RunSource
@@ -100,6 +101,22 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     files = _files(run)
     shutil.rmtree(run.path / "examples")
     assert _files(rf.evaluate(DIS, **asked)) == files, "images from frames in memory equal those from recomputed ones"
+
+
+def test_numbers_are_shown_before_anything_is_drawn(tmp_path, monkeypatch, small):
+    folder, events = tmp_path / "run", []
+
+    def show_numbers(result):
+        drawn = [path.name for path in folder.iterdir() if path.name in ("examples", "report.html")]
+        events.append((len(result.rows), drawn, (folder / "summary.json").exists()))
+
+    progress = TerminalProgress(show_numbers)
+    monkeypatch.setattr(progress, "drawing", lambda what="": events.append(what))
+    rf.evaluate(ZeroFlow(), output=folder, examples=True, progress=progress, **CELLS)
+    assert events == [(5, [], True), *DRAWN, ""]
+    events.clear()
+    rf.evaluate(ZeroFlow(), output=folder, examples=True, progress=progress, **CELLS)
+    assert events == [(5, ["examples"], True), "page", ""]
 
 
 def test_examples_are_drawn_once_and_deleted_when_the_rows_change(tmp_path, monkeypatch, small):

@@ -61,12 +61,17 @@ def run(
         spec.preflight()  # check before the imports below, which take seconds
     from ..api import Result, evaluate
     from ..run.progress import TerminalProgress
-    from .tables import as_json_text, print_result, print_results
 
     arguments = run_arguments(given)
     output, first, runs = given["output"], given["seed"], 1 if given["still"] else seeds
     results: list[Result] = []
-    progress = TerminalProgress()
+
+    def show_numbers(result: Result) -> None:
+        from .tables import print_result  # imported while no worker waits for it
+
+        print_result(result, with_seed=runs > 1)
+
+    progress = TerminalProgress() if as_json else TerminalProgress(show_numbers)
     try:
         for spec in specs:
             of_model = output if output is None or len(models) == 1 else output / file_name(spec.name)
@@ -74,12 +79,11 @@ def run(
                 folder = of_model if of_model is None or runs == 1 else of_model / f"seed{seed}"
                 each = arguments | {"output": folder, "seed": seed, "draws": seeds // runs}
                 with progress:
-                    result = evaluate(spec, **each, progress=progress)
-                if not as_json:
-                    print_result(result, with_seed=runs > 1)
-                results.append(result)
+                    results.append(evaluate(spec, **each, progress=progress))
     except KeyboardInterrupt:
         raise stopped(f"{progress.finished_work()} Run the same command again") from None
+    from .tables import as_json_text, print_results
+
     if as_json:
         typer.echo(as_json_text(results))
     elif len(results) > 1:

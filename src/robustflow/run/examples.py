@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -50,8 +50,9 @@ def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
         yield replace(setup, plan=replace(setup.plan, options=options))
 
 
-def write_examples(run: Run, setup: Setup) -> bool:
-    """Draw the examples of a complete run into its folder, unless they already exist."""
+def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lambda what: None) -> bool:
+    """Draw the examples of a complete run into its folder, unless they already exist; `drawing` is called with each one
+    of `progress.DRAWN` before it is drawn."""
     if run.measured.missing:
         raise RunError(run.path, "not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
@@ -65,8 +66,10 @@ def write_examples(run: Run, setup: Setup) -> bool:
     try:
         with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
             for panel in listed["panels"]:
+                drawing(f"{panel['kind']} example")
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
+            drawing("severity slider")
             _write_slider(making, listed["slider"], worker, setup.options.pictures)
         write_json(making / EXAMPLES_FILE, listed)
         drop_examples(run.path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,6 +12,10 @@ from rich.console import Console
 from ..core.display import ProgressBar
 from ..core.text import counted, plain
 from .engines.base import FinishedUnit
+
+DRAWN = ("worst example", "median example", "severity slider", "page")
+"""What is drawn after the numbers of a run are known, in this order."""
+_DRAWING = "pictures and page"
 
 
 class Progress(Protocol):
@@ -33,6 +37,12 @@ class Silent:
     def advance(self, done: FinishedUnit) -> None:
         pass
 
+    def measured(self, result: Any) -> None:
+        pass
+
+    def drawing(self, what: str = "") -> None:
+        pass
+
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress]:
@@ -50,9 +60,12 @@ def shown(progress: Progress | bool | None) -> Iterator[Progress]:
 
 
 class TerminalProgress:
-    """A context manager that shows a run's progress on stderr."""
+    """A context manager that shows a run's progress on stderr: first that of its rows, then that of its pictures. In
+    between, it calls `show_numbers` with the result.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, show_numbers: Callable[[Any], None] = lambda result: None) -> None:
+        self._show_numbers = show_numbers
         self._console = Console(stderr=True, markup=False)
         self._bar = ProgressBar()
         self._folder: str | None = None
@@ -89,6 +102,16 @@ class TerminalProgress:
         place = f" on {done.place}" if done.place else ""
         evaluations = f"; {self._evaluations:,} model evaluations by attacks" if self._evaluations else ""
         self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{evaluations}")
+
+    def measured(self, result: Any) -> None:
+        """Show the numbers of a run whose rows are complete, before anything is drawn."""
+        self._bar.__exit__()
+        self._show_numbers(result)
+        self._bar.start(_DRAWING, len(DRAWN))
+
+    def drawing(self, what: str = "") -> None:
+        """Show which one of `DRAWN` comes next; "" after the last one."""
+        self._bar.update(_DRAWING, DRAWN.index(what) if what else len(DRAWN), what)
 
     def finished_work(self) -> str:
         if self._folder is None:
