@@ -1,10 +1,12 @@
 """Compile functions with numba; the only file that imports numba.
 
 By default numba reads settings from `.numba_config.yaml` in the working folder before every compilation, and unpickles
-compiled code from whatever folder the settings name. This module prevents both. `_CacheFiles` replaces the part of a
+compiled code from whatever folder the settings name. This module prevents both. `_cache_files` replaces the part of a
 function's cache that reads and writes files, which numba has no documented hook for: each file is sealed with a digest,
 so that damaged code is compiled again instead of run, and named so that several processes can write at the same time.
 The version of numba is bounded in pyproject.toml, because `_cache`, `_cache_file` and `_impl` are internal.
+
+Importing numba takes a third of the time of importing the package, so it is imported when a function is first called.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ import stat
 import sys
 import warnings
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache, update_wrapper
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -28,47 +31,72 @@ from .errors import UsageError
 from .files import sealed_bytes, unsealed_bytes
 from .types import Frame
 
-_yaml = sys.modules.get("yaml")
-sys.modules["yaml"] = None  # type: ignore[assignment]  # without yaml, numba cannot read settings
-try:
-    warnings.filterwarnings("ignore", "A Numba config file is found")
-    import numba.core.caching
-    import numba.extending
-finally:
-    if _yaml is None:
-        del sys.modules["yaml"]
-    else:
-        sys.modules["yaml"] = _yaml
-
-intrinsic, types = numba.extending.intrinsic, numba.types
-
 Function = Callable[..., Any]
 
+_inner: list[Function] = []
+"""Functions of `inner` that numba does not know yet."""
 
-def njit(**options: Any) -> Callable[[Function], Any]:
-    """Apply `numba.njit`, which compiles a function on its first call."""
+_importing = Lock()
 
-    def decorate(function: Function) -> Any:
-        compiled = numba.njit(no_cfunc_wrapper=True, **options)(function)
-        if options.get("cache"):
-            _check_folder(Path(compiled.stats.cache_path))
-            files = compiled._cache
-            files._cache_file = _CacheFiles(
-                files.cache_path, files._impl.filename_base, files._impl.locator.get_source_stamp()
-            )
-        return compiled
 
-    return decorate
+def _numba() -> Any:
+    """Return numba, imported without the settings of the working folder, after registering all functions of `inner`."""
+    with _importing:
+        numba = _import_numba()
+        while _inner:
+            numba.extending.register_jitable(_inner.pop())
+    return numba
+
+
+@cache
+def _import_numba() -> Any:
+    yaml = sys.modules.get("yaml")
+    sys.modules["yaml"] = None  # type: ignore[assignment]  # without yaml, numba cannot read settings
+    try:
+        warnings.filterwarnings("ignore", "A Numba config file is found")
+        import numba.core.caching
+        import numba.extending
+    finally:
+        if yaml is None:
+            del sys.modules["yaml"]
+        else:
+            sys.modules["yaml"] = yaml
+    return numba
 
 
 def inner(function: Function) -> Function:
     """Let compiled functions call a function, which is compiled as a part of each of them."""
-    registered: Function = numba.extending.register_jitable(function)
-    return registered
+    _inner.append(function)
+    return function
 
 
-def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
-    """Apply `njit` to a function whose argument types are fixed; it is compiled on its first call.
+class _Compiled:
+    """A function that numba makes when it is first called, by Python or by another compiled function."""
+
+    def __init__(self, function: Function, make: Callable[[], Any]) -> None:
+        update_wrapper(self, function)
+        self._make = make
+
+    def _made(self) -> Any:
+        if "_of_numba" not in self.__dict__:  # without a lock, because numba locks while it compiles
+            self.__dict__.setdefault("_of_numba", self._make())
+        return self.__dict__["_of_numba"]
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._made()(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of numba's function: other compiled functions call it by its `_numba_type_`."""
+        return getattr(self._made(), name)
+
+
+def njit(**options: Any) -> Callable[[Function], Any]:
+    """Apply `numba.njit`, which compiles a function on its first call."""
+    return lambda function: _Compiled(function, lambda: _dispatcher(function, options))
+
+
+def njit_late(signature: str, **options: Any) -> Callable[[Function], Any]:
+    """Apply `njit` to a function whose argument types are fixed.
 
     >>> @njit_late("float64(float64)")
     ... def half(x):
@@ -77,44 +105,67 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
     1.5
     """
 
-    def decorate(function: Function) -> Function:
-        @cache
-        def compiled() -> Any:
-            compiled = njit(**options)(function)
-            compiled.compile(signature)
-            compiled.disable_compile()
-            return compiled
+    def dispatcher(function: Function) -> Any:
+        compiled = _dispatcher(function, options)
+        compiled.compile(signature)
+        compiled.disable_compile()
+        return compiled
 
-        @wraps(function)
-        def call(*arguments: Any) -> Any:
-            return compiled()(*arguments)
-
-        return call
-
-    return decorate
+    return lambda function: _Compiled(function, lambda: dispatcher(function))
 
 
-class _CacheFiles(numba.core.caching.IndexDataCacheFile):
-    """Cache files of compiled code, each sealed with a digest and named after its signature and target processor."""
+def intrinsic(function: Function) -> Any:
+    """Apply `numba.extending.intrinsic`."""
 
-    def save(self, key: Any, data: Any) -> None:
-        name = self._name(key)
-        with self._open_for_write(self._data_path(name)) as file:
-            file.write(sealed_bytes(self._dump(data), self._description(key)))
+    def made() -> Any:
+        one = _numba().extending.intrinsic(function)
+        typing = _numba().core.registry.cpu_target.typing_context
+        typing.refresh()
+        one._numba_type_ = typing.resolve_value_type(one)
+        return one
 
-    def load(self, key: Any) -> Any:
-        try:
-            data = unsealed_bytes(Path(self._data_path(self._name(key))).read_bytes(), self._description(key))
-        except OSError:
-            return None
-        return None if data is None else pickle.loads(data)
+    return _Compiled(function, made)
 
-    def _description(self, key: Any) -> str:
-        return repr((self._version, key, self._source_stamp))
 
-    def _name(self, key: Any) -> Any:
-        digest = hashlib.sha256(repr((self._version, key)).encode()).hexdigest()
-        return self._data_name(int(digest[:16], 16))
+def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
+    """Return numba's function, whose cache consists of sealed files."""
+    compiled = _numba().njit(no_cfunc_wrapper=True, **options)(function)
+    if options.get("cache"):
+        _check_folder(Path(compiled.stats.cache_path))
+        files = compiled._cache
+        files._cache_file = _cache_files()(
+            files.cache_path, files._impl.filename_base, files._impl.locator.get_source_stamp()
+        )
+    return compiled
+
+
+@cache
+def _cache_files() -> Any:
+    """Return the class that reads and writes the files of a function's cache."""
+
+    class CacheFiles(_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]
+        """Files of compiled code, each sealed with a digest and named after its signature and target processor."""
+
+        def save(self, key: Any, data: Any) -> None:
+            name = self._name(key)
+            with self._open_for_write(self._data_path(name)) as file:
+                file.write(sealed_bytes(self._dump(data), self._description(key)))
+
+        def load(self, key: Any) -> Any:
+            try:
+                data = unsealed_bytes(Path(self._data_path(self._name(key))).read_bytes(), self._description(key))
+            except OSError:
+                return None
+            return None if data is None else pickle.loads(data)
+
+        def _description(self, key: Any) -> str:
+            return repr((self._version, key, self._source_stamp))
+
+        def _name(self, key: Any) -> Any:
+            digest = hashlib.sha256(repr((self._version, key)).encode()).hexdigest()
+            return self._data_name(int(digest[:16], 16))
+
+    return CacheFiles
 
 
 @cache

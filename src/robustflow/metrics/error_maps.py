@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..core.compiled import njit, njit_late, types
+from ..core.compiled import njit, njit_late
 from ..core.errors import DataError
 from ..core.types import Flow, Mask, described_array
 
@@ -82,9 +82,9 @@ Errors = npt.NDArray[np.float64]
 """A map of errors or flow magnitudes, float64 (H, W), in pixels; NaN where undefined."""
 
 # With read-only arrays in the signature, a single compiled version accepts writable and read-only arrays.
-FLOW_TYPE = types.Array(types.float32, 3, "C", readonly=True)
-ERRORS_TYPE = types.Array(types.float64, 2, "C", readonly=True)
-MASK_TYPE = types.Array(types.boolean, 2, "C", readonly=True)
+FLOW_TYPE = "Array(float32, 3, 'C', readonly=True)"
+ERRORS_TYPE = "Array(float64, 2, 'C', readonly=True)"
+MASK_TYPE = "Array(boolean, 2, 'C', readonly=True)"
 
 
 class ErrorSum(NamedTuple):
@@ -158,7 +158,7 @@ def _lengths(vectors: npt.NDArray[np.float64]) -> Errors:
     return np.sqrt(np.where(np.isfinite(square), square, np.nan))
 
 
-@njit_late(types.Tuple((types.int64, types.float64))(ERRORS_TYPE, MASK_TYPE), cache=True)
+@njit_late(f"Tuple((int64, float64))({ERRORS_TYPE}, {MASK_TYPE})", cache=True)
 def _masked_sum(errors: Any, mask: Any) -> Any:
     n, total = 0, 0.0
     for y in range(errors.shape[0]):

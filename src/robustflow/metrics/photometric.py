@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..core.compiled import njit_late, types
+from ..core.compiled import njit_late
 from ..core.types import Flow, Frame
 from .error_maps import FLOW_TYPE, dense, flow_array
 
 UNIT = 3 * 256 * 256
 """Number of units of a map in one grey level: the sum of three channels, times the weights of the interpolation."""
-_FRAME_TYPE = types.Array(types.uint8, 3, "C", readonly=True)
+_FRAME_TYPE = "Array(uint8, 3, 'C', readonly=True)"
 
 
 class Photometric(NamedTuple):
@@ -46,9 +46,7 @@ def photometric(frame1: Frame, frame2: Frame, flow: Flow, step: int = 1) -> Phot
     return Photometric(n, total / UNIT, still / 3, errors)
 
 
-@njit_late(
-    types.void(_FRAME_TYPE, _FRAME_TYPE, FLOW_TYPE, types.int64, types.int32[:, ::1], types.int64[::1]), cache=True
-)
+@njit_late(f"void({_FRAME_TYPE}, {_FRAME_TYPE}, {FLOW_TYPE}, int64, int32[:, ::1], int64[::1])", cache=True)
 def _compare(frame1: Any, frame2: Any, flow: Any, step: Any, errors: Any, sums: Any) -> None:
     height, width = frame2.shape[0], frame2.shape[1]
     columns = np.empty((height, width + 1), np.int64)  # a pixel in the low 32 bits, the one below it in the high 32

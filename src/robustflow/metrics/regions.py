@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..core.compiled import inner, njit_late, types
+from ..core.compiled import inner, njit_late
 from ..core.errors import DataError, unknown_name
 from ..core.files import quick_digest_of_bytes
 from ..core.types import Flow, Mask, Sample
@@ -66,7 +66,7 @@ def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: A
     return math.sqrt(du * du + dv * dv) > gap * max(EDGE_PIXELS, EDGE_SHARE * longer)
 
 
-@njit_late(types.void(FLOW_TYPE, ERRORS_TYPE, MASK_TYPE, types.int64[::1], types.boolean[:, ::1]), cache=True)
+@njit_late(f"void({FLOW_TYPE}, {ERRORS_TYPE}, {MASK_TYPE}, int64[::1], boolean[:, ::1])", cache=True)
 def _mark_jumps(flow: Any, magnitude: Any, valid: Any, above: Any, edges: Any) -> None:
     """Mark the edges; `above` contains the row of the nearest valid pixel above each column, at first -1."""
     for y in range(valid.shape[0]):
@@ -95,7 +95,7 @@ MEMBERS: dict[str, npt.NDArray[np.int64]] = {
     name: part.ravel()
     for name, part in zip(REGIONS, (*_GRID, *_GRID.transpose(1, 0, 2), *_GRID.transpose(2, 0, 1)), strict=True)
 }
-LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
+LABELS_TYPE = "Array(uint8, 2, 'C', readonly=True)"
 
 
 @dataclass(frozen=True, eq=False)

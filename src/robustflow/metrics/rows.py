@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from ..core.compiled import njit_late, types
+from ..core.compiled import njit_late
 from ..core.errors import DataError
 from ..core.types import Flow, Sample
 from .error_maps import ERRORS_TYPE, FLOW_TYPE, WAUC_UNIT, dense, flow_array, flow_pair, is_fl_outlier, wauc_points
@@ -295,10 +295,8 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
 
 
 @njit_late(
-    types.void(
-        *(FLOW_TYPE, FLOW_TYPE, LABELS_TYPE, FLOW_TYPE, ERRORS_TYPE),
-        *(types.int64[::1], types.float64[::1], types.int64[:, ::1], types.float64[:, ::1]),
-    ),
+    f"void({FLOW_TYPE}, {FLOW_TYPE}, {LABELS_TYPE}, {FLOW_TYPE}, {ERRORS_TYPE}, "
+    "int64[::1], float64[::1], int64[:, ::1], float64[:, ::1])",
     cache=True,
 )
 def _sums(

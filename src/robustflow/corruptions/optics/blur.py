@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...core.compiled import inner, intrinsic, njit, types
+from ...core.compiled import inner, intrinsic, njit
 from ...core.types import Frame
 from ..kernels.cache import BytesCache
 from .psf_field import SIZE, Axis, PsfField, grid_of, kernels_at
@@ -42,12 +42,12 @@ _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"
 
 @intrinsic
 def _fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    """Return a * b + c, rounded once."""
+    """Return a * b + c (all float32), rounded once."""
 
     def generate(__: Any, builder: Any, ___: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)
 
-    return types.float32(types.float32, types.float32, types.float32), generate
+    return a(a, b, c), generate
 
 
 def transform_length(least: int) -> int:
