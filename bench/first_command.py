@@ -6,7 +6,8 @@ The script runs the command cold (without any compiled code or library cache) an
 run), in a temporary folder; the user's caches are neither read nor written. Every process of the command, including
 workers, measures the CPU time that its main thread spends in each part, excluding nested parts: imports by package,
 reading or compiling each Numba function, every corruption, the model, measuring, images, pages. The first column is the
-total, followed by one column per process.
+total, followed by one column per process. The last number of a run's line is its CPU time as a multiple of the cost of
+its rows: reading, corrupting, predicting and measuring, without loading or compiling code.
 
 Wall-clock times are unreliable on a busy machine: compare CPU times. To compare two versions in alternating runs, use
 `--against` with a folder that contains the other version of `robustflow`.
@@ -48,6 +49,9 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.cli.tables": {"print_result": "table"},
 }
 """The timed functions: module -> function -> name in the report, as a format string for the function's arguments."""
+
+ROWS = ("sample", "corruption", "lens tables", "model: predict", "measure")
+"""The parts that rows need, by the beginning of their names."""
 
 
 class Probe:
@@ -141,6 +145,12 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
     return wall, cpu, [json.loads(path.read_text()) for path in sorted(reports.glob("*.json"))]
 
 
+def rows_cost(processes: list[dict[str, Any]]) -> float:
+    """Return the CPU seconds that the rows take, in the workers if there are any."""
+    workers = [one for one in processes if "write rows" not in one["parts"] and "measure" in one["parts"]] or processes
+    return sum(spent for one in workers for name, spent in one["parts"].items() if name.startswith(ROWS))
+
+
 def print_parts(processes: list[dict[str, Any]], top: int) -> None:
     """Print the parts of all processes, largest first; for each kind, parts beyond the first `top` are combined in one
     line."""
@@ -191,7 +201,8 @@ def main() -> None:
                 wall, cpu, processes = run(options.model, source, folder, folder / f"reports{number}")
                 label = f"{kind}, {name}: " if len(sources) > 1 else f"{kind}: "
                 print(
-                    f"{label}{wall:.1f} s wall clock, {cpu:.1f} s of CPU time in {len(processes)} processes",
+                    f"{label}{wall:.1f} s wall clock, {cpu:.1f} s of CPU time in {len(processes)} processes, "
+                    f"{cpu / rows_cost(processes):.2f} times the cost of its rows",
                     flush=True,
                 )
                 if name == "here" and number in (0, options.rounds):

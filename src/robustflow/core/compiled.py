@@ -70,6 +70,10 @@ def inner(function: Function) -> Function:
     return function
 
 
+if os.path.lexists(".numba_config.yaml"):
+    _numba()  # before any other package imports it, and with it these settings
+
+
 class _Compiled:
     """A function that numba makes when it is first called, by Python or by another compiled function."""
 
