@@ -55,6 +55,7 @@ def _import_numba() -> Any:
     try:
         warnings.filterwarnings("ignore", "A Numba config file is found")
         import numba.core.caching
+        import numba.core.cgutils
         import numba.extending
     finally:
         if yaml is None:
@@ -129,6 +130,12 @@ def intrinsic(function: Function) -> Any:
         return one
 
     return _Compiled(function, made)
+
+
+def code_tools() -> tuple[Any, Any, Any]:
+    """Return llvmlite's module `ir` and numba's modules `cgutils` and `types`, for functions that generate code."""
+    cgutils = _numba().core.cgutils
+    return cgutils.ir, cgutils, _numba().types
 
 
 def _dispatcher(function: Function, options: dict[str, Any]) -> Any:

@@ -305,7 +305,8 @@ class PsfBlur(Corruption):
         blurred = blur(frame, self.field(state))
         if self.variant == "reference":
             np.floor(blurred + _WHOLE, out=blurred)
-        return np.clip(np.rint(blurred), 0.0, 255.0).astype(np.uint8, order="C")
+        np.rint(blurred, out=blurred)
+        return np.clip(blurred, 0.0, 255.0, out=blurred).astype(np.uint8, order="C")
 
 
 @lru_cache(maxsize=5)
