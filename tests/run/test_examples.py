@@ -103,6 +103,20 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     assert _files(rf.evaluate(DIS, **asked)) == files, "images from frames in memory equal those from recomputed ones"
 
 
+def test_a_run_of_one_sample_predicts_its_clean_flow_once(tmp_path, small):
+    class Counting(ZeroFlow):
+        predictions = 0
+
+        def predict(self, frame1, frame2):
+            self.predictions += 1
+            return super().predict(frame1, frame2)
+
+    model = Counting()
+    run = rf.evaluate(model, output=tmp_path / "run", examples=True, **CELLS)
+    assert model.predictions == len(run.rows) + 2, "the worst and the median cell are predicted again"
+    assert list((run.path / "clean").iterdir()) == []
+
+
 def test_numbers_are_shown_before_anything_is_drawn(tmp_path, monkeypatch, small):
     folder, events = tmp_path / "run", []
 

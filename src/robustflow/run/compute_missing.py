@@ -76,7 +76,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
                 check_first_pair(job, done.unit.key)
                 checked = True
             left[done.unit.key] -= 1
-            if not left[done.unit.key]:
+            if not left[done.unit.key] and plan.options.pictures is None:  # examples need the clean flow
                 folder.finish_sample(done.unit.key)
             for kind, spent in done.seconds.items():
                 seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)

@@ -33,6 +33,7 @@ from .example_cells import (
 )
 from .run import Run
 from .setup import Setup
+from .store import RunFolder
 from .worker import View, Worker, temporary_worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
@@ -41,13 +42,16 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 
 @contextmanager
 def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
-    """Yield a setup whose workers store the slider's pictures until the block ends, if its sample is known."""
+    """Yield a setup whose workers store the slider's pictures until the block ends, if its sample is known. The clean
+    flow of the sample is kept as long."""
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
         return
     with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
         options = replace(setup.options, pictures=Path(pictures))
         yield replace(setup, plan=replace(setup.plan, options=options))
+        for key in setup.plan.benchmark.keys:
+            RunFolder(folder).clean_path(key).unlink(missing_ok=True)
 
 
 def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lambda what: None) -> bool:
@@ -64,7 +68,9 @@ def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lamb
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
+        options = replace(setup.options, run=run.manifest.identity_digest)
+        kept = None if options.pictures is None else run.path
+        with temporary_worker(setup.dataset, setup.model.model, options, kept) as worker:
             for panel in listed["panels"]:
                 drawing(f"{panel['kind']} example")
                 cell = (panel["key"], panel["corruption"], panel["severity"])

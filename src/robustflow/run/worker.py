@@ -292,10 +292,13 @@ class Worker:
 
 
 @contextmanager
-def temporary_worker(dataset: Dataset, model: AnyModel, options: RunOptions) -> Iterator[Worker]:
-    """Create a worker for a few cells, which writes no files. OpenCV runs in one thread, as in every engine."""
+def temporary_worker(
+    dataset: Dataset, model: AnyModel, options: RunOptions, folder: Path | None = None
+) -> Iterator[Worker]:
+    """Create a worker for a few cells, which writes no files, except clean flows if it is given the run's folder.
+    OpenCV runs in one thread, as in every engine."""
     with one_opencv_thread():
-        yield Worker(Job(dataset, model, options))
+        yield Worker(Job(dataset, model, options, folder))
 
 
 class NoMotion:
