@@ -30,14 +30,14 @@ from robustflow.data.benchmarks.base import Benchmark
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.run.compute_missing import compute_missing
-from robustflow.run.engines.base import Engine, FinishedUnit, Schedule
+from robustflow.run.engines.base import Engine, Schedule
 from robustflow.run.plan import Unit
 from robustflow.run.run import Run
 from robustflow.run.setup import set_up
 from robustflow.run.shards import list_shards
 from robustflow.run.stages import frames_digest
 from robustflow.run.store import RunFolder
-from robustflow.run.worker import Job
+from robustflow.run.worker import FinishedUnit, Job
 
 CORRUPTIONS = PAPER_ORDER[:20]
 STEPS = ("drive", "resume", "resume again", "summary", "show", "report")

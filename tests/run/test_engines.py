@@ -16,10 +16,12 @@ from robustflow.run.engines.base import Engine
 from robustflow.run.engines.processes import processes, serial
 from robustflow.run.plan import RunOptions, Unit
 from robustflow.run.progress import Silent
+from robustflow.run.store import RunFolder
 from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal
+from .processes import wait_until
 
 MODELS = "tests.run.models_for_tests"
 KINDS = {
@@ -80,6 +82,50 @@ def test_an_engine_does_not_start_without_units(tmp_path, monkeypatch):
     for _ in range(2):
         rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1])
     assert started == [2]
+
+
+def test_the_next_pair_is_read_while_the_model_works_and_no_more_than_that(tmp_path):
+    loaded = []
+
+    class Pairs(TexturePairs):
+        def load(self, key):
+            loaded.append(key)
+            return super().load(key)
+
+    class Waits(ZeroFlow):
+        """The first prediction ends once the second pair is read; four units are in progress at a time."""
+
+        calls = 0
+
+        def predict(self, frame1, frame2):
+            self.calls += 1
+            if self.calls == 1:
+                wait_until(lambda: len(loaded) > 1)
+            assert len(loaded) <= (self.calls + 4) // 2
+            return super().predict(frame1, frame2)
+
+    data = Pairs(9, (24, 32))
+    keys = data.keys()
+    benchmark = rf.Benchmark("mine", data, tuple(keys), ("contrast",), (1,))
+    model = Waits()
+    loaded.clear()
+    assert rf.evaluate(model, benchmark, output=tmp_path).rows.height == model.calls == 2 * len(keys)
+    assert sorted(loaded) == keys
+
+
+def test_error_is_the_first_in_the_plan_and_earlier_units_are_kept(tmp_path):
+    """The pair that fails is read while the model works on the first one."""
+
+    class Fails(TexturePairs):
+        def load(self, key):
+            if key in "12":
+                raise OSError(key)
+            return super().load(key)
+
+    benchmark = rf.Benchmark("mine", Fails(4, (24, 32)), tuple("0123"), ("contrast",), (1, 2, 3, 4, 5))
+    run = partial(rf.evaluate, ZeroFlow(), benchmark, output=tmp_path)
+    assert "'1'" in str(refusal(run, UsageError, "the dataset 'texture_pairs'"))
+    assert RunFolder(tmp_path).rows()["sample"].to_list() == ["0"] * 6
 
 
 def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, quick_workers, monkeypatch):

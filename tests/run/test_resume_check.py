@@ -14,6 +14,7 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
+from .processes import wait_until
 
 
 @pytest.fixture
@@ -120,6 +121,7 @@ def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, requ
 
     def dies(frame1, frame2):
         if not alive and not np.array_equal(frame1, clean):
+            wait_until(lambda: any((tmp_path / "run/clean").iterdir()))
             raise KeyboardInterrupt
         return _brightness(frame1, frame2)
 

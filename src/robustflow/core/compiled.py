@@ -140,7 +140,7 @@ def code_tools() -> tuple[Any, Any, Any]:
 
 def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
     """Return numba's function, whose cache consists of sealed files."""
-    compiled = _numba().njit(no_cfunc_wrapper=True, **options)(function)
+    compiled = _numba().njit(no_cfunc_wrapper=True, **{"nogil": True, **options})(function)
     if options.get("cache"):
         _check_folder(Path(compiled.stats.cache_path))
         files = compiled._cache

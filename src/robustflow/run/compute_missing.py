@@ -12,9 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..core.errors import DataError
-from ..core.processes import one_opencv_thread
 from ..data.datasets.base import FromClips
-from ..metrics.photometric import misread
+from ..metrics.photometric import Misread
 from ..metrics.rows import CLEAN
 from .engines.base import Engine
 from .manifest import Manifest, clips_of
@@ -23,23 +22,17 @@ from .progress import Progress, TerminalProgress
 from .resume import changed_files, check_before_resuming, now, open_manifest, stored_clean_rows
 from .setup import Setup
 from .store import RunFolder
-from .worker import Job, Worker
+from .worker import Job
 
 
-def check_first_pair(job: Job, key: str) -> None:
-    """Compare the clean flow of a pair, which an engine has stored or else is predicted here, with its frames."""
-    with one_opencv_thread():
-        worker = Worker(job)
-        sample, flow = worker.sample(key), worker.clean_flow(key)
-    wrong = misread([(sample.frames[0], sample.frames[1], flow)])
-    if wrong is not None:
-        warnings.warn(
-            f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
-            f"from frame 1 by {wrong.given:.1f} grey levels, and by {wrong.error:.1f} if the flow is corrected for "
-            "this; a model must return (u right, v down) in pixels from frame 1 to frame 2, so correct the model, and "
-            "use robustflow check",
-            stacklevel=3,
-        )
+def _warn(key: str, wrong: Misread) -> None:
+    warnings.warn(
+        f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
+        f"from frame 1 by {wrong.given:.1f} grey levels, and by {wrong.error:.1f} if the flow is corrected for this; a "
+        "model must return (u right, v down) in pixels from frame 1 to frame 2, so correct the model, and use "
+        "robustflow check",
+        stacklevel=3,
+    )
 
 
 def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
@@ -60,6 +53,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
         learned = learned_patterns(folder, plan, named.model, units, batch_size)
         job = replace(job, options=replace(job.options, learned=learned))
     job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
+    job = replace(job, first=next((unit.key for unit in units if unit.corruption == CLEAN), None))
     del cells
     if units and isinstance(progress, TerminalProgress):
         progress.engine(engine.describe(units))
@@ -67,14 +61,12 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     left = Counter(unit.key for unit in units)
     seconds = dict(manifest.seconds)
     places = dict(manifest.places)
-    checked = False
     start = time.perf_counter()
     with closing(engine.compute(job, units)) as computed:  # an error while the engine ends is raised, not just printed
         for done in computed if units else ():  # the engine starts with the first unit, which may take seconds
             folder.write_rows(done.unit, done.rows)
-            if done.unit.corruption == CLEAN and not checked:
-                check_first_pair(job, done.unit.key)
-                checked = True
+            if done.misread is not None:
+                _warn(done.unit.key, done.misread)
             left[done.unit.key] -= 1
             if not left[done.unit.key] and plan.options.pictures is None:  # examples need the clean flow
                 folder.finish_sample(done.unit.key)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ..core.display import ProgressBar
 from ..core.text import counted, plain
-from .engines.base import FinishedUnit
+from .worker import FinishedUnit
 
 DRAWN = ("worst example", "median example", "severity slider", "page")
 """What is drawn after the numbers of a run are known, in this order."""

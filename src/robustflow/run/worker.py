@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from ..corruptions.stack import truth_under
 from ..data.datasets.base import Dataset
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
 from ..metrics.error_maps import epe_map, error_sum
+from ..metrics.photometric import Misread, misread
 from ..metrics.rows import CLEAN, COVERAGES, measure
 from ..models import ModelSpec
 from ..models.base import AnyModel, describe_cell, model_identity
@@ -33,12 +36,14 @@ from .stages import (
     frames_digest,
     memory_errors_named,
     no_seconds,
+    pop_timings,
     timed,
 )
 from .store import RunFolder
 from .trust import check_same, read_array, write_array
 
 T = TypeVar("T")
+_Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,8 @@ class Job:
     kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
     row."""
+    first: str | None = None
+    """The sample whose clean flow is tested for a wrong format."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
@@ -68,6 +75,19 @@ class Job:
     def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
         """Return the identity of the loaded model, including its name if it was loaded by name."""
         return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
+
+
+@dataclass(frozen=True)
+class FinishedUnit:
+    """A finished unit: its rows, and the seconds spent on each kind of work."""
+
+    unit: Unit
+    rows: list[dict[str, Any]]
+    seconds: dict[str, float]
+    misread: Misread | None = None
+    """The wrong format of the flow, if it is that of the run's first sample and seems to have one."""
+    place: str | None = None
+    """Node and device that computed the unit, if the engine has several."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +156,8 @@ class Computation:
         """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
         self._options = job.options.measuring
         self._folder = None if job.folder is None else RunFolder(job.folder)
-        self._kept = job.kept
+        self._kept, self._first = job.kept, job.first
+        self._misread: Misread | None = None
         self._batch_size = job.batch_size
         self._seconds = seconds
         self._samples: dict[str, OpenSample] = {}
@@ -166,6 +187,8 @@ class Computation:
         opened = yield from self.open(unit.key)
         if unit.corruption == CLEAN:
             assert opened.clean is not None
+            if unit.key == self._first:
+                self._misread = misread([(opened.sample.frames[0], opened.sample.frames[1], flow_of(opened.clean))])
             return [self.row(opened, opened.clean, self.digest(opened.sample.frames), unit.cells[0])]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
@@ -175,6 +198,11 @@ class Computation:
             rows += [self.row(opened, *one) for one in zip(answers, digests, cells, strict=True)]
             del answers  # free the memory, which the frames of the next cells can use
         return rows
+
+    def finished(self, unit: Unit, rows: list[dict[str, Any]]) -> FinishedUnit:
+        """Return a unit with the seconds since the previous one was finished."""
+        wrong, self._misread = self._misread, None
+        return FinishedUnit(unit, rows, pop_timings(self._seconds), wrong)
 
     def _request(self, opened: OpenSample, cell: Cell, digests: list[str]) -> PredictionRequest:
         """Return the request for a cell, and add the digest of its frames to a list."""
@@ -217,6 +245,11 @@ class Computation:
         return row
 
 
+UNITS_AHEAD = 3
+"""Number of further units that a model's next frames can come from. One cell of each is prepared in turn, so that one
+slow corruption does not keep the model waiting."""
+
+
 class Worker:
     """Compute units of one run, keeping the latest sample and its clean flow in memory."""
 
@@ -224,7 +257,8 @@ class Worker:
         model, options = job.load_model(), job.options
         self.seconds = no_seconds()
         self._computation = Computation(job, self.seconds)
-        self._model = PredictStage(model, options.measuring.confidence, self.seconds, on_predict)
+        self._predicting = no_seconds()
+        self._model = PredictStage(model, options.measuring.confidence, self._predicting, on_predict)
         self._attacks = None
         if options.attacks:
             from .attack_stage import AttackStage
@@ -239,6 +273,45 @@ class Worker:
             return self.run_attack([unit])[0]
         self._computation.release([unit.key])
         return self._completed(self._computation.rows(unit))
+
+    def finished(self, unit: Unit, rows: list[dict[str, Any]]) -> FinishedUnit:
+        return self._computation.finished(unit, rows)
+
+    def run_ahead(self, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
+        """Compute units that are no attacks. The model works in this thread, while a second one measures its flows and
+        prepares the next frames. Before an error is raised, all units before it are finished."""
+        waiting, thread, error = enumerate(units), ThreadPoolExecutor(1), None
+        running = deque[tuple[int, Unit, Steps[_Rows], Future[list[PredictionRequest] | FinishedUnit]]]()
+        try:
+            while True:
+                for number, unit in islice(waiting, 0 if error else 1 + UNITS_AHEAD - len(running)):
+                    thread.submit(self._computation.release, {unit.key, *(other.key for _, other, *_ in running)})
+                    steps = self._computation.rows(unit)
+                    running.append((number, unit, steps, thread.submit(self._advance_unit, unit, steps)))
+                if not running:
+                    break
+                number, unit, steps, advanced = running.popleft()
+                try:
+                    result = advanced.result()
+                    if not isinstance(result, FinishedUnit):
+                        advanced = thread.submit(self._advance_unit, unit, steps, *self._predicted(result))
+                        running.append((number, unit, steps, advanced))
+                except Exception as first_so_far:
+                    error = first_so_far
+                    running = deque(one for one in running if one[0] < number)
+                else:
+                    if isinstance(result, FinishedUnit):
+                        yield result
+            if error is not None:
+                raise error
+        finally:
+            thread.shutdown(cancel_futures=True)
+
+    def _advance_unit(
+        self, unit: Unit, steps: Steps[_Rows], answers: list[Answer] | None = None, predicting: float = 0.0
+    ) -> list[PredictionRequest] | FinishedUnit:
+        requests, rows = self._advance(steps, answers, predicting)
+        return requests if rows is None else self.finished(unit, rows)
 
     def run_attack(self, units: Sequence[Unit]) -> list[list[dict[str, Any]]]:
         """Return the rows of the units of one attack; cells of different samples can share a batch."""
@@ -273,13 +346,29 @@ class Worker:
 
     def _completed(self, steps: Steps[T]) -> T:
         """Take all steps of a computation, with the flows of this process's model."""
+        requests, result = self._advance(steps)
+        while requests:
+            requests, result = self._advance(steps, *self._predicted(requests))
+        return cast(T, result)
+
+    def _predicted(self, requests: Sequence[PredictionRequest]) -> tuple[list[Answer], float]:
+        """Return the answers to requests, and the seconds that they took."""
+        return self._model.predict(requests), pop_timings(self._predicting)["predict"]
+
+    def _advance(
+        self, steps: Steps[T], answers: list[Answer] | None = None, predicting: float = 0.0
+    ) -> tuple[list[PredictionRequest], T | None]:
+        """Continue a computation up to its next requests, or to its result."""
+        self.seconds["predict"] += predicting
         try:
-            requests = next(steps)
-            while True:
-                requests = steps.send(self._model.predict(requests) if requests else ())
+            requests = next(steps) if answers is None else steps.send(answers)
+            if answers:
+                answers.clear()  # free the memory
+            while not requests:
+                requests = next(steps)
         except StopIteration as end:
-            result: T = end.value
-            return result
+            return [], end.value
+        return requests, None
 
     def _attacked(self, targets: Sequence[tuple[OpenSample, Answer, Cell]]) -> list[dict[str, Any]]:
         assert self._attacks is not None

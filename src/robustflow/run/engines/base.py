@@ -11,19 +11,7 @@ from typing import Any
 from ...core.errors import UsageError
 from ...metrics.rows import CLEAN
 from ..plan import Unit
-from ..worker import Job
-
-
-@dataclass(frozen=True)
-class FinishedUnit:
-    """A finished unit: its rows, and the seconds spent on each kind of work."""
-
-    unit: Unit
-    rows: list[dict[str, Any]]
-    seconds: dict[str, float]
-    place: str | None = None
-    """Node and device that computed the unit, if the engine has several."""
-
+from ..worker import FinishedUnit, Job
 
 FinishedUnits = Generator[FinishedUnit, None, None]
 """Finished units in the order in which they are computed; closing it ends the engine."""

@@ -184,7 +184,7 @@ class Feeder:
         try:
             requests = running.steps.send(answers) if answers else next(running.steps)
         except StopIteration as end:
-            self._driver.send(("rows", (running.unit, end.value, pop_timings(self._seconds))))
+            self._driver.send(("rows", self._computation.finished(running.unit, end.value)))
             self._units.remove(running)
             self._computation.release({running.unit.key, *(one.unit.key for one in self._units)})
             return

@@ -22,21 +22,24 @@ from ...core.processes import Child, one_opencv_thread
 from ...models import ModelSpec
 from ...models.base import describe_cell
 from ..plan import Unit
-from ..stages import pop_timings
-from ..worker import Job, Worker
-from .base import Engine, FinishedUnit, FinishedUnits, Schedule, pickled
+from ..worker import UNITS_AHEAD, FinishedUnit, Job, Worker
+from .base import Engine, FinishedUnits, Schedule, pickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
 
 def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
-    """Compute the units in sequence; if the model can attack pairs in batches, units of the same attack are grouped."""
+    """Compute the units in this process, which reads ahead in a second thread if there are no attacks. If the model can
+    attack pairs in batches, units of the same attack are grouped."""
     worker = Worker(job)
     attacks = job.options.attacks if worker.batches_attacks else ()
     with one_opencv_thread():
+        if not job.options.attacks:
+            yield from worker.run_ahead(units)
+            return
         for group in _grouped(units, attacks, job.batch_size):
             rows = worker.run_attack(group) if len(group) > 1 else [worker.run(group[0])]
             for unit, of_unit in zip(group, rows, strict=True):
-                yield FinishedUnit(unit, of_unit, pop_timings(worker.seconds))
+                yield worker.finished(unit, of_unit)
 
 
 def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
@@ -61,10 +64,6 @@ def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iter
 
 SERIAL = Engine(lambda units: "serial", serial)
 
-_UNITS_AHEAD = 3
-"""Number of units that a feeder has at a time, in addition to the size of a batch; it takes one cell of each in turn,
-so that one slow corruption does not keep the device waiting."""
-
 
 def too_slow(timeout: float, what: str) -> ModelError:
     """Return the error for a model that takes longer than `timeout` seconds on `what`."""
@@ -80,7 +79,7 @@ def processes(
     schedule, finished = Schedule(units), list[FinishedUnit]()
     with ExitStack() as stack:
         predicting, pool = _started(stack, job, workers, timeout, devices)
-        ahead = _UNITS_AHEAD + job.batch_size if devices else 1
+        ahead = UNITS_AHEAD + job.batch_size if devices else 1
         while True:
             for done in finished:
                 schedule.finished(done.unit)
@@ -103,8 +102,7 @@ def compute_units(pipe: Connection) -> None:
     worker = Worker(pipe.recv(), lambda what: pipe.send(("doing", what)))
     while True:
         unit = pipe.recv()
-        rows = worker.run(unit)
-        pipe.send(("rows", (unit, rows, pop_timings(worker.seconds))))
+        pipe.send(("rows", worker.finished(unit, worker.run(unit))))
 
 
 def _started(
@@ -168,9 +166,9 @@ class _EngineProcess:
         if kind == "doing":
             self._doing, self._since = value, time.monotonic()
             return None
-        unit, rows, seconds = value
-        self.units.remove(unit)
-        return FinishedUnit(unit, rows, seconds)
+        done: FinishedUnit = value
+        self.units.remove(done.unit)
+        return done
 
     def check_timeout(self) -> None:
         if self._timeout is not None and self._doing is not None and time.monotonic() - self._since > self._timeout:

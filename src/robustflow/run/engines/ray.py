@@ -13,7 +13,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core.errors import RunError, UsageError
@@ -23,8 +23,8 @@ from ...models.base import describe_cell
 from ...models.loading import device_of, is_accelerator
 from ..data_files import files_of_sample
 from ..plan import Unit
-from ..worker import Job
-from .base import FinishedUnit, FinishedUnits, Schedule, pickled
+from ..worker import FinishedUnit, Job
+from .base import FinishedUnits, Schedule, pickled
 from .ray_actor import Files, Start, UnitActor, cannot_start, installed
 from .ray_cluster import connected, ray_module
 
@@ -157,10 +157,9 @@ class _Crew:
         if member.unit is None:
             member.place, self._failed_starts = value, 0
             return None
-        unit, member.unit = member.unit, None
-        self._schedule.finished(unit)
-        rows, seconds = value
-        return FinishedUnit(unit, rows, seconds, member.place)
+        member.unit = None
+        self._schedule.finished(value.unit)
+        return replace(value, place=member.place)
 
     def _remove(self, member: _Member, error: Exception) -> None:
         """Remove a lost actor; its unit is computed again."""

@@ -26,7 +26,7 @@ from ...core.version import VERSION
 
 if TYPE_CHECKING:
     from ..plan import Unit
-    from ..worker import Worker
+    from ..worker import FinishedUnit, Worker
 
 Answer = tuple[str, Any]
 """The result of a call: ("done", value), or ("error", (type, message, traceback, culprit))."""
@@ -98,7 +98,7 @@ class UnitActor:
         return answered(lambda: self._begin(job, start), self._named)
 
     def run(self, unit: Unit, files: Files) -> Answer:
-        """Return the rows of a unit and the time they took, in seconds; `files` are the files of its sample."""
+        """Return a unit with its rows; `files` are the files of its sample."""
         if self._timeout is None:
             return answered(lambda: self._run(unit, files), self._named)
         from .processes import too_slow
@@ -138,12 +138,10 @@ class UnitActor:
         self._worker = Worker(replace(job, folder=None, loaded=model), self._note)
         return f"{socket.gethostname()}, {_device()}"
 
-    def _run(self, unit: Unit, files: Files) -> tuple[list[dict[str, Any]], dict[str, float]]:
-        from ..stages import pop_timings
-
+    def _run(self, unit: Unit, files: Files) -> FinishedUnit:
         assert self._worker is not None
         self._check_files(files)
-        return self._worker.run(unit), pop_timings(self._worker.seconds)
+        return self._worker.finished(unit, self._worker.run(unit))
 
     def _note(self, what: str | None) -> None:
         self._predicting = None if what is None else (what, time.monotonic())
