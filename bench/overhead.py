@@ -1,16 +1,17 @@
 """Measure the overhead of a run beyond the model itself: wall time relative to the model's own time, and CPU time per
 cell.
 
-    python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--pairs 3] [--workers 2] [--latency 40 20] [--cells-only]
+    python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--pairs 3] [--workers 2] [--latency 40 20]
+        [--cells many few] [--no-serial] [--cells-only]
 
 One model sleeps, to imitate a GPU model that leaves the CPU idle, and one computes as long on one thread. The data are
 pairs of 375x1242 pixels (from KITTI, or generated textures without --data): `many` cells of a pair are the paper's 20
 image-pair corruptions at five severities; `few` are two of them at one severity, on ten times as many pairs, most of
-whose time is loading. The ratios are wall time over predictions x latency (ideally 1): *steady* after the first row is
-on disk, *with the start* from the beginning. The predictions of `many` take two minutes for 30 pairs at 40 ms each.
-The engine with one process (`serial`) is measured first; the other one has a process that only predicts. A second
-table lists the CPU time of all work except the model, by stage and corruption, in one thread; it is the minimum over
-three runs of every cell.
+whose time is loading. The ratios are wall time over predictions x latency, or over the wall time of the computing model
+(ideally 1): *steady* after the first row is on disk, *with the start* from the beginning. The predictions of `many`
+take two minutes for 30 pairs at 40 ms each. The engine with one process (`serial`) is measured first; the other one has
+a process that only predicts. A second table lists the CPU time of all work except the model, by stage and corruption,
+in one thread; it is the minimum over three runs of every cell.
 """
 
 from __future__ import annotations
@@ -80,17 +81,17 @@ class Sleeper:
 
 
 class Clock:
-    """Records when each unit was written to disk."""
+    """Records when each unit was written to disk, its number of cells, and the seconds in the model."""
 
     def __init__(self) -> None:
         self.begun = time.perf_counter()
-        self.done: list[tuple[float, int]] = []
+        self.done: list[tuple[float, int, float]] = []
 
     def start(self, folder: Path, total: int, found: int) -> None:
         self.begun = time.perf_counter()
 
     def advance(self, done) -> None:
-        self.done.append((time.perf_counter() - self.begun, len(done.rows)))
+        self.done.append((time.perf_counter() - self.begun, len(done.rows), done.seconds["predict"]))
 
 
 def cpu_seconds() -> float:
@@ -119,15 +120,15 @@ def run(benchmark: Benchmark, milliseconds: float, computes: bool, engine: str, 
         compute_missing(folder, setup, chosen, 1, clock)
         spent = cpu_seconds() - before
         folder.unlock()
-    cells = sum(rows for _, rows in clock.done)
-    first, in_first = clock.done[0]
-    wall = clock.done[-1][0]
-    steady = (wall - first) / ((cells - in_first) * milliseconds / 1e3)
+    ends, rows, predicting = (np.array(each) for each in zip(*clock.done, strict=True))
+    of_model = predicting if computes else rows * milliseconds / 1e3
+    first, wall = ends[[0, -1]]
+    steady = (wall - first) / of_model[1:].sum()
     name = chosen.describe(setup.plan.units())
     return (
         f"{milliseconds:4.0f} ms {'computed' if computes else 'asleep':8}  {name:34}  start {first:5.2f} s  "
-        f"steady {steady:5.3f}  with the start {wall / (cells * milliseconds / 1e3):5.3f}  wall {wall:6.2f} s  "
-        f"CPU {1e3 * spent / cells:5.1f} ms per cell"
+        f"steady {steady:5.3f}  with the start {wall / of_model.sum():5.3f}  wall {wall:6.2f} s  "
+        f"CPU {1e3 * spent / rows.sum():5.1f} ms per cell"
     )
 
 
@@ -176,18 +177,19 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=3)
     parser.add_argument("--workers", type=int)
     parser.add_argument("--latency", type=float, nargs="+", default=[40.0, 20.0])
+    parser.add_argument("--cells", nargs="+", choices=("many", "few"), default=["many", "few"])
     parser.add_argument("--no-serial", action="store_true")
     parser.add_argument("--cells-only", action="store_true")
     options = parser.parse_args()
     sys.path.insert(0, str(Path(__file__).resolve().parent))  # including children
     benchmark = kitti(options.data, options.pairs)
     if not options.cells_only:
-        print("wall over (predictions x latency)")
+        print("wall time over the time of the model")
         engines = [("serial", None)] * (not options.no_serial) + [("processes", options.workers)]
-        for few, milliseconds, computes in product((False, True), options.latency, (False, True)):
-            print(f"{'few' if few else 'many'} cells of a pair")
+        for cells_of_pair, milliseconds, computes in product(options.cells, options.latency, (False, True)):
+            print(f"{cells_of_pair} cells of a pair")
             for engine, workers in engines:
-                of_run = kitti(options.data, options.pairs, few)
+                of_run = kitti(options.data, options.pairs, cells_of_pair == "few")
                 print(run(of_run, milliseconds, computes, engine, workers), flush=True)
     with one_opencv_thread():
         cells(benchmark)

@@ -83,6 +83,19 @@ def test_an_object_of_the_caller_travels_to_an_actor_of_the_same_priority(tmp_pa
     assert result.rcre == 0.0
 
 
+def test_first_pair_is_compared_where_it_is_predicted(tmp_path):
+    calls = []
+
+    def negated(frame1, frame2):
+        calls.append(1)
+        return -rf.load_model("farneback").predict(frame1, frame2)
+
+    few = {"corruptions": ["contrast"], "severities": [1]}
+    with pytest.warns(UserWarning, match="'motorcycle'"):
+        rf.evaluate(negated, "demo", output=tmp_path / "run", engine="ray", workers=1, **few)
+    assert not calls, "the actor has a copy of the list"
+
+
 def test_object_that_cannot_be_pickled_is_refused(tmp_path):
     class Open(ZeroFlow):
         def __init__(self) -> None:
