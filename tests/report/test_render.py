@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import unicodedata
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -21,6 +22,7 @@ from robustflow.report.render import FORMATS, render
 from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal
 from robustflow.report.table import Column, Line, Section, Table, TableCell
+from robustflow.report.tables import tables_of
 from robustflow.stats.published.tables import published_results
 
 from ..refusals import refusal
@@ -126,7 +128,7 @@ def test_latex_of_hostile_names_has_no_live_command():
     text = render(TABLE, "latex")
     bare = re.sub(r"\\[{}$&#%_]|\\text[a-z]+\{\}|\\dots\{\}|[-,]\{\}|\\\\", "", text)
     ours = "begin end centering resizebox linewidth toprule midrule bottomrule cmidrule multicolumn textit textbf"
-    ours += " rotatebox cellcolor boldmath textsuperscript caption label usepackage"
+    ours += " rotatebox cellcolor boldmath textsuperscript caption label usepackage sbox usebox ifdim wd else fi"
     assert set(re.findall(r"\\([a-zA-Z]+)", bare)) <= set(ours.split())
     assert all(line.count("{") == line.count("}") for line in bare.splitlines() if "1.00" in line)
     assert text.count(r"\end{tabular}") == 1
@@ -136,15 +138,37 @@ def test_latex_of_hostile_names_has_no_live_command():
     assert ligatures.replace("{}", "") == "a--b---c----d,,e,,,f"
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
-def test_latex_of_every_table_compiles(tmp_path):
-    parts = [render(table, "latex") for table in (*PAPER, TABLE)]
-    head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
+@pytest.fixture(scope="module")
+def pasted(many_images) -> list[Table]:
+    """Every table of three runs, in the order of a command that is not the alphabet's, with one name twice."""
+    runs = [many_images("zebra", 1.2), many_images("apple_50%", 1.0), many_images("zebra", 1.5, seed=1)]
+    return [*tables_of(runs, published=False), *(replace(table, name=f"paper-{table.name}") for table in PAPER), TABLE]
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed (texlive-latex-recommended)")
+def test_latex_of_every_table_compiles_with_the_packages_it_names(pasted, tmp_path):
+    parts = [render(table, "latex") for table in pasted]
+    (packages,) = {part.splitlines()[0].removeprefix("% needs ") for part in parts}
+    head = rf"\documentclass{{article}}{packages}\begin{{document}}"
     (tmp_path / "t.tex").write_text("\n".join([head, *(f"{part}\\clearpage" for part in parts), r"\end{document}"]))
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    done = [subprocess.run(command, cwd=tmp_path, capture_output=True, check=False) for _ in range(2)][-1]
     assert done.returncode == 0, done.stdout[-2000:]
     assert b"Float too large" not in done.stdout
+    assert b"multiply defined" not in done.stdout
+
+
+def test_latex_has_a_label_a_table_each_note_once_and_the_order_of_the_command(pasted):
+    parts = [render(table, "latex") for table in pasted]
+    labels = [label for part in parts for label in re.findall(r"\\label\{(.*?)\}", part)]
+    assert len(labels) == len(set(labels)) >= len(parts)
+    (means,) = (table for table in pasted if table.name == "means")
+    (shared,) = {part for line in means.lines for part in line.note.split("; ") if "40 pairs" in part}
+    assert render(means, "latex").count(escape(shared)) == 1
+    assert rf"\textbf{{{escape(means.title)}.}} {escape(shared)}" in render(means, "latex")
+    (epe,) = (table for table in pasted if table.name == "epe")
+    names = [line.label for line in epe.lines]
+    assert [name.split()[0] for name in names] == ["zebra", "apple_50%", "zebra"]
 
 
 def test_latex_shades_as_the_paper_does_and_can_be_referred_to():

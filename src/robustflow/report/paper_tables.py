@@ -61,7 +61,7 @@ def cost(wanted: Wanted) -> list[Table]:
 
 def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
     """Build one of `PAPER_TABLES` from any results: a line per model, a column per corruption, a section per
-    setting."""
+    setting, both in the order of the results."""
     if name not in PAPER_TABLES:
         raise unknown_name("table", name, PAPER_TABLES)
     metric = PAPER_TABLES[name]
@@ -80,7 +80,7 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
     if gaps:
         columns.append(Column("Coverage"))
     sections = []
-    for setting in settings_in_order(line.setting for line in chosen):
+    for setting in dict.fromkeys(line.setting for line in chosen):
         here = {line: values for line, values in chosen.items() if line.setting == setting}
         sections.append(Section(SETTING_LABELS.get(setting, setting), _lines(here, metric, keys, seeds, gaps)))
     title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
@@ -135,12 +135,6 @@ def _measured_on(benchmarks: Iterable[str]) -> str:
     facts = {name: benchmark_facts(name) for name in benchmarks}
     order = sorted(facts, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
     return joined(list(map(benchmark_words, order)))
-
-
-def settings_in_order(settings: Iterable[str]) -> list[str]:
-    """Return the distinct settings, with the paper's settings first."""
-    known = set(settings)
-    return [name for name in SETTING_LABELS if name in known] + sorted(known - set(SETTING_LABELS))
 
 
 _COST_COLUMNS = (

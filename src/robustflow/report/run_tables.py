@@ -262,9 +262,8 @@ def effective(wanted: Wanted) -> list[Table]:
             "expected from accuracy.",
             left_out_remark(lines),
         ]
-        name = f"effective-{len(tables) + 1}" if tables else "effective"
         labels = ("clean EPE", "EPE", "expected EPE", "factor")
-        tables.append(Table.of(name, f"Effective robustness: {whose}", labels, sections, remarks))
+        tables.append(Table.of("effective", f"Effective robustness: {whose}", labels, sections, remarks))
     if not tables:
         raise reason
     return tables

@@ -9,6 +9,7 @@ from itertools import compress
 from statistics import mean, stdev
 
 from ..core.errors import UsageError
+from ..core.text import plain
 from ..run.comparable import differences
 from ..run.run import Run
 from ..stats.model_result import ModelResult, Value, run_results
@@ -118,6 +119,26 @@ class Table:
         """The notes on the lines, each with its number, from 1; lines with equal notes share a number."""
         notes = dict.fromkeys(line.note for line in self.lines if line.note)
         return {note: number for number, note in enumerate(notes, 1)}
+
+    def with_shared_notes(self) -> Table:
+        """Return the table with what every line's note says as its first remark, and no longer on the lines.
+
+        >>> lines = [Line.of("dis", ["1"], "6 pairs"), Line.of("tiny", ["2"], "6 pairs; not ranked: its weights")]
+        >>> table = Table.of("means", "Means", ("EPE",), {"Runs": lines}).with_shared_notes()
+        >>> table.remarks, [line.note for line in table.lines]
+        (('6 pairs.',), ['', 'not ranked: its weights'])
+        """
+        notes = [line.note.split("; ") for line in self.lines]
+        shared = [part for part in (notes[0] if notes else []) if part and all(part in note for note in notes)]
+        if not shared:
+            return self
+
+        def rest(line: Line) -> Line:
+            return replace(line, note="; ".join(part for part in line.note.split("; ") if part not in shared))
+
+        sections = tuple(replace(section, lines=(*map(rest, section.lines),)) for section in self.sections)
+        remark = plain(f"{'; '.join(shared)}.", LONGEST_NOTE)
+        return replace(self, sections=sections, remarks=(remark, *self.remarks))
 
     def without_empty_columns(self) -> Table:
         """Return the table without columns that contain only dashes.

@@ -3,7 +3,9 @@ which makes the tables of one name from what is wanted."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..core.errors import UsageError
@@ -33,16 +35,20 @@ def tables_of(runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | N
     """Make the tables with these names; by default, every table that can be made, except the one that repeats the
     means as a row."""
     given = Wanted(runs, published)
-    if wanted is not None:
-        makers = [TABLES.get(name) for name in wanted]
-        return [table.without_empty_columns() for make in makers for table in make(given)]
     tables: list[Table] = []
-    for name in TABLES:
+    for name in TABLES if wanted is None else wanted:
         try:
-            tables += TABLES.get(name)(given) if name != ROW else []
+            tables += TABLES.get(name)(given) if wanted is not None or name != ROW else []
         except UsageError:
-            continue  # it cannot be made from these runs
-    return [table.without_empty_columns() for table in tables]
+            if wanted is not None:
+                raise
+            # otherwise, it cannot be made from these runs
+    counts: Counter[str] = Counter()
+    for index, table in enumerate(tables):
+        counts[table.name] += 1  # labels and file names refer to tables by name
+        name = table.name if counts[table.name] == 1 else f"{table.name}-{counts[table.name]}"
+        tables[index] = replace(table.without_empty_columns(), name=name)
+    return tables
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:

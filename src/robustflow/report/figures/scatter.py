@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,6 @@ from ...stats.published.tables import not_discussed, of_paper
 from ...stats.ranking import LEAST_MODELS, spearman
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
 from ...stats.uncertainty.intervals import IntervalEnds
-from ..paper_tables import settings_in_order
 from .canvas import (
     LONGEST_NAME,
     WITH_INTERVALS,
@@ -107,7 +106,7 @@ def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PL
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in panels with the same axes."""
     together, without = not by_setting(results), not_discussed(results)
     groups: dict[str, list[_Point]] = {}
-    for setting in settings_in_order(line.setting for line in results):
+    for setting in _settings_in_order(line.setting for line in results):
         for line in results:
             clean, cre = line.number("epe", CLEAN), line.cre.get(AVERAGE)
             if line.setting != setting or not clean or cre is None or line.name in without:
@@ -257,3 +256,9 @@ def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
     if np.ptp(xs) == 0 or np.ptp(ys) == 0:
         return "no correlation: one variable is constant"
     return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"
+
+
+def _settings_in_order(settings: Iterable[str]) -> list[str]:
+    """Return the distinct settings, with the paper's settings first."""
+    known = set(settings)
+    return [name for name in SETTING_LABELS if name in known] + sorted(known - set(SETTING_LABELS))

@@ -1,8 +1,8 @@
 """LaTeX output with booktabs, in the layout of the paper's tables: rotated column headings below their family, a rule
 between settings, and the best value of a column in bold on grey. A row marked as best has a grey background.
 
-It requires \\usepackage[table]{xcolor} and \\usepackage{booktabs,graphicx}; `\\ref{tab:robustflow-NAME}` refers
-to a table. Characters that pdfLaTeX cannot typeset are written as code points.
+Its first line names the packages that it needs (`PACKAGES`); `\\ref{tab:robustflow-NAME}` refers to a table. Characters
+that pdfLaTeX cannot typeset are written as code points.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from itertools import groupby
 
 from ...core.text import plain
 from ..table import LONGEST_NOTE, Section, Table, TableCell
+
+PACKAGES = r"\usepackage[T1]{fontenc}\usepackage[table]{xcolor}\usepackage{textcomp,booktabs,graphicx}"
+"""What the preamble of a document with these tables must load."""
 
 _PROSE = r"p{0.5\linewidth}"
 _PROSE_LETTERS, _PAGE_LINES = 38, 60
@@ -46,6 +49,7 @@ _LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀ
 
 def render(table: Table) -> str:
     """Render the table as a `table*` environment, or as several if it exceeds a page; sections are never split."""
+    table = table.with_shared_notes()
     parts = _pages(table)
     if len(parts) == 1:
         return _float(table, table.name)
@@ -53,7 +57,7 @@ def render(table: Table) -> str:
     for number, sections in enumerate(parts, start=1):
         remarks = table.remarks if number == len(parts) else ()
         title = f"{table.title} ({number} of {len(parts)})"
-        name = table.name if number == 1 else f"{table.name}-{number}"
+        name = table.name if number == 1 else f"{table.name}-part-{number}"
         floats.append(_float(replace(table, title=title, sections=tuple(sections), remarks=remarks), name))
     return "\n".join(floats)
 
@@ -92,10 +96,10 @@ def _float(table: Table, name: str) -> str:
     notes = table.notes
     kinds = "".join(_PROSE if column.prose else "r" for column in table.columns)
     lines = [
-        r"% needs \usepackage[T1]{fontenc} \usepackage[table]{xcolor} \usepackage{textcomp,booktabs,graphicx}",
+        f"% needs {PACKAGES}",
         r"\begin{table*}[t]",
         r"\centering",
-        r"\resizebox{\linewidth}{!}{%",
+        r"\sbox0{%",
         rf"\begin{{tabular}}{{l{kinds}}}",
         r"\toprule",
         *_headings(table),
@@ -111,7 +115,9 @@ def _float(table: Table, name: str) -> str:
             shade = r"\rowcolor{gray!20}" if line.best else ""
             cells = (_cell(cell, shaded=cell.best and not line.best) for cell in line.cells)
             lines.append(shade + " & ".join([escape(plain(line.label)) + mark, *cells]) + r" \\")
-    lines += [r"\bottomrule", r"\end{tabular}}"]
+    # a table that is wider than the page shrinks, but a small one does not grow
+    fitted = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
+    lines += [r"\bottomrule", r"\end{tabular}}", fitted]
     below = [escape(plain(remark, None)) for remark in table.remarks]
     below += [rf"\textsuperscript{{{number}}} {escape(plain(note, LONGEST_NOTE))}." for note, number in notes.items()]
     label = re.sub("[^a-z0-9-]+", "-", name.lower())
