@@ -14,7 +14,7 @@ import pytest
 import robustflow as rf
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.models import load_model
-from robustflow.report.leaderboard import PLACE, TIED, boards_of, by_error, cells_of
+from robustflow.report.leaderboard import GROUP, boards_of, by_error, cells_of
 from robustflow.report.paper_tables import build_table, cost_table
 from robustflow.report.render import render
 from robustflow.report.site.content import whole_content
@@ -111,38 +111,39 @@ def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
 
 @pytest.fixture
 def untested(monkeypatch):
-    """Leave out the paired test, which needs rows."""
-    monkeypatch.setattr("robustflow.report.leaderboard._tied", lambda order: set())
+    """Leave out the paired tests, which need rows: every model is in its own group."""
+    letters = {"A": "a", "B": "b", "C": "c", "DIS": "d"}
+    monkeypatch.setattr("robustflow.report.leaderboard._letters", lambda best: letters)
 
 
 @pytest.mark.parametrize(
-    ("models", "places", "best"),
+    ("models", "grouped", "best"),
     [
-        ([("A", "OOD", 2.0), ("B", "OOD", 2.01)], {"A": "1", "B": "2"}, {"A"}),
+        ([("A", "OOD", 2.0), ("B", "OOD", 2.01)], {"A", "B"}, {"A"}),
         (
             [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0), ("Blind", "OOD", 1.0)],
-            {"DIS": "2", "A": "1", "B": "2", "C": "4", "Blind": None},
+            {"DIS", "A", "B", "C"},
             set(),
         ),
-        ([("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)], {"DIS": None, "Blind": None}, set()),
-        ([("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)], {"Blind": None, "A": "1", "B": "2"}, {"A"}),
+        ([("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)], set(), set()),
+        ([("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)], {"A", "B"}, {"A"}),
     ],
 )
-def test_ranks_are_over_all_settings_and_marks_within_one(untested, models, places, best):
+def test_groups_are_over_all_settings_and_marks_within_one(untested, models, grouped, best):
     """Excluded models have neither; a single model and knowledge-driven ones have no mark."""
     cells = _cells_of(_measured(*models))
-    assert {line.name: of[PLACE].text if PLACE in of else None for line, of in cells.items()} == places
+    assert {line.name for line, of in cells.items() if GROUP in of} == grouped
     assert {line.name for line, of in cells.items() if of[EPE].best} == best
 
 
-def test_ranks_that_a_paired_test_cannot_tell_apart_from_the_first_are_marked(many_images):
+def test_models_that_a_paired_test_cannot_tell_apart_share_a_group_letter(many_images):
     """A and Bb differ by less than the images allow to tell; Ccc has three times the error of A."""
     runs = [many_images("A"), many_images("Bb", 1.22, seed=1), many_images("Ccc", 3.0)]
     content = whole_content(runs, published=False)
-    marks = {line.name: (cells[PLACE].text, cells[PLACE].interval) for line, cells in content.cells.items()}
-    assert marks == {"Bb": ("1", ""), "A": ("2", TIED), "Ccc": ("3", "")}
+    assert {line.name: cells[GROUP].text for line, cells in content.cells.items()} == {"A": "a", "Bb": "a", "Ccc": "b"}
+    assert "Rank" not in [column.label for board in content.boards for column in board.columns]
     equal = whole_content([many_images("A"), many_images("Bb")], published=False)
-    assert {cells[PLACE].text for cells in equal.cells.values()} == {"1"}
+    assert {cells[GROUP].text for cells in equal.cells.values()} == {"a"}
 
 
 def test_runs_have_intervals(many_images):
@@ -267,7 +268,7 @@ def test_board_without_ground_truth_shows_what_tells_a_blind_model_from_a_robust
         assert shown["flow_length", "clean"] == f"{(clean['pred_magnitude_sum'] / clean['n_all']).mean():.2f}"
         for name in ("photometric", "photometric_still"):
             assert shown[name, "clean"] == f"{(clean[f'{name}_sum'] / clean['n_photometric']).mean():.2f}"
-        assert PLACE not in content.cells[line]
+        assert GROUP not in content.cells[line]
     for table in tables_of(runs_without_truth, published=False):
         assert not any("paper" in line.note for line in table.lines)
         assert not any(column.label == "clean EPE (px)" for column in table.columns)

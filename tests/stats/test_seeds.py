@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations, permutations
+
 import numpy as np
 import polars as pl
 import pytest
@@ -14,7 +16,7 @@ from robustflow.report.render import FORMATS, render
 from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
 from robustflow.stats.seeds import seed_groups
-from robustflow.stats.uncertainty import compare_all, standings, variance_split
+from robustflow.stats.uncertainty import compare_all, group_letters, standings, variance_split
 from tests.made_rows import made_run
 from tests.refusals import refusal
 
@@ -191,3 +193,15 @@ def test_command_that_is_suggested_after_several_runs_works(seeds, capsys, monke
         monkeypatch.setattr("robustflow.run.records.pack.load_any_run", lambda path: by_path[str(path)])
         compared = CliRunner().invoke(app, ["compare", *by_path])
         assert compared.exit_code == 0, compared.output
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_models_share_a_group_letter_if_and_only_if_no_test_tells_them_apart(seed):
+    rng, names = np.random.default_rng(seed), "ABCDEFGH"
+    apart = {pair: bool(rng.integers(2)) for pair in combinations(names, 2)}
+    rows = [{"first": a, "second": b, "p_holm": 0.01 if apart[a, b] else None, "level": 0.95} for a, b in apart]
+    letters = group_letters(pl.DataFrame(rows, schema_overrides={"p_holm": pl.Float64}), names)
+    assert letters["A"].startswith("a")
+    assert all(bool(set(letters[a]) & set(letters[b])) != far for (a, b), far in apart.items())
+    together = ["".join(name for name in names if letter in letters[name]) for letter in set("".join(letters.values()))]
+    assert not any(set(one) <= set(other) for one, other in permutations(together, 2)), "no letter is redundant"

@@ -11,7 +11,7 @@ from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
 from ..stats.exclusion import CAVEAT, PHANTOM
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
-from ..stats.ranking import Compared, best_of_columns, competition_ranks
+from ..stats.ranking import Compared, best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,
@@ -21,13 +21,13 @@ from ..stats.results import (
     long_label,
     short_label,
 )
-from ..stats.uncertainty import compare_all
+from ..stats.uncertainty import compare_all, group_letters
 from ..stats.uncertainty.intervals import paper_rows
 from ..stats.uncertainty.paired import MOST_COMPARED
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
-PLACE: ValueKey = ("place", "")
+GROUP: ValueKey = ("group", "")
 EPE: ValueKey = ("epe", AVERAGE)
 
 START: tuple[ValueKey, ...] = (EPE, ("rcre", AVERAGE), ("epe", CLEAN))
@@ -37,13 +37,11 @@ knowledge-driven methods first because their clean error is already high."""
 OVERVIEW, COMPACT, CLASSES = "overview", "compact", "classes"
 """Names of the views besides the families; the compact one fits next to the names on a phone screen."""
 BOARD_METRICS = ("epe", "cre", "rcre")
-TIED = "≈ 1"
-"""Mark of a rank whose model cannot be told apart from that of rank 1."""
 
 _OVERVIEW_COLUMNS = tuple(
     Column(label, key=key, help=help, unit=unit, views=views)
     for key, label, help, unit, *views in (
-        (PLACE, "Rank", "Rank by EPE under corruption among the models measured on the same frames", "", OVERVIEW),
+        (GROUP, "Group", "Models that share a letter cannot be told apart by their EPE under corruption", "", OVERVIEW),
         (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px", OVERVIEW),
         (EPE, "EPE", "End-point error, mean over all corruptions", "px", OVERVIEW, COMPACT),
         (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),
@@ -96,7 +94,7 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
 def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
     """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
     print are not marked."""
-    places = _places(results)
+    groups = _groups(results)
     values = {line: _values(line) for line in results}
     compared = []
     for line in results:
@@ -111,7 +109,7 @@ def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
         cells[line] = {
             key: TableCell(value.text, key in best, interval_text(value.ends), derived=_is_derived(line, key))
             for key, value in values[line].items()
-        } | ({PLACE: places[line]} if line in places else {})
+        } | ({GROUP: groups[line]} if line in groups else {})
     return cells
 
 
@@ -127,33 +125,27 @@ def _is_derived(line: ModelResult, key: ValueKey) -> bool:
     return key == CRER and line.source == "published" and line.values[CRER].derived
 
 
-def _places(results: Sequence[ModelResult]) -> dict[ModelResult, TableCell]:
-    """Rank each run by its EPE under corruption among the ranked runs on the same frames, in all settings. Equal
-    printed values share a rank. `TIED` marks runs that a paired test cannot tell apart from the first."""
-    groups: dict[tuple[str, str], dict[ModelResult, float]] = {}
+def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, TableCell]:
+    """Return the group letters of the ranked runs with the lowest EPE under corruption, among those on the same frames
+    in all settings: two of them share a letter unless a paired test, corrected for all pairs, tells them apart."""
+    same_frames: dict[tuple[str, str], list[ModelResult]] = {}
     for line in results:
         if line.run is not None and not line.excluded and EPE in line.values:
-            groups.setdefault((line.benchmark, line.frames), {})[line] = float(line.values[EPE].text)
-    places = {}
-    for group in groups.values():
-        if len(group) > 1:
-            tied = _tied(sorted(group, key=by_error))
-            for line, rank in competition_ranks(group).items():
-                places[line] = TableCell(str(rank), interval=TIED if line in tied else "")
-    return places
+            same_frames.setdefault((line.benchmark, line.frames), []).append(line)
+    cells = {}
+    for lines in same_frames.values():
+        best = sorted(lines, key=by_error)[:MOST_COMPARED]
+        letters = _letters(best) if len(best) > 1 else {}
+        cells.update({line: TableCell(letters[line.name]) for line in best if line.name in letters})
+    return cells
 
 
-def _tied(order: Sequence[ModelResult]) -> set[ModelResult]:
-    """Return the runs whose EPE does not differ significantly from that of the first, corrected for all pairs of the
-    best ones, from which the first was selected."""
-    best = order[:MOST_COMPARED]
+def _letters(best: Sequence[ModelResult]) -> dict[str, str]:
     rows = {line.name: paper_rows(line.run) if line.beside_published else line.run.rows for line in best if line.run}
     try:
-        pairs = compare_all(rows, "epe").filter(first=best[0].name)
+        return group_letters(compare_all(rows, "epe"), list(rows))
     except RunError:
-        return set()  # records may group the same samples differently; the board still shows their values
-    sure = {row["second"] for row in pairs.iter_rows(named=True) if row["p_holm"] is not None and row["p_holm"] < 0.05}
-    return {line for line in best[1:] if line.name not in sure}
+        return {}  # records may group the same samples differently; the board still shows their values
 
 
 def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:
@@ -195,8 +187,11 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
             "Bold: lowest value among models in the same setting on the same frames; of runs, only the EPE, because a "
             "flow that is too short has a low CRE, CREr and RCRE."
         )
-    if any(cell.interval == TIED for cell in every):
-        yield f"{TIED}: not significantly different from rank 1 (paired test, corrected for the {MOST_COMPARED} best)."
+    if any(GROUP in of_line for of_line in cells.values()):
+        yield (
+            "Group: models that share a letter cannot be told apart (paired tests of the EPE, corrected for all pairs of "
+            f"the {MOST_COMPARED} lowest). An order within a group can be chance."
+        )
     if any(cell.derived for cell in every):
         yield "Italic: CREr that the paper does not print, from other values of the row."
     if any(line.intervals for line in runs):

@@ -6,7 +6,15 @@
 from __future__ import annotations
 
 from .intervals import intervals
-from .paired import compare_all, compare_rows, difference_sentence, standings
+from .paired import compare_all, compare_rows, difference_sentence, group_letters, standings
 from .variance import variance_split
 
-__all__ = ["compare_all", "compare_rows", "difference_sentence", "intervals", "standings", "variance_split"]
+__all__ = [
+    "compare_all",
+    "compare_rows",
+    "difference_sentence",
+    "group_letters",
+    "intervals",
+    "standings",
+    "variance_split",
+]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
+from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -244,10 +245,34 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
     for row in pairs.iter_rows(named=True):
         values[row["first"]], values[row["second"]] = row["value_first"], row["value_second"]
-        if row["p_holm"] is not None and row["p_holm"] < 1 - row["level"]:
+        if _is_sure(row):
             better, worse = (row["first"], row["second"])[:: 1 if row["difference"] < 0 else -1]
             beats[better] += 1
             beaten[worse] += 1
     ranks = competition_ranks({name: values[name] for name in names})
     records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
+
+
+def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
+    """Return the letters of each model, of which two models share one unless a test tells them apart (the compact
+    letter display of Piepho 2004). "a" is the group of the first name.
+
+    >>> rows = [{"first": "A", "second": "C", "p_holm": 0.01, "level": 0.95}]
+    >>> group_letters(pl.DataFrame(rows), ["A", "B", "C"])
+    {'A': 'a', 'B': 'ab', 'C': 'b'}
+    """
+    groups = [frozenset(names)]
+    for row in filter(_is_sure, pairs.iter_rows(named=True)):
+        two = {row["first"], row["second"]}
+        groups = [part for group in groups for part in ([group - {one} for one in two] if two <= group else [group])]
+        groups = [group for group in dict.fromkeys(groups) if not any(group < other for other in groups)]
+    groups.sort(key=lambda group: [name not in group for name in names])
+    return {
+        name: "".join(letter for letter, group in zip(ascii_lowercase, groups, strict=False) if name in group)
+        for name in names
+    }
+
+
+def _is_sure(row: Mapping[str, Any]) -> bool:
+    return row["p_holm"] is not None and row["p_holm"] < 1 - row["level"]
