@@ -14,15 +14,21 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from PIL import Image
 
 from robustflow.api import evaluate
 from robustflow.core.errors import DataError, UsageError
+from robustflow.data.datasets import load_dataset
+from robustflow.media.images import read_image
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.notebook import json_block
 from robustflow.report.site import page, render_site, run_content, whole_content
+from robustflow.report.site.examples import examples_of
 from robustflow.report.site.figures import page_figures
+from robustflow.report.site.headline import headline_of
 from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
+from robustflow.run.panel import picture_of_panel
 from robustflow.run.run import Run
 from robustflow.run.trust import DERIVED
 from robustflow.stats.published.tables import published_results
@@ -231,6 +237,36 @@ def test_json_cannot_end_its_element():
     assert json.loads(block) == ["</script><script>alert(1)</script>", "\u2028", "<!--"]
 
 
+def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_and_error(tmp_path, real_pictures):
+    with real_pictures():
+        small_run = evaluate("dis", output=tmp_path, corruptions=["contrast", "fog"], severities=[1, 5], examples=True)
+    content = run_content(small_run)
+    headline = headline_of(content.boards[0], examples_of(content.lines).panels, content.pages)
+    values = {(c, s): small_run.mean("epe", c, s) for c in ("contrast", "fog") for s in (1, 5)}
+    worst = max(values, key=values.get)
+    assert f"{small_run.epe_clean:.2f} px on the clean frames to {small_run.epe:.2f} px" in headline.sentence
+    assert headline.sentence.endswith(f"most under {worst[0]} at severity {worst[1]}: {values[worst]:.2f} px.")
+    assert len({address for _, address in headline.strip}) == 3
+    panel = read_image(small_run.path / "examples" / "worst.jpg")
+    clean, corrupted, flow = (picture_of_panel(panel, place, 4) for place in (0, 2, 5))
+    pair = load_dataset("motorcycle", None).load("motorcycle")
+    size = clean.shape[1], clean.shape[0]
+    frame = np.asarray(Image.fromarray(pair.frames[0]).resize(size, Image.Resampling.BOX), float)
+    assert np.abs(clean - frame).mean() < 10 < np.abs(corrupted - frame).mean()
+    assert clean.shape == corrupted.shape == flow.shape
+    assert picture_of_panel(panel[:40], 0, 4) is None
+
+
+def test_headline_of_several_runs_names_the_lowest_and_those_that_may_be_as_low(many_images):
+    runs = [many_images("A"), many_images("Bb", 1.22, seed=1), many_images("Ccc", 3.0)]
+    (board,) = whole_content(runs, published=False).boards
+    sentence = headline_of(board, {}, {}).sentence
+    first, second = sorted(("A", "Bb"), key=lambda name: next(run.epe for run in runs if run.name == name))
+    assert sentence.startswith(f"Of 3 ranked results on KITTI-FC, {first} (")
+    assert sentence.endswith(f"; {second} cannot be told apart from it.")
+    assert "Ccc" not in sentence
+
+
 def test_a_report_shows_its_run(small_run):
     text = render_site(run_content(small_run))
     (model,) = (model for model in data_of(text)["models"].values() if model["panels"])
@@ -240,7 +276,7 @@ def test_a_report_shows_its_run(small_run):
         for key in (("epe", name), ("cre", name), ("rcre", name), ("rcre", name, 1), ("rcre", name, 5)):
             assert f"{small_run.mean(*key):.2f}" in cells
     assert small_run.manifest.identity_digest in cells
-    assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2
+    assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2 + 3
     assert len(re.sub(r"data:image/jpeg;base64,[^\"]*", "", text)) < 5e6
     assert {panel["corruption"] for panel in model["panels"]} <= {line["name"] for line in lines}
     assert text.count('data-scale="figure') == 2, "severity curves with a shared scale and with a scale for each panel"

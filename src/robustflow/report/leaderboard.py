@@ -189,8 +189,8 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
         )
     if any(GROUP in of_line for of_line in cells.values()):
         yield (
-            "Group: models that share a letter cannot be told apart (paired tests of the EPE, corrected for all pairs of "
-            f"the {MOST_COMPARED} lowest). An order within a group can be chance."
+            "Group: models that share a letter cannot be told apart (paired tests of the EPE, corrected for all pairs "
+            f"of the {MOST_COMPARED} lowest). An order within a group can be chance."
         )
     if any(cell.derived for cell in every):
         yield "Italic: CREr that the paper does not print, from other values of the row."

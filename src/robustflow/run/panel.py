@@ -68,6 +68,19 @@ def draw_panel(panel: View, title: str, numbers: str, form: Literal["png", "jpeg
         return _file(figure, form)
 
 
+def picture_of_panel(panel: Frame, place: int, rows: int) -> Frame | None:
+    """Cut one picture, counted in the order of drawing, out of the image of a panel with so many rows of pictures. None
+    if the image does not have the size of such a panel."""
+    height, width = panel.shape[:2]
+    inch = width / _WIDTH_IN
+    each = ((height / inch) - _HEAD_IN - _BAR_IN) / rows - _TITLE_IN
+    row, column = divmod(place, 2)
+    top, left = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN, (0.005 + 0.5 * column) * _WIDTH_IN
+    ends = (top, top + each, left, left + _WIDTH_IN / 2 * 0.985)
+    first, last, start, stop = (round(inch * end) for end in ends)
+    return panel[first:last, start:stop] if first < last and start < stop else None
+
+
 def _still_pictures(panel: View) -> list[tuple[str, Frame | None]]:
     """Return the images for a static scene, in which all flow is phantom motion."""
     radius = flow_radius(panel.flow)

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ...core.arguments import SEVERITIES
@@ -30,10 +31,12 @@ from ...core.files import (
 )
 from ...core.text import plain
 from ...core.types import Frame, Untrusted
+from ...data.benchmarks.facts import is_still
 from ...data.benchmarks.paper import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image, shrunk
 from ...run.example_cells import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
+from ...run.panel import picture_of_panel
 from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label
@@ -49,6 +52,7 @@ _LARGEST = 1 << 24
 """Maximum size of a picture and of the cached slider in bytes."""
 _LARGEST_LIST = 1 << 20
 _PANEL_WIDTH = 1200
+_STRIP_WIDTH = 560
 _QUALITY = 62
 
 MOST_RUNS = 12
@@ -159,6 +163,26 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     clean = [_picture(folder / shown.slider.clean)]
     slider = make_slider(f"Sample {plain(shown.slider.key)}", clean, cells, widest=SLIDER_WIDTH, quality=_QUALITY)
     return slider, [_panel(folder, panel) for panel in shown.panels]
+
+
+def worst_strip(run: Run) -> list[tuple[str, str]]:
+    """Return the corrupted frame, the flow and its error in the picture of a run's worst sample, as (caption, address);
+    empty if the picture does not have the size of a panel."""
+    still = is_still(run.benchmark)
+    path = run.path / FOLDER / "worst.jpg"
+    panel = _picture(path) if path.is_file() else np.zeros((1, 1, 3), np.uint8)
+    cut = [picture_of_panel(panel, place, 3 if still else 4) for place in range(6 if still else 8)]
+    parts = [one for one in cut if one is not None and one.size]
+    if len(parts) < len(cut):
+        return []
+    change = [float(np.abs(parts[place].astype(int) - parts[place + 2]).mean()) for place in (0, 1)]
+    places = (0, 3, 5) if still else (2 + (change[1] > change[0]), 5, 7)  # over_exposure changes one of the two frames
+    error = "Error" if run.epe_clean is not None else "Change of the flow"
+    captions = ("Corrupted frame", f"Flow of {plain(run.name)}", error)
+    return [
+        (caption, jpeg_address(parts[place], _STRIP_WIDTH, _QUALITY))
+        for caption, place in zip(captions, places, strict=True)
+    ]
 
 
 def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:

@@ -52,7 +52,7 @@ def _tables(lines: Sequence[ModelResult], content: Content) -> Iterator[Table]:
         if (table := _scores(line, content.cells[line])).columns:
             yield table
     if (run := lines[0].run) is not None:
-        for metric in (*_METRICS, "photometric", "spread"):
+        for metric in ("epe", "cre", "rcre", "photometric", "spread"):
             if _has_table(lines[0], run, metric):
                 yield _severities(lines[0], run, metric)
         yield from _parts(run)

@@ -27,6 +27,7 @@ from .content import Content, run_content
 from .data import page_data
 from .examples import Examples, examples_of
 from .figures import PageFigure, attack_figure, page_figures
+from .headline import headline_of
 
 _PACKAGE = "robustflow.report.site"
 _SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "downloads.js")
@@ -49,6 +50,7 @@ def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
             sections=[
                 {
                     "board": board,
+                    "headline": headline_of(board, examples.panels if examples else {}, content.pages),
                     "figures": [group for group in figures if group.benchmark == board.name],
                     "audits": _audits(content, board.name),
                 }

@@ -101,13 +101,15 @@ for (const board of boards) {
   });
 }
 
-// The text or number of a cell without what only screen readers or narrow screens show; null if it is missing.
+// The text or number of a cell without what only screen readers or narrow screens show; null if it is missing. Group
+// letters are texts in a column of numbers.
 function cellKey(line, index, text) {
   const cell = line.cells[index];
   const shown = (cell.querySelector("a") ?? cell.firstChild ?? cell).textContent;
   if (text) return shown.toLowerCase();
   const number = parseFloat(shown);
-  return Number.isNaN(number) ? null : number;
+  if (!Number.isNaN(number)) return number;
+  return shown === "–" ? null : shown;
 }
 
 // Sort within a group only: lines of different groups were measured on different frames. Missing values come last,
@@ -127,7 +129,7 @@ function sortLines(board) {
       if (s !== t && !text) return s - t;
       const [x, y] = [keys.get(a), keys.get(b)];
       if (x === null || y === null) return (x === null) - (y === null);
-      return sign * (text ? x.localeCompare(y) : x - y);
+      return sign * (typeof x === "string" ? x.localeCompare(y) : x - y);
     });
     body.append(...lines);
   }

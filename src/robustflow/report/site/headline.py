@@ -1,0 +1,108 @@
+"""The headline of a board: one sentence from its numbers, and one picture of the worst that happened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ...core.text import counted, first_of, joined, plain
+from ...data.benchmarks.facts import sample_noun
+from ...run.run import Run
+from ...stats.attacks import attack_scores
+from ...stats.model_result import ModelResult
+from ...stats.results import AVERAGE, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
+from ..leaderboard import GROUP, by_error, cells_of
+from ..table import Table, interval_text
+from .examples import PanelPicture, worst_strip
+
+_MOST_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Headline:
+    """What the first screen of a board says and shows; the strip is (caption, address) of each part of a picture."""
+
+    sentence: str
+    strip: Sequence[tuple[str, str]] = ()
+    panel: PanelPicture | None = None
+    page: str = ""
+
+
+def headline_of(
+    board: Table, panels: Mapping[ModelResult, Sequence[PanelPicture]], pages: Mapping[ModelResult, str]
+) -> Headline:
+    """Return the headline of a board: about its run, its runs, or the values that have no run."""
+    lines = sorted((line.result for line in board.lines if line.result), key=by_error)
+    runs = [line for line in lines if line.run]
+    sentence = _about_run(runs[0].name, runs[0].run) if len(runs) == 1 and runs[0].run else _about_lines(board, lines)
+    pictured = next((line for line in runs if line.run and panels.get(line)), None)
+    if pictured is None or pictured.run is None:
+        return Headline(sentence)
+    panel = panels[pictured][0]
+    return Headline(sentence, worst_strip(pictured.run), panel, pages[pictured])
+
+
+def _about_run(name: str, run: Run) -> str:
+    """State how much the error of a run grows, and where it is largest."""
+    metric = "epe" if run.epe is not None else "rcre"
+    label, where = METRIC_LABELS[metric], _measured(run)
+    if (whole := run.mean(metric)) is None:
+        return _about_attacks(name, run)
+    cells = [
+        (value, of, level)
+        for of, levels in run.measured.corruptions.items()
+        for level in levels
+        if (value := run.mean(metric, of, level)) is not None
+    ]
+    value, corruption, severity = max(cells)
+    over = counted(len(run.measured.averaged_over), "corruption")
+    change = _change(label, run.epe_clean, whole) if metric == "epe" else f"the flow moves by {whole:.2f} px ({label})"
+    most = f"{inside(long_label(corruption))} at severity {severity}: {value:.2f} px"
+    return f"{plain(name)}: {change} under {over} ({where}), most under {most}."
+
+
+def _change(label: str, clean: float | None, whole: float) -> str:
+    if clean is None:
+        return f"the {label} is {whole:.2f} px"
+    verb = "rises" if whole > clean else "falls"
+    return f"the {label} {verb} from {clean:.2f} px on the clean frames to {whole:.2f} px"
+
+
+def _about_attacks(name: str, run: Run) -> str:
+    metric = "epe" if run.epe_clean is not None else "rcre"
+    scores = [one for one in attack_scores(run) if one[metric] is not None]
+    if not scores:
+        return f"{plain(name)}: nothing could be measured."
+    worst = max(scores, key=lambda one: one[metric])
+    label, value = METRIC_LABELS[metric], worst[metric]
+    under = f"under the attack {worst['attack']} at severity {worst['severity']}"
+    return f"{plain(name)}: {_change(label, run.epe_clean, value)} {under} ({_measured(run)})."
+
+
+def _measured(run: Run) -> str:
+    return f"{counted(run.measured.samples, sample_noun(run.benchmark))} of {benchmark_words(run.benchmark)}"
+
+
+def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
+    """State which result is the lowest, and which ones may be as low."""
+    ranked = [line for line in lines if not line.excluded and (line.run or not any(one.run for one in lines))]
+    metric = next((m for m in ("epe", "rcre") if any((m, AVERAGE) in line.values for line in ranked)), None)
+    if metric is None:
+        return ""
+    known = [line for line in ranked if (metric, AVERAGE) in line.values]
+    known = [line for line in known if line.frames == known[0].frames]
+    first, value = known[0], known[0].values[metric, AVERAGE]
+    whose = f"{plain(first.name)} ({setting_words(first.setting)})"
+    lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {value.text} px"
+    lowest += f" {interval_text(value.ends)}".rstrip()
+    of = f"Of {counted(len(known), 'ranked result')} on {benchmark_words(board.name)}, "
+    groups = {line.result: cells_of(board, line)[GROUP].text for line in board.lines if GROUP in cells_of(board, line)}
+    if first not in groups:
+        return f"{of}{lowest}; these differences are not tested."
+    tied = [plain(line.name) for line in known[1:] if set(groups.get(line, "")) & set(groups[first])]
+    rest = (
+        f"{first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)} cannot be told apart from it"
+        if tied
+        else "it is significantly lower"
+    )
+    return f"{of}{lowest}; {rest}."
