@@ -39,13 +39,17 @@ def test_a_command_that_is_not_named_has_no_options():
     assert typer.main.get_command(command_line(["--help"])).commands["run"].params == []
 
 
-def test_run_help_shows_the_common_options_first_and_the_others_under_four_headings():
+def test_run_help_shows_eight_common_options_first_and_the_others_as_advanced():
     output = CliRunner().invoke(app, ["run", "--help"]).output
     panels = [line.split("─")[1].strip() for line in output.splitlines() if line.startswith("╭")]
-    assert panels == ["Arguments", "Options", "What to measure", "On what", "How", "Output"]
-    common = output[output.index("╭─ Options") : output.index("╭─ What")]
+    assert panels[:2] == ["Arguments", "Options"]
+    assert all(panel.startswith("Advanced: ") for panel in panels[2:])
+    common = output[output.index("╭─ Options") : output.index("╭─ Advanced")]
     options = [line.split()[1] for line in common.splitlines() if line.startswith("│ --")]
-    assert options == ["--model", "--benchmark", "--data", "--checkpoint", "--device", "--output", "--help"]
+    expected = (
+        "--model --benchmark --data --corruptions,--corruption --severities,--severity --checkpoint --device --output"
+    )
+    assert options == [*expected.split(), "--help"]
 
 
 @pytest.mark.parametrize("name", ["predict", "export"])

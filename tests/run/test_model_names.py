@@ -53,7 +53,7 @@ def test_model_has_one_label_everywhere(tmp_path, robustflow):
     listed = dict(line.split()[:2] for line in robustflow.prints("list", "models").splitlines()[1:6])
     assert [listed[name] for name in ("dis", "farneback")] == ["DIS", "Farneback"]
     options = ["-c", "contrast", "-s", "1", "--no-examples", "-o", tmp_path / "run"]
-    assert "DIS-RGB (knowledge), 1 pair" in robustflow.prints("run", "-m", "dis_rgb", *options)
+    assert "DIS-RGB (knowledge) on 1 pair of the demo" in robustflow.prints("run", "-m", "dis_rgb", *options)
     assert rf.load_run(tmp_path / "run").name == listed["dis_rgb"] == "DIS-RGB"
     assert run_content(rf.load_run(tmp_path / "run")).title == "DIS-RGB on the demo"
 

@@ -127,7 +127,9 @@ def _of_commands() -> Iterator[inspect.Parameter]:
 
 
 _SHARED = {parameter.name: parameter for parameter in (*_of_run(), *_of_commands())}
-RUN: tuple[str, ...] = ("model_list", "benchmark", "data", "checkpoint", "device", "output", "option", "trained_on")
+COMMON = ("model_list", "benchmark", "data", "corruptions", "severities", "checkpoint", "device", "output")
+"""The options of a run that most users need; `run --help` shows the others below "Advanced"."""
+RUN: tuple[str, ...] = (*COMMON, "option", "trained_on")
 RUN += tuple(one.name for one in _of_run() if one.name not in RUN)
 RUN += ("psf_dir", "depth", "focal", "precision")
 """All options of a run, the common ones first."""

@@ -23,16 +23,17 @@ from ..report.attack_tables import SHORT, attack_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..report.run_tables import confidence_table, corruptions_table, runs_table, severities_table
-from ..report.table import Table, number_text
+from ..report.table import Table, interval_text, number_text
 from ..run.cells import UNEVEN
 from ..run.plan import left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
 from ..stats.model_result import run_results
-from ..stats.results import METRIC_LABELS
+from ..stats.results import METRIC_LABELS, benchmark_words
 from ..stats.run_results import estimate_of
 from ..stats.seeds import seed_groups, seeds_of
+from ..stats.uncertainty.intervals import interval_ends
 
 MOST_LINES = 40
 """Maximum number of lines printed without options about one run, or about several."""
@@ -58,13 +59,13 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     print the path of the report page; with `with_seed`, print the seed even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
-    heading = _heading(result, with_seed)
+    pairs = f"{counted(result.measured.samples, sample_noun(result.benchmark))} of {benchmark_words(result.benchmark)}"
+    heading = f"{_heading(result, with_seed)} on {pairs}"
     if metric != "all":
         tables = [severities_table(result, metric, f"{heading}, {metric}")]
     else:
-        pairs = counted(result.measured.samples, sample_noun(result.benchmark))
         attacked, confidence = attack_table(result, SHORT), confidence_table(result)
-        tables = [corruptions_table(result, f"{heading}, {pairs}")]
+        tables = [corruptions_table(result, heading)]
         tables = [] if attacked and not result.measured.corruptions else tables
         tables += [replace(attacked, remarks=())] if attacked else []
         tables += [replace(confidence, sections=confidence.sections[:1], remarks=())] if confidence else []
@@ -119,6 +120,7 @@ def _facts(run: Run, report: bool) -> Iterator[str]:
         "warning": "; ".join(warnings),
         "note": PHANTOM if is_still(run.benchmark) else CAVEAT if without_truth(run) else "",
         "report": f"{run.path}/report.html" if report else "",
+        "next": _next(run) if report else "",
     }
     yield from (f"{name}: {plain(str(text), None)}" for name, text in known.items() if text)
 
@@ -127,8 +129,19 @@ def _overall(run: Run) -> str:
     if run.rcre is None and run.epe_clean is None:
         return "nothing could be measured"
     if run.epe_clean is None:
-        return f"RCRE {number_text(run.rcre)} px; clean flow {number_text(run.mean('flow_length', CLEAN))} px long"
-    return f"clean EPE {number_text(run.epe_clean)} px, {_means(run, AVERAGE)}"
+        length = number_text(run.mean("flow_length", CLEAN))
+        return f"RCRE {number_text(run.rcre)} px{_interval(run, 'rcre', AVERAGE)}; clean flow {length} px long"
+    clean = f"clean EPE {number_text(run.epe_clean)} px{_interval(run, 'epe', CLEAN)}"
+    return f"{clean}, {_means(run, AVERAGE)}{' (95 % intervals)' * bool(_interval(run, 'epe', AVERAGE))}"
+
+
+def _next(run: Run) -> str:
+    """Return the command that is useful after this run, if it is known."""
+    if not run.measured.complete:
+        return ""
+    if enough_to_compare(run):
+        return f"robustflow compare {shlex.quote(str(run.path))} OTHER_RUN, or robustflow leaderboard RUNS"
+    return "robustflow run MODEL --benchmark kitti-fc --data FOLDER (too few pairs here to compare models)"
 
 
 def _truth(run: Run) -> str:
@@ -136,8 +149,15 @@ def _truth(run: Run) -> str:
 
 
 def _means(run: Run, condition: str) -> str:
-    each = (f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}" for m in ("epe", "cre", "crer", "rcre"))
+    each = (
+        f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}{_interval(run, m, condition)}"
+        for m in ("epe", "cre", "crer", "rcre")
+    )
     return ", ".join(each)
+
+
+def _interval(run: Run, metric: str, condition: str) -> str:
+    return f" {interval_text(interval_ends(run, corruptions=False).get((metric, condition)))}".rstrip()
 
 
 def _heading(result: Run, with_seed: bool) -> str:

@@ -18,7 +18,7 @@ from pydantic.fields import FieldInfo
 from ..core.errors import UsageError
 from ..core.types import Frozen, Untrusted
 
-WHAT, DATA, HOW, OUTPUT = "What to measure", "On what", "How", "Output"
+WHAT, DATA, HOW, OUTPUT = (f"Advanced: {what}" for what in ("what to measure", "on what", "how", "output"))
 """Headings of options in `run --help`; the most common options have no heading and come first."""
 
 
@@ -111,6 +111,7 @@ class Selection(Frozen):
         None,
         "Comma-separated names, families (weather), stacks (fog+snow), or your own module:Attribute; all by default.",
         *("--corruptions", "--corruption", "-c"),
+        heading=None,
         parse="names",
         complete="corruptions",
     )
@@ -118,6 +119,7 @@ class Selection(Frozen):
         None,
         "Severities, 1 (mild) to 5 (severe), e.g. 3 or 1,3 or 1-5.",
         *("--severities", "--severity", "-s"),
+        heading=None,
         parse="numbers",
     )
     attacks: SkipValidation[Any] = option(
