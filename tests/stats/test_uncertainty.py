@@ -105,6 +105,15 @@ def test_covariance_from_sums_equals_that_from_influences(data, clusters, settin
     np.testing.assert_allclose(fast.standard_error, slow.standard_error, rtol=1e-6, atol=1e-12)
 
 
+def test_a_resample_without_an_image_under_a_condition_averages_over_the_others():
+    totals, counts = np.array([[2.0, 8], [3, 0], [5, 0]]), np.array([[1.0, 1], [1, 0], [1, 0]])
+    statistic = Statistic([Term(Mean(totals, counts, np.array([0.5, 0.5])), None)])
+    weights = np.array([[0.0, 1, 2], [1, 1, 1]])
+    found = statistic(weights)
+    np.testing.assert_allclose(found.theta, [(3 + 2 * 5) / 3, ((2 + 3 + 5) / 3 + 8) / 2])
+    np.testing.assert_allclose(found.standard_error, statistic.estimates(weights).standard_error)
+
+
 @pytest.mark.parametrize("clusters", [24, 6], ids=["independent images", "equal clusters"])
 def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
     rows = _rows(24, groups=clusters)
