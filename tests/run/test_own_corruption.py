@@ -95,10 +95,10 @@ class Flicker:
         self.where = where
 
     def draw(self, rng, severity, shape):
-        return int(np.random.randint(100)) if self.where == "draw" else 0  # noqa: NPY002
+        return np.random.randint(100, size=3) if self.where == "draw" else 0  # noqa: NPY002
 
     def apply(self, frame, state, index):
-        change = state + int(np.random.randint(100) if self.where == "apply" else 0)  # noqa: NPY002
+        change = state + (np.random.randint(100, size=3) if self.where == "apply" else 0)  # noqa: NPY002
         return (frame // 2 + change).astype(np.uint8)
 
 

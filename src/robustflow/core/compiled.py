@@ -39,8 +39,9 @@ _inner: list[Function] = []
 _importing = Lock()
 
 
-def _numba() -> Any:
-    """Return numba, imported without the settings of the working folder, after registering all functions of `inner`."""
+def load_numba() -> Any:
+    """Return numba, imported without the settings of the working folder, after registering all functions of `inner`.
+    Call this before starting threads: while numba is imported, no other thread can import yaml."""
     with _importing:
         numba = _import_numba()
         while _inner:
@@ -72,7 +73,7 @@ def inner(function: Function) -> Function:
 
 
 if os.path.lexists(".numba_config.yaml"):
-    _numba()  # before any other package imports it, and with it these settings
+    load_numba()  # before any other package imports it, and with it these settings
 
 
 class _Compiled:
@@ -123,8 +124,8 @@ def intrinsic(function: Function) -> Any:
     """Apply `numba.extending.intrinsic`."""
 
     def made() -> Any:
-        one = _numba().extending.intrinsic(function)
-        typing = _numba().core.registry.cpu_target.typing_context
+        one = load_numba().extending.intrinsic(function)
+        typing = load_numba().core.registry.cpu_target.typing_context
         typing.refresh()
         one._numba_type_ = typing.resolve_value_type(one)
         return one
@@ -134,13 +135,13 @@ def intrinsic(function: Function) -> Any:
 
 def code_tools() -> tuple[Any, Any, Any]:
     """Return llvmlite's module `ir` and numba's modules `cgutils` and `types`, for functions that generate code."""
-    cgutils = _numba().core.cgutils
-    return cgutils.ir, cgutils, _numba().types
+    cgutils = load_numba().core.cgutils
+    return cgutils.ir, cgutils, load_numba().types
 
 
 def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
     """Return numba's function, whose cache consists of sealed files."""
-    compiled = _numba().njit(no_cfunc_wrapper=True, **{"nogil": True, **options})(function)
+    compiled = load_numba().njit(no_cfunc_wrapper=True, **{"nogil": True, **options})(function)
     if options.get("cache"):
         _check_folder(Path(compiled.stats.cache_path))
         files = compiled._cache
@@ -154,7 +155,7 @@ def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
 def _cache_files() -> Any:
     """Return the class that reads and writes the files of a function's cache."""
 
-    class CacheFiles(_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]
+    class CacheFiles(load_numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]
         """Files of compiled code, each sealed with a digest and named after its signature and target processor."""
 
         def save(self, key: Any, data: Any) -> None:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from ..core.compiled import load_numba
 from ..core.errors import ModelError
 from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame, Mask, Sample
@@ -280,6 +281,7 @@ class Worker:
     def run_ahead(self, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
         """Compute units that are no attacks. The model works in this thread, while a second one measures its flows and
         prepares the next frames. Before an error is raised, all units before it are finished."""
+        load_numba()
         waiting, thread, error = enumerate(units), ThreadPoolExecutor(1), None
         running = deque[tuple[int, Unit, Steps[_Rows], Future[list[PredictionRequest] | FinishedUnit]]]()
         try:
