@@ -280,9 +280,10 @@ def test_weights_outside_its_folder_or_under_an_impossible_name_are_refused(tmp_
 
 
 _PREDICT = """
-import resource, sys
+import resource, signal, sys
 import numpy as np
 import robustflow as rf
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
 model = rf.load_model(sys.argv[1])
 print("loaded", flush=True)
 frame = np.zeros((16, 24, 3), np.uint8)
