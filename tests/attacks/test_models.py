@@ -82,7 +82,7 @@ class Failing(torch.autograd.Function):
 
 
 _LEARNED = torch.nn.Parameter(torch.zeros(1))
-RAISED = "sample '', an attacked pair, in its method differentiable"
+RAISED = "sample '', an attacked pair"
 NO_GRADIENT = [
     (lambda images1, images2: images1[:, :2].detach(), "differentiable"),
     (lambda images1, images2: images1[:, :2].detach() + _LEARNED, "differentiable"),
