@@ -267,6 +267,22 @@ def test_headline_of_several_runs_names_the_lowest_and_those_that_may_be_as_low(
     assert "Ccc" not in sentence
 
 
+def test_headline_claims_a_difference_only_from_runs_that_were_tested(many_images):
+    runs = [many_images("A"), *(many_images(f"B{index}", 3.0, seed=index) for index in range(9))]
+    for count, others in ((2, "the others"), (10, "the next 7, the only ones tested")):
+        (board,) = whole_content(runs[:count], published=False).boards
+        assert headline_of(board, {}, {}).sentence.endswith(f"this is significantly lower than {others}.")
+
+
+def test_headline_of_one_ranked_result_compares_nothing():
+    lines = parse_results("setting,model,metric,corruption,value\nOOD,A,epe,average,2.50\n", "few.csv", "file")
+    (board,) = whole_content([], [("few.csv", lines)], published=False).boards
+    sentence = headline_of(board, {}, {}).sentence
+    assert "A (OOD)" in sentence
+    assert "2.50 px" in sentence
+    assert "lowest" not in sentence
+
+
 def test_a_report_shows_its_run(small_run):
     text = render_site(run_content(small_run))
     (model,) = (model for model in data_of(text)["models"].values() if model["panels"])

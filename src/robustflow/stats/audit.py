@@ -233,9 +233,7 @@ def _shifted(cre: pl.DataFrame) -> Part:
         for _, run in table.group_by(*LINE, "run", maintain_order=True):
             if run.height >= _PATTERN:
                 names, row = ", ".join(run["condition"]), run.row(0, named=True)
-                text = (
-                    f"EPE - clean EPE for {names} equals the CRE one column to the {side}, not that of its own column"
-                )
+                text = f"EPE - clean EPE for {names} equals the CRE one column to the {side}, not in the same column"
                 findings.append(_finding("shifted", row | {"measure": "epe", "origin": row["epe_origin"]}, text))
     return "shifted", 2 * own.height - own.select(LINE).n_unique(), findings
 

@@ -93,16 +93,19 @@ def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
     known = [line for line in known if line.frames == known[0].frames]
     first, value = known[0], known[0].values[metric, AVERAGE]
     whose = f"{plain(first.name)} ({setting_words(first.setting)})"
-    lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {value.text} px"
-    lowest += f" {interval_text(value.ends)}".rstrip()
+    number = f"{value.text} px {interval_text(value.ends)}".rstrip()
+    if len(known) == 1:
+        only = f"{whose} is the only ranked result on {benchmark_words(board.name)}"
+        return f"{only}: its {METRIC_LABELS[metric]} under corruption is {number}."
+    lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {number}"
     of = f"Of {counted(len(known), 'ranked result')} on {benchmark_words(board.name)}, "
     groups = {line.result: cells_of(board, line)[GROUP].text for line in board.lines if GROUP in cells_of(board, line)}
     if first not in groups:
         return f"{of}{lowest}; these differences are not tested."
-    tied = [plain(line.name) for line in known[1:] if set(groups.get(line, "")) & set(groups[first])]
-    rest = (
-        f"{first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)} cannot be told apart from it"
-        if tied
-        else "it is significantly lower"
-    )
-    return f"{of}{lowest}; {rest}."
+    tested = [line for line in known[1:] if line in groups]
+    tied = [plain(line.name) for line in tested if set(groups[line]) & set(groups[first])]
+    if tied:
+        names = first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)
+        return f"{of}{lowest}; {names} cannot be told apart from it."
+    others = "the others" if len(tested) == len(known) - 1 else f"the next {len(tested)}, the only ones tested"
+    return f"{of}{lowest}; this is significantly lower than {others}."
