@@ -2,8 +2,6 @@
 shared real data.
 """
 
-from __future__ import annotations
-
 import gc
 import io
 import os

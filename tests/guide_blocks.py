@@ -8,8 +8,6 @@ preceding line says otherwise:
     <!-- torch -->             the block needs the extra torch; may be combined with another mark, separated by a comma
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys

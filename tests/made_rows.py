@@ -1,7 +1,5 @@
 """Hand-written rows, with dependent columns filled in, and runs made of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from typing import Any

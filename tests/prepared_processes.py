@@ -4,8 +4,6 @@ A run starts its workers with the method "spawn", and each imports the package, 
 processes made here are separate in the same way: they load the model and the data themselves and can be killed.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from multiprocessing import forkserver

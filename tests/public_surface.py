@@ -3,8 +3,6 @@
 `python -m tests.rewrite` updates the list, tests/public_surface.txt, after a name is added.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterable, Iterator
 from importlib.util import find_spec

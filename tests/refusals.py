@@ -1,7 +1,5 @@
 """Expect an error whose message is one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -4,8 +4,6 @@ These are the hashes that `robustflow corrupt --check` compares, the golden runs
 searches are not among them: `robustflow optics` finds lenses (`design`) and calibrated severities (`calibrate`).
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Print the lines of each room beside the guide of the architecture: `python -m tests.room_lines`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "robustflow"

@@ -4,8 +4,6 @@ Reads a report that pytest wrote with `--junitxml`. If a library cannot be impor
 pytest reports success. Only the shared data may be absent.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Locate the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` next to the checkout."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The demo pair at a third of its width and height, for tests whose claim does not depend on its size."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -2,8 +2,6 @@
 the report of a failing section.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

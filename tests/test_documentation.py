@@ -2,8 +2,6 @@
 notebooks run.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

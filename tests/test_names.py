@@ -1,7 +1,5 @@
 """Each name has one meaning: no two classes of the package share a name."""
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 from pathlib import Path

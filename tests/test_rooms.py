@@ -1,7 +1,5 @@
 """A folder whose tests all skip, or are not collected, is reported."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

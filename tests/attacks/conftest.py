@@ -1,7 +1,5 @@
 """A run shared by the attack tests."""
 
-from __future__ import annotations
-
 import pytest
 
 from .small_runs import run

@@ -1,7 +1,5 @@
 """A problem whose model and gradient are written in NumPy, so that attacks can be tested without PyTorch."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robustflow.attacks import load_attack

@@ -1,7 +1,5 @@
 """Runs on two small pairs under attacks and corruptions, and a model without gradients."""
 
-from __future__ import annotations
-
 import numpy as np
 import polars as pl
 

@@ -1,7 +1,5 @@
 """The smooth network of the parity packs, models with a known gradient, and attacks with few steps on a small pair."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import nn

@@ -1,7 +1,5 @@
 """Balls agree with slow, independent formulas in double precision; without PyTorch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Attacks on several pairs that share model calls."""
 
-from __future__ import annotations
-
 import threading
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Attacks stay within their budgets, and the same seed gives the same frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Composite attacks, and the names of attacks with options."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -78,8 +76,7 @@ def test_the_name_of_an_attack_in_a_run_has_its_options_and_gives_it_again(given
 
 
 @pytest.mark.parametrize(
-    "parts",
-    [["pgd:steps=5", "apgd"], "pgd:steps=5+apgd", "transfer:tiny+transfer:dis", [load_attack("pgd"), "apgd"]],
+    "parts", [["pgd:steps=5", "apgd"], "pgd:steps=5+apgd", "transfer:tiny+transfer:dis", [load_attack("pgd"), "apgd"]]
 )
 def test_a_worst_of_whose_label_would_give_other_attacks_is_refused(parts):
     with pytest.raises(UsageError) as caught:

@@ -1,8 +1,6 @@
 """Losses of attacks agree with formulas written out for one pixel at a time, and their slopes with differences of these
 formulas; without PyTorch."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What attacks require of a model, of its gradient and of their arguments, and what they warn about."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings

@@ -1,7 +1,5 @@
 """Attacks reach known optima, return the best evaluated pair, and outperform noise of the same norm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

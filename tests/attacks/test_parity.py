@@ -1,8 +1,6 @@
 """Compare attacks with the outputs of FlowBench's and PCFA's code, to the tolerances in the READMEs of the parity
 packs."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

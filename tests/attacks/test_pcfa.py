@@ -1,7 +1,5 @@
 """PCFA minimises the objective of its paper, and keeps the pair that the paper's code keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Attacks as conditions of a run: rows, resuming and engines."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import partial

@@ -1,7 +1,5 @@
 """PGD, APGD and Square evaluate the same pairs as the published algorithms, written out in NumPy; without PyTorch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

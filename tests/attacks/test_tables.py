@@ -1,7 +1,5 @@
 """Tables, curves, correlations and pages of runs with attacks."""
 
-from __future__ import annotations
-
 import numpy as np
 import polars as pl
 import pytest
@@ -148,8 +146,7 @@ def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models,
 def test_a_lower_bound_is_correlated_and_a_score_that_says_little_is_not(models, monkeypatch, warning, correlated):
     doubtful = [{**one, "warnings": {warning: 1}} for one in attack_scores(models[0])]
     monkeypatch.setattr(
-        "robustflow.stats.attacks.attack_scores",
-        lambda one: doubtful if one is models[0] else attack_scores(one),
+        "robustflow.stats.attacks.attack_scores", lambda one: doubtful if one is models[0] else attack_scores(one)
     )
     noise = next(one for one in predictions(models) if one.attack == "random_sign")
     assert (noise.rho is not None) == correlated

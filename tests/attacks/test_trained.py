@@ -1,7 +1,5 @@
 """Perturbations and patches that are trained, or read from files, which are untrusted."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`corrupt`: images, channel order, clips around a pair, stacks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Compare blurs with direct sums, SciPy's filters and loops over pixels, in float64."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

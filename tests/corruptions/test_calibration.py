@@ -1,7 +1,5 @@
 """Calibrated severities, and SSIM compared with a naive float64 loop."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

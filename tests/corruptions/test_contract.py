@@ -1,7 +1,5 @@
 """Requirements for every registered pair corruption, the paper's numbers, and the bytes on any machine."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Compare 3D fog and 3D defocus with Koschmieder's law and a thin lens in float64, at any depth and size."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Compare digital and illumination corruptions with Pillow, exact fractions, HSV round trips and `map_coordinates`."""
 
-from __future__ import annotations
-
 import io
 from fractions import Fraction
 

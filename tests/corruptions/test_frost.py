@@ -1,7 +1,5 @@
 """Frost: where textures come from, how they are blended, and generated textures without a network."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

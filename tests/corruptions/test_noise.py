@@ -1,7 +1,5 @@
 """Noise: exact distributions and tables, the generator lane used for each sample, and independence between frames."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The random transform of arrays and tensors: formats, keys, pickling, processes and workers."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Compare fog, snow and spatter with the steps of the reference code in float64, using the same noise."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -41,8 +41,7 @@ class _OnAGpu:
 
 
 @pytest.mark.parametrize(
-    "answer",
-    [_OnAGpu(), None, [[1.0], [1.0, 2.0]], np.zeros((2, 4, 5), np.float32), np.zeros((4, 5, 2), np.int16)],
+    "answer", [_OnAGpu(), None, [[1.0], [1.0, 2.0]], np.zeros((2, 4, 5), np.float32), np.zeros((4, 5, 2), np.int16)]
 )
 def test_answer_that_is_not_a_flow_is_refused(answer):
     refusal(lambda: predicted(lambda *_: answer), ModelError, "sample 'a', fog severity 3")

@@ -1,7 +1,5 @@
 """A model's training sets determine its setting, without any guessing."""
 
-from __future__ import annotations
-
 import csv
 import re
 

@@ -1,7 +1,5 @@
 """A folder in FlyingChairs' layout with pairs of moving textures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """A dataset of textured training pairs, and a request for training on it."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

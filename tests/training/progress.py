@@ -1,7 +1,5 @@
 """Start training runs in processes, stop them after a number of updates, and read the files that they write."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,8 +1,6 @@
 """Augmentation: parameters are distributed as in the original code, and the augmented flow still matches the augmented
 images; colour jitter returns the same bytes as torchvision, which the original code uses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

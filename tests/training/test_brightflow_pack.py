@@ -1,10 +1,10 @@
-"""BrightFlow's loss, corrector and learning rates match those of the original code, and the comparison detects
-deliberate mistakes in the loss."""
-
-from __future__ import annotations
+"""BrightFlow's loss, corrector and learning rates match those of the original code. The outputs of the networks are
+replaced with flows and colour offsets from the pack `training_brightflow`."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,35 +12,141 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
+import torch.nn.functional as F  # noqa: E402
 from torch import Tensor  # noqa: E402
 
+from robustflow.models.networks.table import NETWORKS  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses import terms  # noqa: E402
-from robustflow.training.losses import unsupervised as losses  # noqa: E402
 from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.optimization import SCHEDULES  # noqa: E402
-from robustflow.training.recipe import load_recipe  # noqa: E402
+from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
+from robustflow.training.unsupervised.methods import TrainingStep  # noqa: E402
 
 from ..parity.weight_rule import digest, weights  # noqa: E402
-from .brightflow_steps import CASES, GRADIENT, INPUTS, KEYS, LOSS, PACK, Given, read, recipe_of, step  # noqa: E402
+from .pack_steps import TrainingPack, cases_of  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
+PACK = "parity/training_brightflow"
+CASES = cases_of("brightflow")
+RECIPES = {"kitti": "unsupervised"}
+"""The stage of each case that neither states its stage nor is named after it."""
+LOSS, GRADIENT = 1e-5, 1e-2
+"""Relative tolerances; a gradient's is relative to the gradient's largest value."""
+INPUTS = {"flow": "flow", "stud": "student", "correc_aug": "offsets_augmented"}
+KEYS = {name: key for key, name in INPUTS.items()}
+TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "self", "corrector": "correc"}
+
+
+@dataclass
+class Given:
+    """The pack and the inputs whose gradients are compared."""
+
+    cases: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+    batch: Batch
+    inputs: dict[str, Tensor] = field(default_factory=dict)
+
+    def enlarged(self, name: str) -> Tensor:
+        """A grid at the crop's size, indexed by (pair, direction, ...)."""
+        grid = self.inputs.setdefault(name, torch.from_numpy(self.arrays[name]).requires_grad_(True))
+        fine = F.interpolate(grid.flatten(0, -4), tuple(self.cases["crop"]), mode="bilinear", align_corners=True)
+        return fine.unflatten(0, grid.shape[:-3])
+
+
+@cache
+def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
+    pack = TrainingPack.read(folder)
+    cases, count = pack.header, len(pack.items)
+    corners = torch.tensor(cases["corners_xy"], dtype=torch.float32)
+    height, width = cases["whole"]
+    kinds = []
+    for augmented in (False, True):
+        buffers = torch.zeros(2, count, 3, *cases["buffer"])  # frame, pair
+        for frame in (0, 1):
+            values = pack.frames(frame + 1).double()
+            buffers[frame, ..., :height, :width] = (0.8 * values + 20).floor() if augmented else values
+        kinds.append(WholeFrames(buffers[0], buffers[1], corners, torch.tensor([[width, height]] * count).float()))
+    plain, whole = kinds
+    first, second = whole.crops(*cases["crop"])
+    nothing = torch.zeros(count, *cases["crop"])
+    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # distinct from other frames
+    truth = nothing[:, None].expand(-1, 2, -1, -1)
+    batch = Batch(first, second, truth, nothing, pack.items, None, None, whole, plain)
+    return cases, pack.arrays, Batch(**{**vars(batch), "changed": students})
+
+
+class Answers:
+    """A network and a corrector that return the pack's arrays for the given frames."""
+
+    def __init__(self, given: Given) -> None:
+        self.given = given
+        self.convention = NETWORKS["brightflow"].convention
+        self.net = self
+        self.asked: list[tuple[str, int, Tensor]] = []
+        batch = given.batch
+        assert batch.plain is not None
+        self._crops = {
+            "augmented": (batch.image1, batch.image2),
+            "plain": batch.plain.crops(*given.cases["crop"]),
+            "student": batch.changed,
+        }
+
+    def _which(self, image: Tensor) -> tuple[str, int]:
+        """The kind of an image and the index of its frame."""
+        for kind, crops in self._crops.items():
+            for frame in (0, 1):
+                if torch.allclose((image + 1) * 127.5, crops[frame], atol=1e-3):
+                    return kind, frame
+        raise AssertionError("frames that do not belong to the batch")
+
+    def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        kind, frame = self._which(image1)
+        assert (frame, self._which(image2)) == (0, (kind, 1))
+        if kind == "plain":
+            assert not torch.is_grad_enabled()
+            teacher = self.given.enlarged("teacher")
+            return [teacher[:, 0]], [teacher[:, 1]]
+        flows = self.given.enlarged("flow" if kind == "augmented" else "student")  # last iteration first
+        there, back = (list(flows[:, way].flip(1).unbind(1)) for way in (0, 1))
+        return there, back
+
+    def corrector(self, images: Tensor) -> Tensor:
+        kind, frame = self._which(images[:, :3])
+        self.asked.append((kind, frame, images))
+        return self.given.enlarged("offsets" if kind == "plain" else "offsets_augmented")[:, frame]
+
+
+@dataclass
+class Outcome:
+    """The results of one training step."""
+
+    terms: dict[str, float]
+    gradients: dict[str, Tensor]
+    asked: list[tuple[str, int, Tensor]]
+
+
+def recipe_of(case: str) -> Recipe:
+    return load_recipe("brightflow", CASES[case].get("stage", RECIPES.get(case, case)))
+
+
+def step(given: Given, case: str, number: int, gradients: bool = False) -> Outcome:
+    torch.set_num_threads(1)
+    given.inputs.clear()
+    recipe = recipe_of(case)
+    answers: Any = Answers(given)
+    module = objective.Brightflow(answers, recipe, recipe.objective)
+    with torch.set_grad_enabled(gradients):
+        loss, numbers = module(given.batch, TrainingStep(0, number, (0, 1), number / recipe.steps))
+    if gradients:
+        loss.backward()
+    terms = {name: numbers[key].item() if key in numbers else 0.0 for key, name in TERMS.items()}
+    reached = {name: value.grad for name, value in given.inputs.items() if value.grad is not None}
+    return Outcome({**terms, "loss_total": loss.item()}, reached, answers.asked)
+
 
 EACH_CASE = pytest.mark.parametrize("case", CASES)
-PHASES = {
-    "start": lambda stated: True,
-    "corrector learns": lambda stated: stated["correc"] > 0,
-    "offsets used": lambda stated: "kept" in stated,
-    "student learns": lambda stated: stated["self_weight"] > 0,
-}
-"""Which steps belong to a phase of the training."""
-
-
-def first_step(case: str, phase: str) -> int:
-    """The first step of a phase."""
-    return next(int(number) for number, stated in CASES[case]["steps"].items() if PHASES[phase](stated))
 
 
 @pytest.fixture
@@ -106,7 +212,7 @@ def test_masks_kept_offsets_and_corrector_input_equal_the_originals(given, case,
     expected, visible, kept = given.cases["cases"][case], [], []
     _spy(monkeypatch, "visibility", visible)
     _spy(monkeypatch, "kept_offsets", kept)
-    number = first_step(case, "offsets used")
+    number = next(int(number) for number, stated in CASES[case]["steps"].items() if "kept" in stated)
     found, count = step(given, case, number), len(expected["mean_visible"])
     ways = [torch.stack(visible[:count], 1), torch.stack(visible[count:], 1)]  # pair, iteration
     means = torch.stack(ways, 1).mean((0, 1, 3, 4, 5)).flip(0).tolist()
@@ -132,32 +238,17 @@ def _spy(monkeypatch: pytest.MonkeyPatch, name: str, seen: list[Tensor]) -> None
     monkeypatch.setattr(objective, name, watched)
 
 
-@pytest.fixture
-def corrector(shared) -> Corrector:
-    keys = shared(PACK) / "keys.json"
-    made = weights(keys)
-    assert digest(made) == read(keys.parent)[0]["digest"]
-    network = Corrector()
-    network.load_state_dict({key: torch.from_numpy(value) for key, value in made.items()}, strict=True)
-    return network
-
-
-def _corrected(network: Corrector, given: Given) -> tuple[Tensor, Tensor, Tensor]:
-    """The corrector's images, its colour offsets for them, and its loss."""
+def test_corrector_gives_the_originals_offsets_and_gradients(given, shared):
+    expected, made = given.cases["corrector"], weights(shared(PACK) / "keys.json")
+    assert digest(made) == given.cases["digest"]
+    corrector = Corrector()
+    corrector.load_state_dict({key: torch.from_numpy(value) for key, value in made.items()}, strict=True)
     rule = r"first (\d+)x(\d+) px of the corrector input of case (\w+), step (\d+)"
-    stated = re.fullmatch(rule, given.cases["corrector"]["input"])
-    assert stated
-    height, width, number = int(stated[1]), int(stated[2]), int(stated[4])
-    images = [image[..., :height, :width] for _, _, image in step(given, stated[3], number).asked[:2]]
-    together = torch.stack(images, 1).flatten(0, 1)
-    offsets = network(together).unflatten(0, (-1, 2))
-    return together, offsets, (offsets - torch.linspace(-0.3, 0.3, width)).abs().mean()
-
-
-def test_corrector_gives_the_originals_offsets_and_gradients(given, corrector):
-    _, offsets, loss = _corrected(corrector, given)
+    height, width, case, number = re.fullmatch(rule, expected["input"]).groups()
+    images = [image[..., : int(height), : int(width)] for _, _, image in step(given, case, int(number)).asked[:2]]
+    offsets = corrector(torch.stack(images, 1).flatten(0, 1)).unflatten(0, (-1, 2))
+    loss = (offsets - torch.linspace(-0.3, 0.3, int(width))).abs().mean()
     loss.backward()
-    expected = given.cases["corrector"]
     np.testing.assert_allclose(offsets[..., ::4, ::4].detach(), given.arrays["corrector/offsets"], atol=1e-5)
     assert loss.item() == pytest.approx(expected["loss"], rel=LOSS)
     gradients = {name: value.grad for name, value in corrector.named_parameters()}
@@ -170,111 +261,8 @@ def test_corrector_gives_the_originals_offsets_and_gradients(given, corrector):
         assert off <= GRADIENT * np.abs(wanted).max()
 
 
-def test_corrector_with_an_activation_after_its_encoder_is_rejected(given, corrector):
-    _, right, _ = _corrected(corrector, given)
-    corrector.conv2.register_forward_hook(lambda module, inputs, output: torch.relu(output))
-    _, wrong, _ = _corrected(corrector, given)
-    assert (wrong - right).abs().max() > 0.01
-
-
 def test_learning_rates_equal_the_originals(given):
     recipe = load_recipe("brightflow", "unsupervised")
     assert recipe.updates == recipe.steps
     for update, rate in given.cases["rates"]:
         assert SCHEDULES[recipe.schedule](update, recipe.steps, recipe.learning_rate) == pytest.approx(rate, rel=1e-9)
-
-
-_census, _offsets, _students = objective._census, objective.Brightflow._offsets, objective.Brightflow._students
-_coverage, _charbonnier, _smoothness = losses.coverage, losses.charbonnier, objective.robust_smoothness
-
-
-def _target_corrected(self, frame, frames, ways, place):
-    flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
-    warped = objective._warped(frames.whole[1 - frame], flow, place)
-    offsets = self._offsets(frame, frames, ways, place) * visible
-    return losses.correction_loss(frames.crops[frame] + offsets, warped, visible)
-
-
-def _ones(flow: Tensor, *rest: Any) -> Tensor:
-    return torch.ones_like(flow[:, :1])
-
-
-def _kept_at_the_target(target, warped, corrected, flow):
-    return ((target - corrected).abs().mean(1, True) < (target - warped).abs().mean(1, True)).float()
-
-
-MISTAKES: dict[str, tuple[Any, str, Any]] = {
-    "unit range": (objective, "robust_smoothness", lambda flow, image, *rest: _smoothness(flow, image / 255, *rest)),
-    "half smoothness": (objective, "robust_smoothness", lambda *args: _smoothness(*args) / 2),
-    "usual grey": (losses, "LUMA", terms.LUMA),
-    "last mask": (
-        objective,
-        "_census",
-        lambda image, source, way, place: _census(
-            image, source, way._replace(visible=way.visible[-1:] * len(way.visible)), place
-        ),
-    ),
-    "one quotient": (losses, "masked_mean", lambda values, mask: (values * mask).sum() / mask.sum()),
-    "all visible": (objective, "visibility", _ones),
-    "hard coverage": (losses, "coverage", lambda flow, *values: (_coverage(flow, *values) >= 0.2).float()),
-    "crop is all": (losses, "leaves", lambda flow: torch.zeros_like(flow[:, :1])),
-    "target corrected": (objective.Brightflow, "_correction", _target_corrected),
-    "half offsets": (objective.Brightflow, "_offsets", lambda *args: _offsets(*args) / 2),
-    "mean of colours": (objective, "correction_loss", lambda *args: losses.correction_loss(*args) / 3),
-    "clamped correction": (objective, "with_offsets", lambda *args: losses.with_offsets(*args).clamp(0, 255)),
-    "all kept": (objective, "kept_offsets", lambda target, warped, corrected, flow: _ones(flow)),
-    "kept at the target": (objective, "kept_offsets", _kept_at_the_target),
-    "edge pixels not black": (terms, "inside_frame", _ones),
-    "teacher sees augmented": (
-        objective.Brightflow,
-        "_students",
-        lambda self, batch, plain: _students(self, batch, plain._replace(crops=(batch.image1, batch.image2))),
-    ),
-    "half self": (objective, "self_supervised", lambda *args: losses.self_supervised(*args) / 2),
-    "clamped differences": (losses, "charbonnier", lambda differences: _charbonnier(differences).clamp(0, 10)),
-    "low limit": (objective, "FARTHEST", 50.0),
-}
-"""What each mistake replaces, and with what; "augmented compared" changes the batch instead."""
-
-
-@pytest.mark.parametrize(
-    ("mistake", "occlusion", "phase", "term"),
-    [
-        ("unit range", "brox", "start", "smooth"),
-        ("unit range", "wang", "start", "smooth"),
-        ("half smoothness", "brox", "start", "smooth"),
-        ("usual grey", "brox", "start", "photo"),
-        ("last mask", "brox", "start", "photo"),
-        ("last mask", "wang", "start", "photo"),
-        ("one quotient", "brox", "start", "photo"),
-        ("one quotient", "wang", "start", "photo"),
-        ("all visible", "brox", "start", "photo"),
-        ("hard coverage", "wang", "start", "photo"),
-        ("crop is all", "brox", "start", "photo"),
-        ("augmented compared", "brox", "start", "photo"),
-        ("augmented compared", "brox", "start", "smooth"),
-        ("target corrected", "brox", "corrector learns", "correc"),
-        ("half offsets", "brox", "corrector learns", "correc"),
-        ("mean of colours", "brox", "corrector learns", "correc"),
-        ("clamped correction", "brox", "corrector learns", "correc"),
-        ("half offsets", "wang", "offsets used", "photo"),
-        ("all kept", "brox", "offsets used", "photo"),
-        ("kept at the target", "brox", "offsets used", "photo"),
-        ("edge pixels not black", "brox", "start", "photo"),
-        ("teacher sees augmented", "brox", "student learns", "self"),
-        ("half self", "brox", "student learns", "self"),
-        ("clamped differences", "brox", "student learns", "self"),
-        ("low limit", "brox", "student learns", "loss_total"),
-    ],
-)
-def test_mistake_moves_the_term_beyond_its_tolerance(given, monkeypatch, mistake, occlusion, phase, term):
-    case = next((case for case, stated in CASES.items() if stated["occlusion"] == occlusion), None)
-    if case is None:
-        pytest.skip(f"the pack has no case with the occlusion {occlusion}")
-    if mistake == "augmented compared":
-        given.batch = replace(given.batch, plain=given.batch.whole)
-    else:
-        monkeypatch.setattr(*MISTAKES[mistake])
-    number = first_step(case, phase)
-    expected = CASES[case]["steps"][str(number)][term]
-    assert abs(step(given, case, number).terms[term] / expected - 1) > LOSS

@@ -1,7 +1,5 @@
 """Training checkpoints: damaged, forged or unrelated files are rejected, and full disks are reported."""
 
-from __future__ import annotations
-
 import zipfile
 from dataclasses import replace
 from functools import partial

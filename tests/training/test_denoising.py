@@ -1,16 +1,11 @@
 """FlowDiffuser's training: initial noise, predictions and random draws."""
 
-from __future__ import annotations
-
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.models.networks.blocks.correlation import WindowVolume, all_pairs  # noqa: E402
-from robustflow.models.networks.flowdiffuser import (  # noqa: E402
-    FlowDiffuser,
-    cosine_betas,
-)
+from robustflow.models.networks.flowdiffuser import FlowDiffuser, cosine_betas  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.draws import prepared  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402

@@ -1,8 +1,6 @@
 """The training loop: an interrupted and resumed run gives bit-identical weights to an undisturbed run; invalid input
 raises an error."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Losses without labels equal their formulas, written out in NumPy in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

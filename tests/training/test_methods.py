@@ -1,8 +1,6 @@
 """Every method with a recipe makes real steps on real pairs and trains exactly the parameters that its recipe
 specifies."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A user's networks (`own_nets`): training, seeding, and losses that the networks define themselves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -2,8 +2,6 @@
 packs `training_raft` and `training_arflow` in the shared data.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -14,7 +12,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.media.images import read_image  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
-from robustflow.training.losses.supervised import end_point_error, sequence_loss  # noqa: E402
+from robustflow.training.losses.supervised import end_point_error  # noqa: E402
 from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noqa: E402
 from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
@@ -74,11 +72,6 @@ def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
             assert step.norm == pytest.approx(expected["grad_norm"][0], rel=1e-4)
             error = end_point_error(step.flows[-1], truth, valid, max_flow=float("inf"))
             assert error.item() == pytest.approx(expected["epe_last"][0], rel=1e-4)
-            # Mistakes: no limit of 400 px, a mean over valid pixels only, and a schedule that is stepped too early.
-            unlimited = sequence_loss(step.flows, truth, valid, recipe.gamma, max_flow=float("inf"))
-            counted = ((valid >= 0.5) & (truth.norm(dim=1) < 400)).float().mean()
-            assert min(unlimited.item(), step.loss / counted) > 1.01 * expected["loss"][0]
-            assert abs(one_cycle(1, recipe.steps, recipe.learning_rate) - expected["lr"][0]) > 1e-6
     state = network.weights()
     for key, (mean, deviation) in expected["after"].items():
         close = 1e-5 if frozen else 1e-4

@@ -1,8 +1,4 @@
-"""SAMFlow-T's training steps (optimiser steps of one pair each) match the original code, and the comparison detects
-deliberate mistakes.
-"""
-
-from __future__ import annotations
+"""SAMFlow-T's training steps (optimiser steps of one pair each) match the original code."""
 
 import numpy as np
 import pytest
@@ -74,15 +70,6 @@ def test_steps_of_samflow_equal_the_originals(pack, recipe):
             assert np.abs(first.gradients[name].numpy() - wanted).max() <= GRADIENT * np.abs(wanted).max()
         elif kind == "after":
             np.testing.assert_allclose(network.weights()[name], wanted, atol=AFTER)
-
-
-@pytest.mark.parametrize("setting", ["gamma", "frozen_norms", "iterations"])
-def test_mistake_in_the_recipe_moves_the_loss_beyond_its_tolerance(pack, recipe, setting):
-    mistakes = {"gamma": recipe.gamma + 0.05, "frozen_norms": "none", "iterations": recipe.iterations - 1}
-    wrong, expected = recipe.changed(**{setting: mistakes[setting]}), pack.header["steps"][0]
-    with torch.no_grad():
-        loss, _ = loss_of_batch(pack.network(wrong), alone(pack.batch(), expected["item"]), wrong)
-    assert abs(loss.item() / expected["loss"] - 1) > 10 * LOSS[0]
 
 
 def test_pairs_of_one_batch_do_not_affect_each_other(pack, recipe):

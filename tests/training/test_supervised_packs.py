@@ -1,35 +1,23 @@
 """Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser match those of their authors' code (packs
-`training_*` in the shared data), and the comparison detects deliberate mistakes.
+`training_*` in the shared data).
 """
-
-from __future__ import annotations
 
 import re
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-import torch.nn.functional as F  # noqa: E402
 
-from robustflow.models.networks import flowdiffuser  # noqa: E402
-from robustflow.models.networks.blocks.correlation import WindowVolume  # noqa: E402
-from robustflow.models.ptlflow.net import _with_own_context  # noqa: E402
-from robustflow.training.losses.supervised import (  # noqa: E402
-    matching_loss,
-    sequence_loss,
-    true_matches,
-)
-from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
-from robustflow.training.optimization import one_cycle, rate_of  # noqa: E402
+from robustflow.training.losses.supervised import matching_loss, sequence_loss, true_matches  # noqa: E402
+from robustflow.training.optimization import rate_of  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402
-from .pack_steps import Step, TrainingPack, cases_of, gradients_of, steps  # noqa: E402
+from .pack_steps import Step, TrainingPack, cases_of, steps  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
@@ -76,32 +64,26 @@ def pack_of(name: str) -> TrainingPack:
     return TrainingPack.read(shared_folder("parity", f"training_{name}"))
 
 
-def first_case(name: str) -> str:
-    """The case into which mistakes are planted."""
-    return next(iter(pack_of(name).header["cases"]))
-
-
 def stage_of(name: str, case: str):
     return load_recipe(METHODS[name], CASES[name, case].get("stage", case))
 
 
-def recipe_of(name: str, case: str | None = None):
-    case = case or first_case(name)
+def recipe_of(name: str, case: str):
     stated = CASES[name, case]
     predictions = stated["l1"] if name != "flowdiffuser" else stated["l1"][0]
     return stage_of(name, case).changed(steps=stated["num_steps"], devices=1, iterations=len(predictions))
 
 
-def network_of(name: str, case: str | None = None, **changes):
-    network = pack_of(name).network(recipe_of(name, case).changed(**changes))
+def network_of(name: str, case: str):
+    network = pack_of(name).network(recipe_of(name, case))
     for module in network.modules():
         if type(module).__name__ == "DropPath":
             module.drop_prob = 0.0
     return network
 
 
-def batch_of(name: str, case: str | None = None, number: int = 0):
-    return pack_of(name).batch(number, CASES[name, case or first_case(name)].get("times"))
+def batch_of(name: str, case: str, number: int = 0):
+    return pack_of(name).batch(number, CASES[name, case].get("times"))
 
 
 @cache
@@ -119,17 +101,6 @@ def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
     finally:
         torch.set_default_dtype(torch.float32)
     return made_steps, network.weights()
-
-
-def loss_with(name: str, network, batch=None) -> float:
-    """The loss of the first case's first step after a change in the network or the batch."""
-    with torch.no_grad():
-        return loss_of_batch(network, batch or batch_of(name), recipe_of(name))[0].item()
-
-
-def off_by(name: str, loss: float) -> float:
-    """The relative error of a loss of the first case's first step."""
-    return abs(loss / CASES[name, first_case(name)]["loss"][0] - 1)
 
 
 @EACH_CASE
@@ -205,155 +176,33 @@ def test_weights_after_the_steps_equal_the_originals(name, case):
             assert np.abs(weights[parameter].numpy() - pack.arrays[key]).mean() <= 1e-2 * moved, key
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_loss_over_other_pixels_is_rejected(name):
-    step, gamma, batch = made(name, first_case(name))[0][0], recipe_of(name).gamma, batch_of(name)
-    right = sequence_loss(step.flows, batch.flow, batch.valid, gamma)
-    unlimited = sequence_loss(step.flows, batch.flow, batch.valid, gamma, max_flow=float("inf"))
-    counted = ((batch.valid >= 0.5) & (batch.flow.norm(dim=1) < 400)).float().mean()
-    assert unlimited / right > 1.01
-    assert 1 / counted > 1.1  # the mean over valid pixels only
-
-
-def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
-    """In frames scaled to 0..1, no pixel counts as occluded; a pixel of unknown ground truth matches itself."""
-    pack, batch = pack_of("gmflownet"), batch_of("gmflownet")
-    expected = pack.header["cases"][first_case("gmflownet")]
+def test_matches_and_drop_rates_of_gmflownet_equal_the_originals():
+    pack = pack_of("gmflownet")
+    case, expected = next(iter(pack.header["cases"].items()))
+    batch = batch_of("gmflownet", case)
     with torch.no_grad():
-        _, confidence = network_of("gmflownet").matched(batch.image1, batch.image2)
+        _, confidence = network_of("gmflownet", case).matched(batch.image1, batch.image2)
     np.testing.assert_allclose(confidence[:, ::17], pack.arrays["confidence_rows"], atol=1e-6)
     right = true_matches(batch.image1, batch.image2, batch.flow)
     assert torch.equal(right, torch.from_numpy(pack.arrays["matches"]).long())
     assert int((right >= 0).sum()) == expected["matches"]
     loss = matching_loss(confidence, batch.image1, batch.image2, batch.flow).item()
     assert 0.01 * loss == pytest.approx(expected["loss"][0] - expected["sequence"][0], rel=1e-3)
-    known = torch.where(batch.valid[:, None] > 0, batch.flow, 1e4)  # a vector that leaves the frame has no match
-    unscaled, scaled = (batch.image1, batch.image2), (batch.image1 / 255, batch.image2 / 255)
-    for frames, truth in ((scaled, batch.flow), (unscaled, known)):
-        assert int((true_matches(*frames, truth) >= 0).sum()) != expected["matches"]
-        assert abs(matching_loss(confidence, *frames, truth).item() / loss - 1) > 2e-3
-
-
-def test_gmflownet_with_dropped_blocks_other_norms_or_an_early_schedule_is_rejected():
-    pack, recipe = pack_of("gmflownet"), recipe_of("gmflownet")
-    expected, zeroed = pack.header["cases"][first_case("gmflownet")], pack.header["set_to_zero"]
-    network = pack.network(recipe)
-    dropping = {name.removeprefix("net.model."): module for name, module in network.named_modules()}
-    assert {name: dropping[name].drop_prob for name in zeroed} == {name: rate for name, (_, rate) in zeroed.items()}
-    torch.manual_seed(0)
-    assert off_by("gmflownet", loss_with("gmflownet", network)) > 1e-3
-    norms = "none" if recipe.frozen_norms == "batchnorm" else "batchnorm"
-    assert off_by("gmflownet", loss_with("gmflownet", network_of("gmflownet", frozen_norms=norms))) > 1e-2
-    assert one_cycle(0, expected["num_steps"], expected["lr"]) < 0.5 * expected["rate"][0]
-
-
-def test_flowformer_with_each_pairs_own_context_or_padded_crops_is_rejected():
-    pack, network = pack_of("flowformer"), network_of("flowformer")
-    model = network.net.model
-    model.output_stride = 32
-    padded = any(side % 32 for side in pack.header["size"])
-    assert (off_by("flowformer", loss_with("flowformer", network)) > 1e-3) == padded
-    model.output_stride = 8
-    for module in model.modules():
-        if hasattr(module, "context_proj"):
-            module.register_forward_pre_hook(_with_own_context)
-    assert off_by("flowformer", loss_with("flowformer", network)) > 5e-6
-
-
-def test_flowformer_pp_with_the_contexts_of_other_pairs_is_rejected():
-    """The README states 30 to 50 % for the gradients of the context projections."""
-    network = network_of("flowformer_pp")
-    for module in network.modules():
-        if hasattr(module, "context_proj"):
-            module._forward_pre_hooks.clear()
-    loss, _ = loss_of_batch(network, batch_of("flowformer_pp"), recipe_of("flowformer_pp"))
-    loss.backward()
-    assert off_by("flowformer_pp", loss.item()) > 1e-5
-    right = made("flowformer_pp", first_case("flowformer_pp"))[0][0].gradients
-    projections = {key: value for key, value in gradients_of(network).items() if "context_proj" in key}
-    assert len(projections) == 12
-    off = [(value - right[key]).norm() / right[key].norm() for key, value in projections.items()]
-    assert max(off) > 0.3
+    dropping = dict(pack.network(recipe_of("gmflownet", case)).named_modules())
+    for name, (_, rate) in pack.header["set_to_zero"].items():
+        assert dropping[f"net.model.{name}"].drop_prob == rate
 
 
 def test_flowformer_pp_pads_frames_except_in_training():
-    network, seen = network_of("flowformer_pp"), []
+    pack, seen = pack_of("flowformer_pp"), []
+    network = network_of("flowformer_pp", next(iter(pack.header["cases"])))
     network.net.model.context_encoder.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0].shape))
-    height, padded = (side // 32 * 32 for side in pack_of("flowformer_pp").header["size"])
+    height, padded = (side // 32 * 32 for side in pack.header["size"])
     width = padded - 24
-    frames = pack_of("flowformer_pp").frames(1)[:1, :, :height, :width]
+    frames = pack.frames(1)[:1, :, :height, :width]
     with torch.no_grad():
         for mode in (True, False, True):
             network.train(mode)
             flow = network(frames, frames)[-1] if mode else network.net(frames, frames)
             assert flow.shape == (1, 2, height, width)
     assert [tuple(shape[2:]) for shape in seen] == [(height, width), (height, padded), (height, width)]
-
-
-def _time_later(patch, network, batch):
-    return replace(batch, time=batch.time + 1)
-
-
-def _time_of_another_step(patch, network, batch):
-    return replace(batch, time=(batch.time + 40) % 1000)
-
-
-def _truth_between_corners(patch, network, batch):
-    def interpolate(image, size=None, mode="nearest", align_corners=None):
-        return F.interpolate(image, size, mode=mode, align_corners=align_corners and image is not batch.flow)
-
-    patch(flowdiffuser, "F", SimpleNamespace(interpolate=interpolate))
-
-
-def _truth_zeroed(patch, network, batch):
-    real, counts = network.denoised, (batch.valid >= 0.5) & (batch.flow.norm(dim=1) < 400)
-    patch(network, "denoised", lambda one, two, flow, *rest: real(one, two, flow * counts[:, None], *rest))
-
-
-def _whole_scale(patch, network, batch):
-    network.net.scale.data.fill_(1.0)
-
-
-def _linear_schedule(patch, network, batch):
-    betas = torch.linspace(1e-4, 0.02, 1000, dtype=torch.float64)
-    network.net.alphas_cumprod.copy_(torch.cumprod(1 - betas, 0))
-
-
-def _far_reach(patch, network, batch):
-    patch(flowdiffuser, "_REACH", 1.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "mistake",
-    [
-        _time_later,
-        _truth_between_corners,
-        _truth_zeroed,
-        _time_of_another_step,
-        _whole_scale,
-        _linear_schedule,
-        _far_reach,
-    ],
-)
-def test_flowdiffuser_from_a_different_start_is_rejected(monkeypatch, mistake):
-    network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
-    wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
-    assert off_by("flowdiffuser", wrong) > 2 * _LOSS["flowdiffuser"][0]
-
-
-def test_flowdiffuser_with_two_sequences_of_six_is_rejected():
-    step, batch = made("flowdiffuser", first_case("flowdiffuser"))[0][0], batch_of("flowdiffuser")
-    half, gamma = len(step.flows) // 2, recipe_of("flowdiffuser").gamma
-    halves = [sequence_loss(part, batch.flow, batch.valid, gamma) for part in (step.flows[:half], step.flows[half:])]
-    assert off_by("flowdiffuser", sum(halves).item()) > 0.1
-
-
-@pytest.mark.slow
-def test_flowdiffuser_with_rounding_as_a_constant_is_rejected(monkeypatch):
-    constant = lambda one, two, target: WindowVolume(one, two, target.detach())  # noqa: E731
-    monkeypatch.setattr(flowdiffuser, "WindowVolume", constant)
-    (step,) = steps(network_of("flowdiffuser"), recipe_of("flowdiffuser"), lambda number: batch_of("flowdiffuser"), 1)
-    assert off_by("flowdiffuser", step.loss) <= _LOSS["flowdiffuser"][0]
-    expected = CASES["flowdiffuser", first_case("flowdiffuser")]["grad_norm"][0]
-    assert abs(step.norm / expected - 1) > 10 * _NORM["flowdiffuser"][0]

@@ -1,7 +1,5 @@
 """Training without labels: real steps of each method on real pairs, exact resumption, and overfitting to one pair."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

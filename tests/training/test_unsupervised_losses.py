@@ -1,7 +1,5 @@
 """Transforms for training without labels agree with independently written formulas."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -16,13 +14,8 @@ from robustflow.training.recipe import Appearance, Objective, Part, Spatial, loa
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.training.augmentation.affine import draw_moves, moved, moved_flow  # noqa: E402
-from robustflow.training.losses.terms import (  # noqa: E402
-    dilated_warp,
-)
-from robustflow.training.losses.unsupervised import (  # noqa: E402
-    OneWay,
-    distillation,
-)
+from robustflow.training.losses.terms import dilated_warp  # noqa: E402
+from robustflow.training.losses.unsupervised import OneWay, distillation  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 

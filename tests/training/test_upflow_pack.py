@@ -1,10 +1,8 @@
 """UPFlow's loss, gradients and optimiser steps match those of its authors' code (pack `training_upflow` in the shared
-data), and the comparison detects deliberate mistakes.
+data).
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -13,13 +11,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.networks import upflow  # noqa: E402
-from robustflow.models.networks.blocks.pwc import leaves  # noqa: E402
-from robustflow.models.networks.upflow import BothFlows, Sampling  # noqa: E402
-from robustflow.models.torch.model import resize_flow  # noqa: E402
+from robustflow.models.networks.upflow import BothFlows  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses.terms import census_sum, robust  # noqa: E402
-from robustflow.training.losses.unsupervised import OneWay, upflow_terms  # noqa: E402
+from robustflow.training.losses.unsupervised import OneWay  # noqa: E402
 from robustflow.training.network_with_loss import build_objective  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.unsupervised import methods as objective  # noqa: E402
@@ -76,14 +70,6 @@ def batch_of(header: dict[str, Any]) -> Batch:
     first, second = whole.crops(*header["crop"])
     nothing = torch.zeros(len(pack().items), *header["crop"])
     return Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, pack().items, whole=whole)
-
-
-def first_terms(network, batch: Batch | None = None) -> dict[str, float]:
-    """The loss terms in the whole case's first step after a change in the network or the batch."""
-    module = build_objective(network, recipe_of(whole_case()))
-    with torch.no_grad():
-        _, terms = module(batch or batch_of(pack().header), TrainingStep(0, 0, (), 0))
-    return {name: value.item() for name, value in terms.items() if name != "flow"}
 
 
 @cache
@@ -179,80 +165,3 @@ def test_weights_after_the_steps_equal_the_originals(case):
     arrays, weights = pack().arrays, made(case).weights
     for key in [key for key in arrays if key.startswith(f"{case}/after/")]:
         np.testing.assert_allclose(weights[key.rpartition("/")[2]], arrays[key], rtol=0, atol=WEIGHT)
-
-
-def _all_seen(way: OneWay) -> OneWay:
-    return replace(way, seen=torch.ones_like(way.seen))
-
-
-def _leaving_is_hidden(way: OneWay) -> OneWay:
-    return replace(way, seen=way.seen * (~leaves(way.flow)))
-
-
-def _own_size(way: OneWay) -> list[torch.Tensor]:
-    """The distillation loss of each level, computed at the level's size."""
-    sums = []
-    for level in way.levels:
-        size = level.shape[2:]
-        far = ((level - resize_flow(way.flow, tuple(size))).abs() + 0.01) ** 0.4
-        seen = torch.nn.functional.interpolate(way.seen, size=size)
-        sums.append((far * seen).sum() / (seen.sum() + 1e-6))
-    return sums
-
-
-def off_by(term: str, wrong: float) -> float:
-    """The relative error of a term of the whole case's first step."""
-    return abs(wrong / CASES[whole_case()]["terms"][0][term] - 1)
-
-
-@pytest.mark.parametrize("mistake", [_all_seen, _leaving_is_hidden])
-def test_distillation_of_other_pixels_is_rejected(mistake):
-    settings = recipe_of(whole_case()).objective
-    with torch.no_grad():
-        wrong = upflow_terms([mistake(way) for way in made(whole_case()).ways], settings)["distillation"].item()
-    assert off_by("distillation", wrong) > 0.05
-
-
-def test_distillation_at_the_levels_own_size_is_rejected():
-    with torch.no_grad():
-        wrong = sum(sum(_own_size(way)) for way in made(whole_case()).ways).item()
-    assert off_by("distillation", wrong) > 0.05
-
-
-def test_frames_fetched_from_the_crop_are_rejected():
-    header, batch = pack().header, batch_of(pack().header)
-    count = len(pack().items)
-    sizes = torch.tensor([header["crop"][::-1]] * count).float()
-    crops = WholeFrames(batch.image1, batch.image2, torch.zeros(count, 2), sizes)
-    terms = first_terms(pack().network(recipe_of(whole_case())), replace(batch, whole=crops))
-    assert min(off_by(name, terms[name]) for name in ("photometric", "census")) > 1e-3
-
-
-def test_photometric_terms_over_only_visible_pixels_are_rejected():
-    settings = recipe_of(whole_case()).objective
-    wrong = dict.fromkeys(("photometric", "census"), 0.0)
-    with torch.no_grad():
-        for way in made(whole_case()).ways:
-            count = way.seen.sum() + 1e-6
-            census = census_sum(way.image, way.warped, settings.radius)
-            for name, values in (("photometric", way.image - way.warped), ("census", census)):
-                wrong[name] += ((robust(values, settings.exponent) * way.seen).sum() / count).item()
-    assert min(off_by(name, value) for name, value in wrong.items()) > 0.05
-
-
-def test_moments_of_features_over_their_channels_are_rejected(monkeypatch):
-    def normalised(features):
-        together = (1, 2, 3)
-        return (features - features.mean(together, True)) / (features.var(together, keepdim=True) + 1e-16).sqrt()
-
-    monkeypatch.setattr(upflow, "_normalised", normalised)
-    terms = first_terms(pack().network(recipe_of(whole_case())))
-    assert off_by("smoothness", terms["smoothness"]) > 0.05
-
-
-def test_mask_of_features_that_rounding_decides_is_rejected():
-    """With 1.0 instead of 0.9999, rounding decides which pixels count."""
-    network = pack().network(recipe_of(whole_case()))
-    network.net.sampling = network.net.sgi_model.sampling = Sampling(align_corners=True, threshold=1.0)
-    terms = first_terms(network)
-    assert min(off_by(name, terms[name]) for name in ("distillation", "smoothness")) > 10 * _TERM[0]

@@ -1,7 +1,5 @@
 """Textbook lenses and rays used in tests."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The blur in float64, either with an exact kernel per pixel or with kernels at nodes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

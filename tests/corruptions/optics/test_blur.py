@@ -1,7 +1,5 @@
 """Compare the blur with simple float64 references, and test general properties of blurs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import skimage.data

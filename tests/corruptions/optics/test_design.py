@@ -1,7 +1,5 @@
 """The search and the shipped lenses: seeds, the paper's values, manufacturing limits, damaged files, figures."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

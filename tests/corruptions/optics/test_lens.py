@@ -1,7 +1,5 @@
 """Compare glasses, first-order properties and the ray tracer with catalogues, textbooks and closed-form solutions."""
 
-from __future__ import annotations
-
 import json
 import math
 

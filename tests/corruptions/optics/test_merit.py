@@ -1,7 +1,5 @@
 """Compare the merit function's statistics with those of rendered PSFs, and residuals with their definitions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

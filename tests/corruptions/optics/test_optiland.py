@@ -1,7 +1,5 @@
 """Compare our ray tracer with optiland's for the shipped lenses and three textbook lenses (extra `optics-test`)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

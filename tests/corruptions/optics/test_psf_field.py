@@ -1,7 +1,5 @@
 """The PSFs of a lens (energy, symmetry, centring), and the nodes and transforms of the blur."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

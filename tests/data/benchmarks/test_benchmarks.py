@@ -1,7 +1,5 @@
 """Test the samples and corruptions of benchmarks, and that exported benchmarks can be read back."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from dataclasses import replace
@@ -232,11 +230,7 @@ def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(
 def test_unusable_paths_are_refused_in_one_line(tmp_path):
     archive = tmp_path / "data_scene_flow.zip"
     archive.write_bytes(b"PK")
-    for path, culprit in (
-        ("x" * 5000, f"{'x' * 60}..."),
-        ("~no_user/a", "~no_user/a"),
-        (archive, archive),
-    ):
+    for path, culprit in (("x" * 5000, f"{'x' * 60}..."), ("~no_user/a", "~no_user/a"), (archive, archive)):
         refused = refusal(lambda path=path: load_benchmark("kitti-fc", path), DataError, culprit)
         assert len(str(refused)) < 400
 

@@ -1,7 +1,5 @@
 """Small folders in the layouts of the real datasets; every file has different content."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Datasets and benchmarks: their facts, names and options; KITTI's drives, sky and splits."""
 
-from __future__ import annotations
-
 import csv
 import pickle
 import sys

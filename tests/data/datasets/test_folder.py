@@ -1,7 +1,5 @@
 """Test a user's own frames as a dataset: images, folders of images, and videos."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from itertools import islice

@@ -1,7 +1,5 @@
 """Test GoPro-FC as a dataset: the prepared folder, the released folder, and all 24 corruptions end to end."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from fractions import Fraction
@@ -242,10 +240,7 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "mine.mp4"
     clips.clip(path, 60, HEIGHT, WIDTH, fps=30)
-    with (
-        pytest.warns(UserWarning, match=r"30 .*1\.03 s"),
-        pytest.warns(UserWarning, match="5 .*5 .*1 .*1 "),
-    ):
+    with pytest.warns(UserWarning, match=r"30 .*1\.03 s"), pytest.warns(UserWarning, match="5 .*5 .*1 .*1 "):
         benchmark = load_benchmark("gopro-fc", path)
     assert benchmark.corruptions == PAPER_ORDER
     assert benchmark.keys[0] == "mine/000015"

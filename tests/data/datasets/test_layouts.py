@@ -1,7 +1,5 @@
 """Each dataset's reader finds the files that belong together in a small folder, and names the file that is missing."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path

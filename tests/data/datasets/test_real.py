@@ -1,7 +1,5 @@
 """On real data, the readers reproduce the statistics listed in the data's manifest."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Test RobustSpring's corrupted frames as a benchmark: pairs, files and names."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
 from pathlib import Path

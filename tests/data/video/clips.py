@@ -1,7 +1,5 @@
 """Small clips for tests: frames of the rendered scene and clips on disk."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 from pathlib import Path

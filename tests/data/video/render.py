@@ -5,8 +5,6 @@ bilinear sampling at exact positions, so `picture(t)` shows the same continuous 
 many images has exact motion blur.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cache: entries are created once, are complete or absent, and never exceed the limit."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

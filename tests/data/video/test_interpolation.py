@@ -1,7 +1,5 @@
 """Test interpolation: the positions of frames, and the flow-based method on a scene with known ground truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

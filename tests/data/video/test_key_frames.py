@@ -1,7 +1,5 @@
 """Object motion blur and rolling shutter: their arithmetic, and the exact time integral of a moving scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

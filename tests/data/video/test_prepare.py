@@ -1,7 +1,5 @@
 """Preparing clips produces reproducible files and rejects invalid input."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Damaged streams: the bytes are FFmpeg's, no frame is lost without a replacement, every frame keeps its time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Videos like those created by other programs."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

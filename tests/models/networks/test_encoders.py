@@ -1,7 +1,5 @@
 """What the parity packs do not cover: windows and positions of the image encoders, and the diffusion schedule."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -70,7 +70,7 @@ def test_without_a_checkpoint_the_message_names_the_file(name, tmp_path):
 def test_every_size_is_offered_with_the_same_options(name):
     parameters = inspect.signature(MODELS.get(name)).parameters
     assert [option for option in parameters if option != "finetuned"] == [
-        *("checkpoint", "iterations", "tile", "sha256", "device", "precision", "compile", "threads"),
+        *("checkpoint", "iterations", "tile", "sha256", "device", "precision", "compile", "threads")
     ]
     assert ("finetuned" in parameters) == (name == "samflow_h")
 
@@ -167,9 +167,5 @@ def test_invalid_options_of_networks_are_refused(name, options, culprit):
 
 @pytest.mark.torch
 def test_arflow_resizes_frames_to_the_requested_size(load):
-    for options, fitted in (
-        ({}, (256, 832)),
-        ({"size": "64x128"}, (64, 128)),
-        ({"size": "native"}, (384, 1280)),
-    ):
+    for options, fitted in (({}, (256, 832)), ({"size": "64x128"}, (64, 128)), ({"size": "native"}, (384, 1280))):
         assert load("arflow", **options).convention.fitted_size(375, 1242) == fitted

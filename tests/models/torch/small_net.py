@@ -1,7 +1,5 @@
 """A small network for tests of checkpoints, its weights, and the payload of a malicious file."""
 
-from __future__ import annotations
-
 import os
 
 import torch
