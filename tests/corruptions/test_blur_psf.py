@@ -9,9 +9,8 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import AssetError, DataError, RunError, UsageError
-from robustflow.corruptions import blur as reference_stack
-from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.blur import PSF_DIR, PsfBlur
+from robustflow.corruptions import blur, corrupt, load_corruption
+from robustflow.corruptions.blur import PSF_DIR, PsfBlur, reference_field
 from robustflow.corruptions.optics.psf_field import PsfField
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.stages import frames_digest
@@ -46,10 +45,9 @@ def test_the_reference_variant_cuts_fractions_off():
 
 
 @pytest.fixture
-def stacks(tmp_path, monkeypatch):
-    """Return a folder with five `.pth` files, named as in the reference code; the cache is empty."""
+def stacks(tmp_path):
+    """Return a folder with five `.pth` files, named as in the reference code."""
     torch = pytest.importorskip("torch", reason="requires the extra torch")
-    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "psf"
     folder.mkdir()
     rng = np.random.default_rng(0)
@@ -60,28 +58,17 @@ def stacks(tmp_path, monkeypatch):
 
 
 @pytest.mark.torch
-def test_reference_stacks_are_turned_into_convolution_kernels(stacks, monkeypatch):
+def test_blurs_are_turned_into_convolution_kernels(stacks, monkeypatch):
     import torch
 
-    blur = PsfBlur(psf_dir=stacks)
+    corruption = PsfBlur(psf_dir=stacks)
     raw = torch.load(next(stacks.glob("*rms0.1102*")), weights_only=True).numpy()
     expected = PsfField(raw[:, :, ::-1, ::-1])
-    assert blur.field(0.1102).digest == expected.digest
+    assert corruption.field(0.1102).digest == expected.digest
     assert PsfBlur().source == ""
     monkeypatch.setenv(PSF_DIR, str(stacks))
-    assert load_corruption("psf_blur").source == blur.source
-    assert blur.source.startswith("reference ")
-
-
-@pytest.mark.torch
-def test_a_stack_is_converted_once_unless_its_cache_entry_is_damaged(stacks, tmp_path, monkeypatch):
-    first = reference_stack.reference_field(stacks, 0.0832).digest
-    with monkeypatch.context() as patch:
-        patch.setattr(reference_stack, "_read_tensor", None)
-        assert reference_stack.reference_field(stacks, 0.0832).digest == first
-    (cached,) = (tmp_path / "cache" / "psf").iterdir()
-    cached.write_bytes(b"not an array")
-    assert reference_stack.reference_field(stacks, 0.0832).digest == first
+    assert load_corruption("psf_blur").source == corruption.source
+    assert corruption.source.startswith("reference ")
 
 
 @pytest.mark.torch
@@ -119,7 +106,8 @@ def test_a_stack_of_an_old_pytorch_is_read(stacks):
     stack = torch.load(path, weights_only=True)
     before = PsfBlur(psf_dir=stacks).field(0.0296).digest
     torch.save(stack, path, _use_new_zipfile_serialization=False)
-    assert reference_stack.reference_field(stacks, 0.0296).digest == before
+    reference_field.cache_clear()
+    assert PsfBlur(psf_dir=stacks).field(0.0296).digest == before
 
 
 class _Hostile:
@@ -153,7 +141,7 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
     elif kind == "bomb":  # a file of 64 kB that expands to 64 MB of zeros
         with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("archive/data/1", bytes(64 << 20))
-        assert path.stat().st_size < reference_stack.LARGEST
+        assert path.stat().st_size < blur.LARGEST
     elif kind == "count":  # the index declares a storage of 4 TB
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
@@ -165,7 +153,7 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
             for entry, content in parts.items():
                 target.writestr(entry, content)
     elif kind == "large":
-        monkeypatch.setattr(reference_stack, "LARGEST", 1000)
+        monkeypatch.setattr(blur, "LARGEST", 1000)
     else:
         wrong = {"shape": good[1:], "dtype": good.double(), "dictionary": {"psf": good}, "nan": good * torch.nan}
         torch.save(wrong[kind], path)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import math
 import os
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy.typing as npt
 
 from ..core.compiled import njit
 from ..core.errors import AssetError, DataError, UsageError
-from ..core.files import cache_folder, make_folder, read_bounded, sealed_bytes, unsealed_bytes, write_bytes
+from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.pickle_scan import scan_torch_file
 from ..core.plugins import require
@@ -191,13 +189,14 @@ LARGEST = 16 * 2**20
 """Maximum file size in bytes; the size of a stack is 2.9 million bytes."""
 
 
-def reference_field(folder: str | Path, rms: float) -> PsfField:
+@lru_cache(maxsize=5)
+def reference_field(folder: Path, rms: float) -> PsfField:
     """Load the reference code's PSFs of the lens with RMS radius `rms` from a folder with a `.pth` file per lens, such
-    as "piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth": a float32 tensor (64, 3, 61, 61), converted once.
+    as "piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth": a float32 tensor (64, 3, 61, 61).
 
     The reference code correlates images with these arrays; for convolution, they are rotated by half a turn.
     """
-    files = sorted(Path(folder).glob(f"*rms{rms:.4f}*.pth"))
+    files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(
             folder,
@@ -205,44 +204,21 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
             "reference code's five PSF stacks",
         )
     path = files[0]
-    data = read_bounded(path, LARGEST, "a PSF stack has 2.9 million bytes")
-    source = hashlib.sha256(data).hexdigest()
-    cached = cache_folder("psf") / f"{source}.stack"
-    stack = _read_kept(cached, source)
-    if stack is None:
-        stack = _read_tensor(path, data)
-        make_folder(cached.parent)
-        write_bytes(cached, sealed_bytes(stack.tobytes(), source))
-    try:
-        return PsfField(stack[:, :, ::-1, ::-1])
-    except DataError as error:
-        raise DataError(path, f"{error}; use an unmodified .pth file") from error
-
-
-def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
-    """Return a converted stack from the cache, or None if it is missing or damaged."""
-    try:
-        with open(path, "rb") as file:
-            values = unsealed_bytes(file.read(LARGEST), source)
-    except OSError:
-        return None
-    if values is None or len(values) != 4 * math.prod(SHAPE):
-        return None
-    return np.frombuffer(values, np.float32).reshape(SHAPE)
-
-
-def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
-    require("torch", f"reading {path} for the first time")
+    file = io.BytesIO(read_bounded(path, LARGEST, "a PSF stack has 2.9 million bytes"))
+    require("torch", f"reading {path}")
     import torch
 
     try:
-        scan_torch_file(io.BytesIO(data))
-        tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+        scan_torch_file(file)
+        tensor = torch.load(file, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
         raise DataError(path, "not a PSF stack that can be read safely; use an unmodified .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
         raise DataError(path, f"not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
-    return np.asarray(tensor.numpy(), np.float32)
+    try:
+        return PsfField(tensor.numpy()[:, :, ::-1, ::-1])
+    except DataError as error:
+        raise DataError(path, f"{error}; use an unmodified .pth file") from error
 
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
@@ -292,7 +268,7 @@ class PsfBlur(Corruption):
     def field(self, rms: float) -> PsfField:
         """Return the PSFs of the lens for a severity parameter."""
         if self.psf_dir is not None:
-            return _reference(self.psf_dir, rms)
+            return reference_field(self.psf_dir, rms)
         return shipped_field(self.paper_severities.index(rms) + 1)
 
     @property
@@ -307,8 +283,3 @@ class PsfBlur(Corruption):
             np.floor(blurred + _WHOLE, out=blurred)
         np.rint(blurred, out=blurred)
         return np.clip(blurred, 0.0, 255.0, out=blurred).astype(np.uint8, order="C")
-
-
-@lru_cache(maxsize=5)
-def _reference(folder: Path, rms: float) -> PsfField:
-    return reference_field(folder, rms)
