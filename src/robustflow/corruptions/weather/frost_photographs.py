@@ -5,7 +5,7 @@ following locations are searched in this order:
 
 1. the folder given by the environment variable ROBUSTFLOW_FROST_DIR (if set, no other location is searched), 2. an
 installed `imagecorruptions` or `imagecorruptions-imaug` package, which is never imported, 3. the user's cache (see
-`robustflow.core.files`), 4. the package's wheel, downloaded once by pip without dependencies into that cache.
+`robustflow.core.files`), 4. the package's wheel, whose photographs pip downloads once into that cache.
 
 The SHA-256 of every file is verified each time it is read.
 """
@@ -17,8 +17,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import zipfile
-import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -28,7 +26,6 @@ from ...core.paths import user_path
 
 FOLDER_VARIABLE = "ROBUSTFLOW_FROST_DIR"
 WHEEL = "imagecorruptions==1.1.2"
-_INSIDE = "imagecorruptions/frost"
 _PIP_SECONDS = 600
 PART = "frost"
 """Subfolder of the user's cache that contains the textures."""
@@ -85,47 +82,33 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> dict[str, bytes]:
-    """Download the wheel to a temporary folder, move each of the five files to `folder` atomically, and return them."""
-    _say(f"frost requires the photographs from {WHEEL}; downloading its wheel with pip to {folder}")
+    """Install the package below a temporary folder, move each of the five files to `folder` atomically, and return
+    them."""
+    _say(f"frost requires the photographs from {WHEEL}; downloading them with pip to {folder}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
-            contents = _unpack(_download(Path(temporary)))
-            for name, content in contents.items():
-                fresh = Path(temporary) / name
-                fresh.write_bytes(content)
-                os.replace(fresh, folder / name)
+            _install(temporary)
+            found = {name: Path(temporary, "imagecorruptions", "frost", name) for name in TEXTURES}
+            contents = {name: _read(path) or b"" for name, path in found.items()}
+            if wrong := [name for name, content in contents.items() if not _is_genuine(name, content)]:
+                raise AssetError(WHEEL, f"its {wrong[0]} is missing or has the wrong SHA-256; {_REMEDY}")
+            for name, path in found.items():
+                os.replace(path, folder / name)
             return contents
     except OSError as error:
         raise AssetError(folder, f"cannot store frost textures ({error.strerror or error}); {_REMEDY}") from error
 
 
-def _download(folder: Path) -> Path:
-    command = [sys.executable, "-I", "-m", "pip", "--no-input", "--disable-pip-version-check", "download", "--quiet"]
-    command += ["--no-deps", "--only-binary=:all:", "--retries", "1", "--dest", str(folder), WHEEL]
+def _install(folder: str) -> None:
+    """Install the wheel below a folder, from which nothing is imported."""
+    command = [sys.executable, "-I", "-m", "pip", "--no-input", "--disable-pip-version-check", "install", "--quiet"]
+    command += ["--no-deps", "--only-binary=:all:", "--no-compile", "--retries", "1", "--target", folder, WHEEL]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         raise AssetError(WHEEL, f"pip did not download it within {_PIP_SECONDS} s; {_REMEDY}") from None
-    wheels = list(folder.glob("*.whl"))
-    if done.returncode != 0 or len(wheels) != 1:
+    if done.returncode != 0:
         reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
         reason = reasons[-1].strip() if reasons else f"exit status {done.returncode}"
-        raise AssetError(WHEEL, f"pip could not download it ({reason}); {_REMEDY}")
-    return wheels[0]
-
-
-def _unpack(wheel: Path) -> dict[str, bytes]:
-    """Read and verify the five files in the wheel, without extracting anything else."""
-    contents = {}
-    try:
-        with zipfile.ZipFile(wheel) as archive:
-            for name in TEXTURES:
-                with archive.open(f"{_INSIDE}/{name}") as member:
-                    contents[name] = member.read(8 << 20)
-    except (zipfile.BadZipFile, KeyError, RuntimeError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
-        raise AssetError(WHEEL, f"the wheel downloaded by pip is not usable ({error}); {_REMEDY}") from error
-    for name, content in contents.items():
-        if not _is_genuine(name, content):
-            raise AssetError(WHEEL, f"{name} in the wheel downloaded by pip has the wrong SHA-256; {_REMEDY}")
-    return contents
+        raise AssetError(WHEEL, f"pip could not install it ({reason}); {_REMEDY}")
