@@ -11,7 +11,6 @@ RAIN = textwrap.dedent(
 
 
     class Rain:
-        family = "weather"
         severities = (1, 2, 3, 4, 5)
 
         def __init__(self, density=1):

@@ -299,7 +299,6 @@ from ..base import Corruption
 
 class DeadRows(Corruption):
     name = "dead_rows"
-    family = "sensor"
     paper_severities = (2, 3, 5, 8, 13)
 
     def apply(self, frame, state, index):

@@ -30,7 +30,6 @@ from .conftest import FRAMES
 class Unchanged:
     """A corruption that leaves the frames unchanged."""
 
-    family = "noise"
     severities = (1, 2, 3, 4, 5)
 
     def draw(self, rng, severity, shape):

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIES, load_corruption
-from robustflow.corruptions.registry import CLIP, SHIPPED
+from robustflow.corruptions.registry import CLIP, SHIPPED, heading_of
 from robustflow.corruptions.scale import calibrated_severities
 from robustflow.corruptions.stack import needs_depth, truth_under
 from robustflow.media.colours import flow_colours, flow_radius
@@ -73,7 +73,9 @@ def navigation() -> list[Any]:
 def page(name: str, cells: list[Seen]) -> str:
     """The page of one corruption."""
     note, one = NOTES[name], load_corruption(name)
-    family = f"[{one.family}]({one.family}/index.md)" if name in PAPER_ORDER else one.family
+    family = heading_of(name)
+    if name in PAPER_ORDER:
+        family = f"[{family}]({family}/index.md)"
     traits = [f"Family: {family}."]
     if name in CLIP:
         traits.append("Needs the whole clip.")

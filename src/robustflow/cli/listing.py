@@ -138,12 +138,13 @@ def _aligned(lines: Sequence[tuple[str, ...]]) -> list[str]:
 def _corruptions() -> list[str]:
     from ..corruptions import CORRUPTIONS, load_corruption
     from ..corruptions.optics.psf_field import RMS_RADII
+    from ..corruptions.registry import heading_of
 
     lines: list[tuple[str, ...]] = []
     for name in CORRUPTIONS.names():
         one = load_corruption(name)
         parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
-        lines.append((name, one.family, "temporal" if one.temporal else "", parameters))
+        lines.append((name, heading_of(name), "temporal" if one.temporal else "", parameters))
     radii = ", ".join(map(str, RMS_RADII))
     return [*_aligned(lines), f"psf_blur: RMS radii in mm of the paper's lenses; ours have {radii}."]
 

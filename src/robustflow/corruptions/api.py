@@ -35,7 +35,7 @@ class ChannelsReversed(Corruption):
     """
 
     def __init__(self, inner: Corruption) -> None:
-        for attribute in ("name", "family", "temporal", "truth", "paper_severities", "needs_depth"):
+        for attribute in ("name", "temporal", "truth", "paper_severities", "needs_depth"):
             setattr(self, attribute, getattr(inner, attribute))
         super().__init__(inner.variant, inner.severities)
         self.variant = BGR

@@ -32,12 +32,11 @@ SCALES = ("paper", "calibrated")
 class Corruption(ABC):
     """A corruption with five severities.
 
-    Subclasses set `name`, `family` and `paper_severities` (one entry per severity), and implement `apply` and, if
+    Subclasses set `name` and `paper_severities` (one entry per severity), and implement `apply` and, if
     anything is random, `draw`. Instances have no random state and can be shared between threads.
     """
 
     name: str
-    family: str
     temporal: bool = False
     """Whether the paper calls the corruption temporal, i.e. designed for pairs and clips rather than single images."""
     paper_severities: tuple[Any, ...]

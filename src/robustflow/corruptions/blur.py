@@ -39,7 +39,6 @@ class GaussianBlur(Corruption):
     """
 
     name = "gaussian_blur"
-    family = "blur"
     paper_severities = (1.0, 2.0, 3.0, 4.0, 6.0)
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
@@ -62,7 +61,6 @@ class DefocusBlur(Corruption):
     """
 
     name = "defocus_blur"
-    family = "blur"
     level = Disk
     paper_severities = ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5))
 
@@ -91,7 +89,6 @@ class CameraMotionBlur(Corruption):
     """
 
     name = "camera_motion_blur"
-    family = "blur"
     temporal = True
     level = Shake
     paper_severities = ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15))
@@ -128,7 +125,6 @@ class GlassBlur(Corruption):
     """
 
     name = "glass_blur"
-    family = "blur"
     level = Glass
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
@@ -250,7 +246,6 @@ class PsfBlur(Corruption):
     """
 
     name = "psf_blur"
-    family = "blur"
     source_key = "psf"
     paper_severities = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 

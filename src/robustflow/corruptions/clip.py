@@ -37,7 +37,6 @@ class H264Crf(ClipCorruption):
     """Compresses the clip with H.264 at a constant rate factor (appendix, "H.264 CRF"); the parameter is the CRF."""
 
     name = "h264_crf"
-    family = "video"
     paper_severities = (23, 30, 37, 44, 51)
 
 
@@ -48,7 +47,6 @@ class H264Abr(ClipCorruption):
     """
 
     name = "h264_abr"
-    family = "video"
     paper_severities = (25_000_000, 12_500_000, 6_250_000, 3_125_000, 1_562_500)
 
 
@@ -60,7 +58,6 @@ class BitError(ClipCorruption):
     """
 
     name = "bit_error"
-    family = "video"
     paper_severities = (50_000_000, 25_000_000, 15_000_000, 10_000_000, 1_000_000)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
@@ -73,7 +70,6 @@ class ObjectMotionBlur(ClipCorruption):
     """Averages 2c + 1 master frames centred on a key frame (appendix, "Object Motion Blur"); the parameter is c."""
 
     name = "object_motion_blur"
-    family = "blur"
     paper_severities = (3, 6, 9, 12, 15)
 
 
@@ -87,7 +83,6 @@ class RollingShutter(ClipCorruption):
     """
 
     name = "rolling_shutter"
-    family = "sensor"
     truth = "none"
     paper_severities = (6, 12, 18, 24, 30)
     instead = (

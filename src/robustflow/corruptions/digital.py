@@ -24,7 +24,6 @@ class JpegCompression(Corruption):
     """
 
     name = "jpeg_compression"
-    family = "digital"
     paper_severities = (25, 18, 15, 10, 7)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> int:
@@ -49,7 +48,6 @@ class Pixelate(Corruption):
     """
 
     name = "pixelate"
-    family = "digital"
     paper_severities = (0.6, 0.5, 0.4, 0.3, 0.25)
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
@@ -164,7 +162,6 @@ class Contrast(Corruption):
     """
 
     name = "contrast"
-    family = "digital"
     paper_severities = (0.4, 0.3, 0.2, 0.1, 0.05)
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
@@ -193,7 +190,6 @@ class Saturate(Corruption):
     """
 
     name = "saturate"
-    family = "digital"
     level = Saturation
     paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
 
@@ -253,7 +249,6 @@ class ElasticTransform(Corruption):
     """
 
     name = "elastic_transform"
-    family = "digital"
     truth = "none"
     paper_severities = (12.5, 16.25, 21.25, 25.0, 30.0)
 

@@ -27,7 +27,6 @@ class HighLight(Corruption):
     """
 
     name = "high_light"
-    family = "illumination"
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
     sign = 1.0
 
@@ -62,7 +61,6 @@ class OverExposure(Corruption):
 
     name = "over_exposure"
     temporal = True
-    family = "illumination"
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:

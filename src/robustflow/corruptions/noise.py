@@ -43,8 +43,6 @@ class NoiseState:
 class Noise(Corruption):
     """Base class for Gaussian, impulse and shot noise."""
 
-    family = "noise"
-
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoiseState:
         return NoiseState(float(self.parameter(severity)), rng)
 

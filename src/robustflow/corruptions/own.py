@@ -32,11 +32,8 @@ _GUIDE = "see the guide 'add your corruption'"
 class OwnCorruption(Corruption):
     """Wraps a user-defined corruption and checks its arguments and results."""
 
-    family = "own"
-
     def __init__(self, made: Any, variant: str = "default") -> None:
         self.name = own_name(made)
-        self.family = str(getattr(made, "family", "own"))
         self.temporal = bool(getattr(made, "temporal", False))
         self.needs_depth = bool(getattr(made, "needs_depth", False))
         self.truth = getattr(made, "truth", "unchanged")

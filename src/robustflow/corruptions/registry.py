@@ -154,6 +154,16 @@ def family_of(name: str) -> str | None:
     return _FAMILY.get(name)
 
 
+def heading_of(name: str) -> str:
+    """Return the family under which a corruption is listed; "own" for corruptions of other packages.
+
+    >>> heading_of("fog"), heading_of("elastic_transform"), heading_of("rain_3d")
+    ('weather', 'digital', 'depth')
+    """
+    families = (*FAMILIES.items(), *FURTHER.items())
+    return next((family for family, names in families if name in names), "own")
+
+
 def ordered(names: Iterable[str]) -> list[str]:
     """Return the corruptions in table order: those in `ORDER` first, then the remaining ones by name."""
     return sorted(names, key=lambda name: (_PLACE.get(name, len(_PLACE)), name))

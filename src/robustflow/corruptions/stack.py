@@ -113,7 +113,6 @@ class Stack(Corruption):
     'fog:2+jpeg_compression'
     """
 
-    family = "stack"
     paper_severities = ("1", "2", "3", "4", "5")
 
     def __init__(self, parts: list[tuple[Corruption, int | None]]) -> None:

@@ -97,7 +97,6 @@ class NearFocus(Defocus3d):
     """Focuses both frames on the near part of the scene, which blurs the background."""
 
     name = "near_focus"
-    family = "depth"
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
@@ -108,7 +107,6 @@ class FarFocus(Defocus3d):
     """Focuses both frames on the far part of the scene, so the blurred foreground spreads beyond its outlines."""
 
     name = "far_focus"
-    family = "depth"
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:

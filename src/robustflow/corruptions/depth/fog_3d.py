@@ -29,7 +29,6 @@ class Fog3d(DepthCorruption):
     """
 
     name = "fog_3d"
-    family = "depth"
     paper_severities = (1000.0, 500.0, 250.0, 125.0, 60.0)
 
     def draw_scene(

@@ -67,7 +67,6 @@ class MotionBlur3d(DepthCorruption):
     """
 
     name = "motion_blur_3d"
-    family = "depth"
     paper_severities = (0.1, 0.25, 0.5, 0.75, 1.0)
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:

@@ -299,7 +299,6 @@ class Rain3d(Precipitation):
     """Adds raindrops that move consistently between the frames with gravity and wind, and are occluded by the scene."""
 
     name = "rain_3d"
-    family = "depth"
     paper_severities = (10.0, 25.0, 50.0, 100.0, 200.0)
     colour = (228.0, 232.0, 236.0)
     # 200 sqrt(D / 2000) m/s for D in mm
@@ -320,7 +319,6 @@ class Snow3d(Precipitation):
     """
 
     name = "snow_3d"
-    family = "depth"
     paper_severities = (1.0, 2.0, 4.0, 7.0, 10.0)
     colour = (240.0, 242.0, 245.0)
     fall = Fall(slowest=1.0, spread=1.0, root=0.0, wind=3.0, flutter=0.5)

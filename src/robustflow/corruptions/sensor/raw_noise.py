@@ -55,7 +55,6 @@ class RawNoise(Corruption):
     """
 
     name = "raw_noise"
-    family = "sensor"
     paper_severities = (800, 1600, 3200, 6400, 12800)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> RawState:

@@ -31,7 +31,6 @@ class Fog(Corruption):
     """
 
     name = "fog"
-    family = "weather"
     level = FogLevel
     paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
 

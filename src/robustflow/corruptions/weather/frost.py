@@ -135,7 +135,6 @@ class Frost(Corruption):
     """
 
     name = "frost"
-    family = "weather"
     level = FrostLevel
     paper_severities = ((1.0, 0.4), (0.8, 0.6), (0.7, 0.7), (0.65, 0.7), (0.6, 0.75))
 

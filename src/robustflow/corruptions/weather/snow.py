@@ -42,7 +42,6 @@ class Snow(Corruption):
     """
 
     name = "snow"
-    family = "weather"
     temporal = True
     level = SnowLevel
     paper_severities = (

@@ -51,7 +51,6 @@ class Spatter(Corruption):
     """
 
     name = "spatter"
-    family = "weather"
     level = SpatterLevel
     paper_severities = (
         (0.65, 0.3, 4.0, 0.69, 0.6, False),
