@@ -20,7 +20,7 @@ from ..core.plugins import called, checked_name, described, own_name, source_dig
 from ..core.rng import Rng
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
-from .registry import CORRUPTIONS, SHIPPED, on_disk
+from .registry import CORRUPTIONS, ON_DISK, SHIPPED
 
 Made = Any
 """A corruption class, or an instance of one."""
@@ -85,14 +85,14 @@ def register_custom(made: Made) -> str:
     one.
     """
     _check_methods(made)
-    name = checked_name(made, "corruption", lambda name: name in SHIPPED or on_disk(name) is not None)
+    name = checked_name(made, "corruption", (*SHIPPED, *ON_DISK).__contains__)
     _own[name] = made
     return name
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
     """Return the corruption that the user or an installed package registered under a name."""
-    if name in SHIPPED or on_disk(name) is not None:
+    if name in SHIPPED or name in ON_DISK:
         return None
     corruption = _own.get(name)
     if corruption is None:

@@ -10,8 +10,7 @@ which denote a severity, a stack and a folder, "_" is safe in file names, URLs, 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..core.errors import UsageError
@@ -21,66 +20,29 @@ if TYPE_CHECKING:
     from .base import Corruption
 
 
-@dataclass(frozen=True)
-class OnDisk:
-    """The corruptions of a dataset that is distributed in corrupted form, each with a single severity.
-
-    >>> ROBUSTSPRING.local_name("fog"), ROBUSTSPRING.dataset_name("robustspring_fog"), len(ROBUSTSPRING.names)
-    ('robustspring_fog', 'fog', 20)
-    """
-
-    dataset: str
-    title: str
-    abbreviation: str
-    families: Mapping[str, tuple[str, ...]]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the local names of the corruptions, family by family."""
-        return tuple(self.local_name(name) for names in self.families.values() for name in names)
-
-    def local_name(self, dataset_name: str) -> str:
-        """Return the local name of one of the dataset's corruptions."""
-        return f"{self.dataset}_{dataset_name}"
-
-    def dataset_name(self, name: str) -> str:
-        """Return the dataset's own name for a corruption in `names`."""
-        return name.removeprefix(f"{self.dataset}_")
-
-
-ROBUSTSPRING = OnDisk(
-    "robustspring",
-    "RobustSpring",
-    "RS",
-    {
-        "digital": ("jpeg_compression", "pixelate", "elastic_transform", "contrast", "saturate"),
-        "illumination": ("brightness",),
-        "weather": ("spatter", "fog", "frost", "snow", "rain"),
-        "noise": ("gaussian_noise", "shot_noise", "impulse_noise", "speckle_noise"),
-        "blur": ("gaussian_blur", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur"),
-    },
-)
-"""RobustSpring (Schmalfuss et al., arXiv 2505.09368). Its weather, noise and blur families match this project's;
-its "color" family contains brightness, contrast and saturate, and its "quality" family contains pixelate,
-jpeg_compression and elastic_transform.
+ROBUSTSPRING: dict[str, tuple[str, ...]] = {
+    "digital": ("jpeg_compression", "pixelate", "elastic_transform", "contrast", "saturate"),
+    "illumination": ("brightness",),
+    "weather": ("spatter", "fog", "frost", "snow", "rain"),
+    "noise": ("gaussian_noise", "shot_noise", "impulse_noise", "speckle_noise"),
+    "blur": ("gaussian_blur", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur"),
+}
+"""The corruptions of RobustSpring (Schmalfuss et al., arXiv 2505.09368) by family, as it names them. Its weather, noise
+and blur families match this project's; its "color" family contains brightness, contrast and saturate, and its "quality"
+family contains pixelate, jpeg_compression and elastic_transform.
 """
-
-SETS: tuple[OnDisk, ...] = (ROBUSTSPRING,)
-_SET_OF = {name: each for each in SETS for name in each.names}
-
-
-def on_disk(name: str) -> OnDisk | None:
-    """Return the dataset that provides a corruption, or None for computed corruptions and unknown names."""
-    return _SET_OF.get(name)
+ON_DISK_PREFIX = "robustspring_"
+ON_DISK: tuple[str, ...] = tuple(f"{ON_DISK_PREFIX}{name}" for names in ROBUSTSPRING.values() for name in names)
+"""Corruptions that exist only as files, by their local names."""
 
 
 def refuse_on_disk(name: str) -> None:
     """Raise a UsageError for a corruption that cannot be computed."""
-    if (files := on_disk(name)) is not None:
+    if name in ON_DISK:
         raise UsageError(
             name,
-            f"exists only as corrupted files in {files.title}, so it cannot be applied to other frames; "
-            f"use --benchmark {files.dataset} --data FOLDER",
+            "exists only as corrupted files in RobustSpring, so it cannot be applied to other frames; "
+            "use --benchmark robustspring --data FOLDER",
         )
 
 
@@ -130,17 +92,14 @@ for _modules in (*_PAPER.values(), *_FURTHER.values()):
         CORRUPTIONS.add(_name, f"{__package__}.{_module}:{''.join(part.capitalize() for part in _name.split('_'))}")
 
 MEMBERS: dict[str, tuple[str, ...]] = {
-    family: (*names, *(each.local_name(own) for each in SETS for own in each.families.get(family, ())))
+    family: (*names, *(f"{ON_DISK_PREFIX}{own}" for own in ROBUSTSPRING.get(family, ())))
     for family, names in FAMILIES.items()
 }
 """Corruptions by family. No benchmark contains both the paper's corruptions and corruptions from files, so they are
 never averaged together.
 """
 
-ORDER: tuple[str, ...] = (
-    *(name for names in FAMILIES.values() for name in names),
-    *(name for each in SETS for name in each.names),
-)
+ORDER: tuple[str, ...] = (*PAPER_ORDER, *ON_DISK)
 _PLACE = {name: place for place, name in enumerate(ORDER)}
 _FAMILY = {name: family for family, names in MEMBERS.items() for name in names}
 

@@ -13,7 +13,7 @@ from ..corruptions import load_corruption
 from ..corruptions.api import user_sources
 from ..corruptions.base import BGR, VARIANTS
 from ..corruptions.own import is_known, own_among
-from ..corruptions.registry import on_disk
+from ..corruptions.registry import ON_DISK
 from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
@@ -56,7 +56,7 @@ def set_up(
     frames, measuring, name = config.frames, config.measuring, config.output.name
     variant, severity_scale = frames.variant, frames.severity_scale
     for corruption in benchmark.corruptions:
-        if not benchmark.closed or on_disk(corruption) is None:
+        if not benchmark.closed or corruption not in ON_DISK:
             load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError("--severity-scale", "these frames were corrupted beforehand; omit it")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..core.text import plain
-from ..corruptions.registry import FAMILIES, MEMBERS, family_of, on_disk
+from ..corruptions.registry import FAMILIES, MEMBERS, ON_DISK, ON_DISK_PREFIX, family_of
 from ..data.benchmarks import benchmark_facts
 from ..metrics.means import AVERAGE, group_means
 from ..metrics.measures import LABELS, UNITS
@@ -139,8 +139,8 @@ def short_label(corruption: str) -> str:
     >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
     ('Gaussian', 'Fog', 'RS fog')
     """
-    if (files := on_disk(corruption)) is not None:
-        return f"{files.abbreviation} {inside(short_label(files.dataset_name(corruption)))}"
+    if corruption in ON_DISK:
+        return f"RS {inside(short_label(corruption.removeprefix(ON_DISK_PREFIX)))}"
     return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
 
 
@@ -150,8 +150,8 @@ def long_label(corruption: str) -> str:
     >>> long_label("psf_blur"), long_label("h264_crf"), long_label("robustspring_zoom_blur")
     ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
     """
-    if (files := on_disk(corruption)) is not None:
-        return f"{files.title} {inside(long_label(files.dataset_name(corruption)))}"
+    if corruption in ON_DISK:
+        return f"RobustSpring {inside(long_label(corruption.removeprefix(ON_DISK_PREFIX)))}"
     words = corruption.replace("_", " ").capitalize()
     return (
         words.replace("Jpeg", "JPEG")

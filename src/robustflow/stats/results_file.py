@@ -20,7 +20,7 @@ from ..core.errors import DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.text import text_cell
-from ..corruptions.registry import MEMBERS, on_disk
+from ..corruptions.registry import MEMBERS, ON_DISK
 from ..corruptions.stack import parse_stack
 from .frame import given_frame, line_by_line
 from .results import AVERAGE, CLEAN, RESULT_METRICS
@@ -115,7 +115,7 @@ def _share(text: str, where: str) -> float | None:
 
 
 def _check_corruption(name: str, where: str) -> None:
-    if name not in (CLEAN, AVERAGE, *ELSEWHERE) and on_disk(name) is None:
+    if name not in (CLEAN, AVERAGE, *ELSEWHERE) and name not in ON_DISK:
         try:
             parse_stack(name)
         except UsageError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..core.text import counted, joined
-from ..corruptions.registry import ROBUSTSPRING
+from ..corruptions.registry import ON_DISK_PREFIX
 from ..run.comparable import sample_set_of
 from ..run.run import Run
 from .frame import LINE, given_frame
@@ -34,15 +34,15 @@ def robustspring_results(run: Run, flows: Iterable[Submitted]) -> pl.DataFrame:
     moved: dict[str, list[float]] = {}
     for flow in flows:
         if flow.moved is not None:
-            moved.setdefault(ROBUSTSPRING.local_name(flow.condition), []).append(flow.moved[0])
+            moved.setdefault(f"{ON_DISK_PREFIX}{flow.condition}", []).append(flow.moved[0])
     means = {name: fsum(values) / len(values) for name, values in moved.items()}
     few = joined([inside(long_label(name)) for name in moved]) if len(moved) <= _MOST_NAMED else ""
     pairs = min(len(values) for values in moved.values())
     note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
     means[AVERAGE] = fsum(means.values()) / len(means)
     cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
-    frames = f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}"
-    head = dict(zip(LINE, (ROBUSTSPRING.dataset, frames, _setting(run), run.name), strict=True))
+    frames = f"RobustSpring, {note}; frames {sample_set_of('', cells)}"
+    head = dict(zip(LINE, ("robustspring", frames, _setting(run), run.name), strict=True))
     head |= {"note": note, "measure": "rcre", "origin": run.manifest.identity_digest}
     return given_frame(head | {"condition": name, "value": value} for name, value in means.items())
 
@@ -51,7 +51,7 @@ def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str
     """Return, for each corruption, the number of pairs and the means of `ROBUSTNESS` over them; "average" is the mean
     over corruptions.
     """
-    table = {ROBUSTSPRING.local_name(own): (len(values), _columns(values)) for own, values in moved.items()}
+    table = {f"{ON_DISK_PREFIX}{own}": (len(values), _columns(values)) for own, values in moved.items()}
     pairs, means = zip(*table.values(), strict=True)
     return table | {AVERAGE: (min(pairs), _columns(means))}
 
@@ -73,5 +73,5 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
 
 def _setting(run: Run) -> str:
     """Return the model's setting on RobustSpring's frames, regardless of which benchmark the run used."""
-    setting = run.manifest.provenance_on(ROBUSTSPRING.dataset).setting
+    setting = run.manifest.provenance_on("robustspring").setting
     return OWN_SETTING if setting == "UNKNOWN" else setting

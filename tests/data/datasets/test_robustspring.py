@@ -11,7 +11,7 @@ import pytest
 from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import CORRUPTIONS, load_corruption
 from robustflow.corruptions.own import register_custom
-from robustflow.corruptions.registry import MEMBERS, ORDER, ROBUSTSPRING
+from robustflow.corruptions.registry import MEMBERS, ON_DISK, ON_DISK_PREFIX, ORDER
 from robustflow.data.benchmarks import benchmark_facts, load_benchmark
 from robustflow.data.benchmarks.setting import setting_of
 from robustflow.data.datasets import load_dataset
@@ -85,11 +85,11 @@ def test_facts_of_robustspring_state_its_corruptions_and_its_domain():
 
 def test_names_of_robustspring_differ_from_those_of_this_project():
     ours = set(CORRUPTIONS.names())
-    assert not ours & set(ROBUSTSPRING.names)
+    assert not ours & set(ON_DISK)
     missing_here = {"brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur"}
-    assert {ROBUSTSPRING.dataset_name(name) for name in ROBUSTSPRING.names} - ours == missing_here
-    members = [name for names in MEMBERS.values() for name in names if name in ROBUSTSPRING.names]
-    assert members == list(ROBUSTSPRING.names)
+    assert {name.removeprefix(ON_DISK_PREFIX) for name in ON_DISK} - ours == missing_here
+    members = [name for names in MEMBERS.values() for name in names if name in ON_DISK]
+    assert members == list(ON_DISK)
     assert len(set(ORDER)) == len(ORDER) == 24 + 20
     refusal(lambda: load_corruption(FOG), UsageError, FOG)
 

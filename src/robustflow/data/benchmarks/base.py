@@ -10,7 +10,7 @@ from ...core.arguments import check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
-from ...corruptions.registry import on_disk, with_families
+from ...corruptions.registry import ON_DISK, with_families
 from ...corruptions.stack import needs_depth, split_stack
 from ...models.conventions import check_count
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
@@ -106,7 +106,7 @@ class Benchmark:
         asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
         chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:
-            if name not in self.corruptions and not (self.closed and on_disk(name)):
+            if name not in self.corruptions and not (self.closed and name in ON_DISK):
                 load_corruption(name)
                 self._refuse_clip_corruption(name)
         named = self.severities if severities is None else _as_iterable(severities)

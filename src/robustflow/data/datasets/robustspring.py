@@ -27,14 +27,14 @@ from ...core.arguments import choice
 from ...core.errors import DataError, UsageError
 from ...core.paths import folders, locate, user_path
 from ...core.types import Frame
-from ...corruptions.registry import ROBUSTSPRING
+from ...corruptions.registry import ON_DISK, ON_DISK_PREFIX
 from .base import DatasetFacts
 from .layout import Layout, matching
 from .pairs import PairDataset, PairFiles, read_frames
 
 CLEAN = "clean"
 
-CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.dataset_name, ROBUSTSPRING.names)))
+CORRUPTIONS = tuple(sorted(name.removeprefix(ON_DISK_PREFIX) for name in ON_DISK))
 """RobustSpring's names for its corruptions; each corruption has a single strength."""
 
 SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
@@ -118,7 +118,7 @@ class RobustSpring(Condition):
         "Scene Flow and Stereo, arXiv 2505.09368, 2025",
         layout="fog/test/0003/frame_left, spring/test/0003/frame_left",
         same_domain=("spring",),
-        corruptions=ROBUSTSPRING.names,
+        corruptions=ON_DISK,
         folder_options=("spring",),
     )
 
@@ -126,7 +126,7 @@ class RobustSpring(Condition):
         super().__init__(root, CLEAN, spring)
         self.root = user_path(root)
         self._corrupted = {
-            ROBUSTSPRING.local_name(own): condition_folder(self.root, own)
+            f"{ON_DISK_PREFIX}{own}": condition_folder(self.root, own)
             for own in CORRUPTIONS
             if (self.root / own).is_dir()
         }
