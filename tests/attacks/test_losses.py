@@ -96,15 +96,6 @@ def test_the_slope_of_zero_vectors_is_zero_and_finite(kind):
     assert not slope.any()
 
 
-def test_a_capped_pixel_counts_the_diagonal_and_has_no_slope():
-    flow = np.zeros((HEIGHT, WIDTH, 2), np.float32)
-    flow[0, 0] = (3, 4)  # as long as the diagonal
-    flow[0, 1] = (300, 400)
-    value, slope = Loss(np.zeros_like(flow), kind="capped").slope(flow)
-    assert value == pytest.approx(10 / 12)
-    assert not slope.any()
-
-
 def test_an_infinite_flow_has_an_infinite_error_and_no_warning(recwarn):
     flow, reference, _ = flows()
     flow[0, 0] = np.inf

@@ -85,18 +85,3 @@ def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
     noise = rf.attack(*pair, model, "random_sign", 4)
     assert attacked.moved > noise.moved > 0
     assert "gradient_zero" not in attacked.warnings
-
-
-@pytest.mark.slow  # predicts 200 flows of a real pair
-@pytest.mark.parametrize("name", ["dis", "farneback"])
-def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, name):
-    data = rf.load_dataset("middlebury", shared("data/middlebury"))
-    sample = data.load(data.keys()[0])
-    cut = (slice(60, 220), slice(60, 320))
-    pair = [frame[cut] for frame in sample.frames[:2]]
-    truth = {"flow": sample.flow[cut], "valid": sample.valid[cut]}
-    noise = rf.attack(*pair, name, "random_sign", 4, **truth)
-    attacked = rf.attack(*pair, name, "square", 4, queries=200, **truth)
-    assert attacked.loss > noise.loss
-    assert attacked.loss > attacked.clean_loss
-    assert attacked.linf == noise.linf == 8

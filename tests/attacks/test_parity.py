@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow import TorchModel, load_model
+from robustflow import TorchModel
 from robustflow.attacks import load_attack
 from robustflow.attacks.ball import Ball
 from robustflow.attacks.loss import Loss
@@ -24,13 +24,14 @@ from .smooth_net import SmoothNet
 SIGN, PCFA = "attack_fgsm_bim_pgd_cospgd", "attack_pcfa"
 
 
-def _cases(folder: str, net: str) -> list[dict]:
+def _cases(folder: str) -> list[dict]:
+    """The cases of the smooth network."""
     path = shared_root() / "parity" / folder / "cases.json"
     if not path.is_file():
         return [pytest.param(None, marks=pytest.mark.skip(reason=f"shared data 'parity/{folder}' not found"))]
     cases = json.loads(path.read_text())["cases"]
-    net_cases = cases[net] if isinstance(cases, dict) else [case for case in cases if case["name"].startswith(net)]
-    return [pytest.param(case, id=case["name"]) for case in net_cases]
+    cases = cases["tiny"] if isinstance(cases, dict) else [case for case in cases if case["name"].startswith("tiny")]
+    return [pytest.param(case, id=case["name"]) for case in cases]
 
 
 def _smooth(pack: Pack) -> TorchModel:
@@ -39,31 +40,20 @@ def _smooth(pack: Pack) -> TorchModel:
     )
 
 
-def _raft_small(pack: Pack):
-    """Return ptlflow's network, to which the adapter passes RGB; FlowBench's pack was created without an adapter, so
-    its network received BGR."""
-    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
-    model = load_model("ptlflow:raft_small", checkpoint="random", iterations=6, device="cpu")
-    pack.fill(model.net.model, "keys_raft_small.json")
-    return model
-
-
-def _truth(pack: Pack, net: str) -> Loss:
+def _truth(pack: Pack) -> Loss:
     """Return the end-point error against the pack's ground truth."""
-    with np.load(pack.folder / f"{net}_truth.npz") as arrays:
+    with np.load(pack.folder / "tiny_truth.npz") as arrays:
         return Loss(arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool))
 
 
-def _problem(pack: Pack, net: str, model, case: dict, reversed_colours: bool = False) -> Problem:
-    frames = [pack.frame(f"{net}_{i}") for i in (1, 2)]
-    if reversed_colours:
-        frames = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
-    truth = _truth(pack, net).reference
+def _problem(pack: Pack, case: dict) -> Problem:
+    frames = [pack.frame(f"tiny_{i}") for i in (1, 2)]
+    truth = _truth(pack).reference
     height, width = truth.shape[:2]
     norm = "rms" if case.get("norm") == "two" else "linf"
     unit = 255 / np.sqrt(3 * height * width) if norm == "rms" else 255
     ball = Ball(*frames, case["eps"] * unit, norm, per_frame=True)
-    problem = Problem(model, ball, Loss(truth), Pair(tuple(frames), ball.budget), truth)
+    problem = Problem(_smooth(pack), ball, Loss(truth), Pair(tuple(frames), ball.budget), truth)
     clean = problem.flow(ball.clean)
     reference = {"zero": np.zeros_like(clean), "negative": -clean}.get(case.get("target", ""), truth)
     reference = clean if case.get("optim") == "initial_flow" else reference
@@ -73,9 +63,9 @@ def _problem(pack: Pack, net: str, model, case: dict, reversed_colours: bool = F
     return problem
 
 
-def _expected(pack: Pack, net: str, name: str) -> dict[str, np.ndarray]:
+def _expected(pack: Pack, name: str) -> dict[str, np.ndarray]:
     arrays = {}
-    for path in sorted(pack.folder.glob(f"{net}_expected*.npz")):
+    for path in sorted(pack.folder.glob("tiny_expected*.npz")):
         with np.load(path) as file:
             arrays |= {key.removeprefix(f"{name}."): file[key] for key in file.files if key.startswith(f"{name}.")}
     return arrays
@@ -102,12 +92,12 @@ def _run(problem: Problem, case: dict, start, losses: list[float]):
     return images
 
 
-@pytest.mark.parametrize("case", _cases(SIGN, "tiny"))
+@pytest.mark.parametrize("case", _cases(SIGN))
 def test_sign_attacks_on_the_smooth_network_follow_flowbench(shared, case):
     pack = Pack(shared(f"parity/{SIGN}"))
-    problem = _problem(pack, "tiny", _smooth(pack), case)
-    expected = _expected(pack, "tiny", case["name"])
-    starts = _expected(pack, "tiny", f"pgd_{case['norm']}_gt")
+    problem = _problem(pack, case)
+    expected = _expected(pack, case["name"])
+    starts = _expected(pack, f"pgd_{case['norm']}_gt")
     singular = case["name"] == "pgd_inf_initial"
     if "grad0" in expected:
         begin = starts["start"] if case["attack"] in ("pgd", "cospgd") else problem.ball.clean
@@ -119,62 +109,10 @@ def test_sign_attacks_on_the_smooth_network_follow_flowbench(shared, case):
     assert np.mean(np.abs(images - expected["adv"]) > 1e-6) <= (0.1 if singular else 0.002)
     flow = problem.flow(images)
     assert np.abs(flow.transpose(2, 0, 1) - expected["flow_after"][0]).max() <= (3 if singular else 0.2)
-    assert abs(_truth(pack, "tiny").of(flow) - expected["epe_gt"][-1]) <= (0.05 if singular else 1e-3)
+    assert abs(_truth(pack).of(flow) - expected["epe_gt"][-1]) <= (0.05 if singular else 1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", _cases(SIGN, "raft_small"))
-def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
-    pack = Pack(shared(f"parity/{SIGN}"))
-    problem = _problem(pack, "raft_small", _raft_small(pack), case, reversed_colours=True)
-    expected = _expected(pack, "raft_small", case["name"])
-    with np.load(pack.folder / "raft_small_frames.npz") as arrays:
-        start, before, after = (
-            arrays[name] for name in ("pgd_inf_gt.start", "cospgd_inf_gt.iter5", "cospgd_inf_gt.iter6")
-        )
-    start, before = (np.ascontiguousarray(images[:, ::-1]) for images in (start, before))
-    if "grad0" in expected:
-        gradient = problem.loss_and_gradient(problem.ball.clean)[2][:, ::-1, ::2, ::2]
-        differs = np.abs(gradient - expected["grad0"]) > 1e-4 * np.abs(expected["grad0"]).max()
-        assert np.mean(differs) <= 0.001
-    if case["norm"] == "two":
-        start = _start_under_l2(problem, case["eps"])[:, ::-1].copy()
-    if "iter1" in expected:
-        size = case["alpha"] / case["eps"] * problem.ball.budget
-        first = climb(problem, start, [size], keep_best=False)[:, ::-1, ::2, ::2]
-        assert np.mean(np.abs(first - expected["iter1"]) > 1e-6) <= 3e-4
-    if case["name"] == "cospgd_inf_gt":
-        sixth = climb(problem, before, [case["alpha"] * 255], keep_best=False)[:, ::-1, ::2, ::2]
-        assert np.mean(np.abs(sixth - after) > 1e-6) <= 3e-4
-    losses: list[float] = []
-    flow = problem.flow(_run(problem, case, start, losses))
-    assert np.allclose(losses, expected["loss"], rtol=0.002 if case["norm"] == "two" else 0.04, atol=0)
-    assert abs(_truth(pack, "raft_small").of(flow) - expected["epe_gt"][-1]) <= (0.05 if case["norm"] == "two" else 1)
-
-
-def _start_under_l2(problem: Problem, length: float) -> np.ndarray:
-    """Return FlowBench's random start, with norm `length` for each frame, in the channel order of the pack."""
-    import torch
-
-    torch.manual_seed(2024)
-    clean = torch.from_numpy(problem.ball.clean[:, ::-1].copy())
-    drawn = [torch.FloatTensor(*frame.shape).uniform_(-1, 1) for frame in clean]
-    return (clean + torch.stack([each / each.norm() * length for each in drawn])).clamp(0, 1).numpy()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("folder", "name", "reversed_colours"), [(SIGN, "flow_before", True), (PCFA, "flow_init", False)]
-)
-def test_raft_small_gives_the_flow_of_the_packs_on_the_clean_pair(shared, folder, name, reversed_colours):
-    pack = Pack(shared(f"parity/{folder}"))
-    problem = _problem(pack, "raft_small", _raft_small(pack), {"attack": "fgsm", "eps": 1.0}, reversed_colours)
-    with np.load(pack.folder / "raft_small_expected.npz") as arrays:
-        expected = arrays[name][0].transpose(1, 2, 0)
-    assert np.abs(problem.flow(problem.ball.clean)[::2, ::2] - expected).max() < 1e-3
-
-
-def _pcfa(pack: Pack, net: str, model, case: dict, reversed_colours: bool) -> tuple[_Search, Problem, list[float]]:
+def _pcfa(pack: Pack, case: dict) -> tuple[_Search, Problem, list[float]]:
     attack = load_attack(
         "pcfa",
         variant="original",
@@ -183,7 +121,7 @@ def _pcfa(pack: Pack, net: str, model, case: dict, reversed_colours: bool) -> tu
         moved="joint" if case.get("joint") else "both",
         steps=case["steps"],
     )
-    problem = _problem(pack, net, model, {"attack": "pcfa", "eps": 1.0}, reversed_colours)
+    problem = _problem(pack, {"attack": "pcfa", "eps": 1.0})
     ball = Ball(problem.ball.frame1, problem.ball.frame2, case["bound"] * 255, "rms", attack.moved)
     problem.ball = ball
     clean = problem.flow(ball.clean)
@@ -204,11 +142,11 @@ def _pcfa(pack: Pack, net: str, model, case: dict, reversed_colours: bool) -> tu
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", _cases(PCFA, "tiny"))
+@pytest.mark.parametrize("case", _cases(PCFA))
 def test_pcfa_on_the_smooth_network_follows_the_original(shared, case):
     pack = Pack(shared(f"parity/{PCFA}"))
-    search, problem, objectives = _pcfa(pack, "tiny", _smooth(pack), case, False)
-    expected, joint, strict = _expected(pack, "tiny", case["name"]), case.get("joint", False), case["strict"]
+    search, problem, objectives = _pcfa(pack, case)
+    expected, joint, strict = _expected(pack, case["name"]), case.get("joint", False), case["strict"]
     search.run(case["steps"])
     few = 6 if joint else 11 * strict
     assert np.allclose(objectives[:few], expected["loss_evals"][:few], rtol=1e-4 if joint else 1e-5, atol=0)
@@ -216,7 +154,7 @@ def test_pcfa_on_the_smooth_network_follows_the_original(shared, case):
     assert size <= case["bound"] * (1 + 1e-6)
     distance = Loss(problem.loss.reference).of(problem.flow(search.kept))
     assert distance == pytest.approx(expected["aee_adv_tgt_best"][-1], rel=0.01)
-    search, problem, _ = _pcfa(pack, "tiny", _smooth(pack), case, False)
+    search, problem, _ = _pcfa(pack, case)
     search.run(strict)
     images, change = (tensor.detach().numpy() for tensor in search._pair())
     for number in (1, 2):
@@ -224,17 +162,3 @@ def test_pcfa_on_the_smooth_network_follows_the_original(shared, case):
         assert np.abs(found - expected[f"step{strict}_delta{number}_final"][0]).max() <= (1e-4 if joint else 3e-6)
     flow = problem.flow(np.ascontiguousarray(images)).transpose(2, 0, 1)
     assert np.abs(flow - expected[f"step{strict}_flow_pred_final"][0]).max() <= (1e-3 if joint else 2e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", _cases(PCFA, "raft"))
-def test_pcfa_on_raft_small_agrees_for_the_first_evaluations(shared, case):
-    pack = Pack(shared(f"parity/{PCFA}"))
-    search, problem, objectives = _pcfa(pack, "raft_small", _raft_small(pack), case, False)
-    expected = _expected(pack, "raft_small", case["name"])
-    search.run(case["steps"])
-    assert np.allclose(objectives[:3], expected["loss_evals"][:3], rtol=1e-5, atol=0)
-    assert np.allclose(objectives[:6], expected["loss_evals"][:6], rtol=1e-3, atol=0)
-    assert problem.ball.size_of(search.kept - problem.ball.clean) <= case["bound"] * (1 + 1e-6)
-    distance = Loss(problem.loss.reference).of(problem.flow(search.kept))
-    assert distance == pytest.approx(expected["aee_adv_tgt_best"][-1], rel=0.1)

@@ -18,19 +18,9 @@ from robustflow.run.stages import frames_digest
 from ..refusals import refusal
 from .pictures import picture
 
-SEVERITIES = (1, 2, 3, 4, 5)
-
 
 def test_a_severity_without_a_lens_is_refused():
     refusal(lambda: PsfBlur(severities=(0.0296, 0.0832, 0.1102, 0.1588, 0.5)), UsageError, "psf_blur")
-
-
-@pytest.mark.parametrize(("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((375, 1242), (254,))])
-def test_psf_blur_keeps_a_flat_frame_flat(shape, greys):
-    for grey in greys:
-        frame = np.full((*shape, 3), grey, np.uint8)
-        for variant in ("default", "reference"):
-            assert (corrupt(frame, corruption="psf_blur", severity=5, variant=variant) == grey).all()
 
 
 def test_the_reference_variant_cuts_fractions_off():

@@ -10,7 +10,7 @@ from scipy import stats
 
 from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
+from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, height_bits
 from robustflow.corruptions.noise import gaussian_table, shot_tables
 
 
@@ -41,22 +41,6 @@ def test_alias_table_gives_every_outcome_its_share(weights):
 def test_counts_that_do_not_fill_the_table_are_refused():
     with pytest.raises(ValueError):
         alias_table([1, 2, 3], 6, 8)
-
-
-def test_normal_cdf_equals_scipy():
-    xs = [Decimal(k) / 16 for k in range(-128, 129)]
-    found = np.array([float(normal_cdf(x)) for x in xs])
-    np.testing.assert_allclose(found, stats.norm.cdf([float(x) for x in xs]), rtol=1e-13, atol=1e-18)
-
-
-@pytest.mark.parametrize("mean", [0, 1, 7.5, 60, 900])
-def test_poisson_cdf_equals_scipy(mean):
-    np.testing.assert_allclose(
-        [float(p) for p in poisson_cdf(Decimal(mean), 100)],
-        stats.poisson.cdf(np.arange(100), mean),
-        rtol=1e-11,
-        atol=1e-300,
-    )
 
 
 NAMES = ("gaussian_noise", "shot_noise", "impulse_noise")

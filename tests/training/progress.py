@@ -67,13 +67,3 @@ def train_in_two_processes(request: Any, folder: Path, stop: str = "", timeout: 
     command = training_command(request, folder, *launcher, stop=stop)
     done = subprocess.run(command, capture_output=True, text=True, env=ONE_THREAD, timeout=timeout)
     assert done.returncode == 0, done.stderr[-2000:]
-
-
-def one_pair(source: Path, pair: str, folder: Path) -> str:
-    """A copy of Middlebury's layout, made of links, that contains only one pair; as an argument for `DataPlan`."""
-    for path in source.rglob("*"):
-        if path.is_file() and path.parent.name == pair:
-            place = folder / path.relative_to(source)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.symlink_to(path)
-    return f"middlebury={folder}"

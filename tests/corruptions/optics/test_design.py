@@ -10,7 +10,6 @@ from robustflow.corruptions.optics import psf_field as shipped
 from robustflow.corruptions.optics.design import (
     SPECIFICATIONS,
     Budget,
-    Structure,
     design,
     goal_of,
     lens_digest,
@@ -26,14 +25,6 @@ from robustflow.corruptions.optics.render import modulation, moments, nominal_rm
 from ...refusals import refusal
 
 SMALL = Budget(structures=40, screened=4, pool=3, moves=6, first_iterations=4, iterations=4, last_iterations=6)
-
-
-def test_media_and_stop_of_a_structure():
-    structure = Structure(("N-BK7", "N-SF6"), 1)
-    assert structure.media == ("air", "N-BK7", "air", "air", "N-SF6", "air")
-    assert structure.stop_surface == 2
-    assert Structure(("N-BK7",), 1).media == ("air", "N-BK7", "air", "air")
-    assert Structure(("N-BK7",), 0).media == ("air", "air", "N-BK7", "air")
 
 
 def test_different_seed_finds_a_different_lens_that_meets_the_specification():

@@ -15,7 +15,6 @@ from robustflow.corruptions.optics.lens import (
     read_lens,
     refractive_index,
     trace,
-    write_lens,
 )
 
 from ...refusals import refusal
@@ -137,12 +136,6 @@ def test_rays_that_miss_or_are_totally_reflected_are_dead_and_stay_finite():
     _, end = trace(plane, bundle([0.5, 5.5]), 0.55)
     assert end.alive.tolist() == [1.0, 0.0]
     assert all(np.isfinite(part).all() for part in end)
-
-
-def test_written_prescription_reads_back_equal(tmp_path):
-    lens = cooke_triplet()
-    write_lens(lens, tmp_path / "lens.json")
-    assert read_lens(tmp_path / "lens.json") == lens
 
 
 @pytest.mark.parametrize(

@@ -2,22 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from robustflow.corruptions.optics.design import SAMPLES, Structure, goal_of, shipped_lens
-from robustflow.corruptions.optics.merit import FIELDS, FREQUENCIES, Limits, _cos_sin_turns, blur_statistics
+from robustflow.corruptions.optics.merit import FIELDS, FREQUENCIES, Limits, blur_statistics
 from robustflow.corruptions.optics.psf_field import shipped_field
 from robustflow.corruptions.optics.render import field_rays, modulation, moments
-from robustflow.corruptions.optics.residuals import fill_residuals, residual_count, solve_damped
-
-
-@settings(max_examples=200)
-@given(st.floats(-50.0, 50.0))
-def test_polynomial_cosine_and_sine_equal_numpy(turns):
-    cosine, sine = _cos_sin_turns(turns)
-    assert cosine == pytest.approx(np.cos(2 * np.pi * turns), abs=2e-8)
-    assert sine == pytest.approx(np.sin(2 * np.pi * turns), abs=2e-8)
+from robustflow.corruptions.optics.residuals import fill_residuals, residual_count
 
 
 @pytest.mark.parametrize("severity", [2, 4, 5])
@@ -67,11 +57,3 @@ def test_a_lens_that_cannot_be_built_is_reported():
     free, setting, out = singlet(0.0)
     free[:2] = 0.0  # a plane-parallel plate has no focus
     assert not fill_residuals(free, *setting, Limits(), out)
-
-
-def test_the_damped_system_is_solved():
-    rng = np.random.default_rng(0)
-    factor, gradient = rng.normal(size=(12, 7)), rng.normal(size=7)
-    normal = factor.T @ factor
-    damped = normal + 0.3 * np.diag(np.diag(normal))
-    assert solve_damped(normal, gradient, 0.3) == pytest.approx(np.linalg.solve(damped, gradient), rel=1e-8)

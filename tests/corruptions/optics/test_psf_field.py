@@ -9,23 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.core.errors import DataError
-from robustflow.corruptions.optics.blur import BLOCK, LENGTHS, transform, twiddles
+from robustflow.corruptions.optics.blur import LENGTHS, twiddles
 from robustflow.corruptions.optics.design import shipped_lens
 from robustflow.corruptions.optics.psf_field import (
     PITCHES,
     Axis,
     PsfField,
-    grid_of,
     half_digest,
     halved,
-    kernels_at,
     manifest,
     shipped_field,
 )
 from robustflow.corruptions.optics.render import render_psfs
 
 from ...refusals import refusal
-from .naive_blur import kernel_at
 
 SEVERITIES = (1, 2, 3, 4, 5)
 
@@ -54,14 +51,6 @@ def test_invalid_psf_stack_is_refused(shape, value):
     refusal(lambda: PsfField(np.full(shape, value)), DataError, "PSF stack")
 
 
-@pytest.mark.parametrize("length", [2, 3, 4, 6, 24, 72, 81, 96, 108, 128])
-def test_transform_of_noise_equals_numpys(length):
-    work = np.random.default_rng(length).normal(size=(2, 1, length, 2, BLOCK)).astype(np.float32)
-    wanted = np.fft.fft(work[..., 0, :].astype(float) + 1j * work[..., 1, :], axis=2)
-    transform(work, twiddles(length))
-    assert np.abs(work[..., 0, :] + 1j * work[..., 1, :] - wanted).max() < 1e-6 * np.abs(wanted).max()
-
-
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
     """An error of ten units in the last place of a double, larger than in any math library, does not change any
@@ -86,23 +75,3 @@ def test_windows_of_all_nodes_and_their_mirror_images_add_up_to_one(length, pitc
         total[start + reach : start + reach + window.size] += window
     total += total[::-1]
     assert total[reach : reach + length] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_nodes_lie_closer_in_small_images():
-    pitches = [grid_of(side, side) for side in (16, 300, 700, 1000, 1200, 2000, 5000)]
-    assert pitches == sorted(pitches)
-    assert pitches[0] == 12
-    assert pitches[-1] == 34
-
-
-def test_kernels_are_those_of_the_definition():
-    rng = np.random.default_rng(5)
-    stack = rng.random((64, 3, 61, 61)).astype(np.float32)
-    height, width = 201, 333
-    points = [(0.0, 0.0), (166.0, 100.0), (331.5, 12.25), (40.0, 199.0), (332.0, 200.0)]
-    dx = np.array([x - (width - 1) / 2 for x, _ in points])
-    dy = np.array([y - (height - 1) / 2 for _, y in points])
-    out = np.empty((len(points), 3, 61, 61))
-    kernels_at(stack, dx, dy, np.hypot(height, width) / 2, out)
-    for ours, (x, y) in zip(out, points, strict=True):
-        assert ours == pytest.approx(kernel_at(stack, x, y, height, width), abs=1e-9)

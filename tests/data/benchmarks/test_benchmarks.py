@@ -25,7 +25,6 @@ from robustflow.data.benchmarks import benchmark_facts, load_benchmark
 from robustflow.data.benchmarks.base import spread
 from robustflow.data.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
 from robustflow.data.datasets.split import kitti_split
-from robustflow.models import ModelSpec
 from robustflow.report.render import render
 from robustflow.report.tables import tables_of
 from robustflow.run.comparable import sample_set
@@ -36,8 +35,6 @@ from robustflow.testing import ZeroFlow
 from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
 from tests.refusals import refusal
-
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 
 def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs_or_those_of_a_split(kitti, tmp_path):
@@ -105,15 +102,6 @@ def test_results_over_non_occluded_ground_truth_are_marked_everywhere(kitti, onl
     for texts in (pages, shown, tables, verified, {noc: str(noc), occ: str(occ)}):
         assert words in texts[noc]
         assert words not in texts[occ]
-
-
-def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
-    for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
-        with pytest.warns(UserWarning, match=folder):
-            assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}
-        assert load_benchmark(name, shared(f"data/{name}")).protocol == {}
-    folder = shared("data/kitti2015_noc_only")
-    refusal(lambda: load_benchmark("kitti-fc", folder), DataError, folder / "training")
 
 
 def _named_like_kitti(root, keys):

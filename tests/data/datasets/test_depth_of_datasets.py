@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from robustflow.core.errors import DataError
 from robustflow.core.types import Camera
 from robustflow.data.datasets import load_dataset
-from robustflow.data.datasets.depth import relative_motion, with_motion
+from robustflow.data.datasets.depth import with_motion
 from robustflow.media.flow import write_flow
 from robustflow.media.images import write_image
 from tests.refusals import refusal
@@ -76,15 +76,6 @@ def test_camera_motion_supported_by_few_points_is_unknown():
     assert with_motion(Camera((FOCAL, FOCAL), CENTRE), scene.depth, scene.flow, known).rotation is None
     flat = with_motion(Camera((FOCAL, FOCAL), CENTRE), 0 * scene.depth, scene.flow, scene.depth > 0)
     assert flat.rotation is None
-
-
-def test_relative_motion_takes_points_of_the_first_camera_to_the_second():
-    rng = np.random.default_rng(0)
-    first, second = (np.column_stack([turned(*rng.normal(0, 1, 3)), rng.normal(0, 5, 3)]) for _ in range(2))
-    rotation, translation = relative_motion(first, second)
-    point = rng.normal(0, 3, 3)
-    seen = [pose[:, :3] @ point + pose[:, 3] for pose in (first, second)]
-    np.testing.assert_allclose(rotation @ seen[0] + translation, seen[1], atol=1e-12)
 
 
 def check_second(depth, scene):

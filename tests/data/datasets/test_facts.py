@@ -68,13 +68,6 @@ def test_an_unknown_name_gives_neutral_facts_and_loads_no_code():
     assert dataset_facts("antigravity:Set").licence == "not stated"
 
 
-def test_list_prints_the_facts(robustflow):
-    printed = robustflow.prints("list", "datasets")
-    for fact in ("CC BY-NC-SA 3.0", "Menze and Geiger", "training/flow_occ", "200 pairs", "22,872 pairs"):
-        assert fact in printed
-    assert benchmark_facts("kitti-fc").description in robustflow.prints("list", "benchmarks")
-
-
 def test_motorcycle_is_a_dataset_without_a_folder(monkeypatch, tmp_path):
     dataset = load_dataset("motorcycle")
     assert isinstance(dataset, Dataset)

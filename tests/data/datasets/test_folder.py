@@ -84,6 +84,7 @@ VIDEOS = {
     "b_frames.mp4": {"gop": 12, "bf": "3"},
     "open_gop.mkv": {"gop": 12, "x264-params": "open-gop=1:bframes=3"},
     "one_key.mp4": {"gop": 1000},
+    "index_first.mp4": {"gop": 12, "index_first": True},
     "old.avi": {"gop": 10, "codec": "mpeg4"},
     "stream.ts": {"gop": 15, "codec": "mpeg2video"},
 }

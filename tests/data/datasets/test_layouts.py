@@ -568,15 +568,3 @@ def test_frames_and_videos_of_a_user_give_the_frames_around_a_pair(tmp_path: Pat
         assert (there.start, there.stop) == (-min(2, index // step), min(3, (11 - index) // step) + 1)
         for offset in there:
             np.testing.assert_array_equal(dataset.frame(key, offset), frames[index + offset * step])
-
-
-def test_real_video_gives_the_frames_around_a_pair(shared) -> None:
-    """The frames around a pair are the key frames of the neighbouring pairs, backwards and forwards."""
-    for path in sorted(shared("data", "video").glob("*.m*"))[:2]:
-        dataset = load_dataset("folder", path)
-        keys = dataset.keys()
-        for place in (len(keys) - 2, 2):
-            for offset in (2, -1, -2):
-                if 0 <= place + offset < len(keys):
-                    shown = dataset.load(keys[place + offset]).frames[0]
-                    np.testing.assert_array_equal(dataset.frame(keys[place], offset), shown)

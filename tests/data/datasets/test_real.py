@@ -101,27 +101,3 @@ def test_motorcycle_is_the_pair_of_scikit_image() -> None:
     use = sample.valid & inside(sample.flow)
     warp, negated, unmoved = (difference(sample, use, factor * sample.flow) for factor in (1, -1, 0))
     assert warp < unmoved < negated
-
-
-def test_gopro_like_clips_are_read(shared) -> None:
-    folder = shared("data/gopro_deblurred")
-    dataset = load_dataset("gopro", folder)
-    frames = sorted(path.stem for path in folder.glob("*/*.png"))
-    keys = dataset.keys()
-    assert [key.split("/")[1] for key in keys] == frames[:-1]
-    sample = dataset.load(dataset.keys()[0])
-    assert sample.flow is None
-    assert sample.group == next(folder.iterdir()).name
-
-
-def test_grey_pairs_have_three_equal_channels(shared) -> None:
-    dataset = load_dataset("kitti2012", shared("data/kitti2012"))
-    frame = dataset.load(dataset.keys()[0]).frames[0]
-    assert (frame == frame[..., :1]).all()
-
-
-def test_colour_frames_are_preferred_to_grey_ones(shared) -> None:
-    dataset = load_dataset("kitti2012", shared("data/kitti2012_colour_noc_only"))
-    key = dataset.keys()[0]
-    assert {path.parent.name for path in dataset.files(key)} == {"colored_0", "flow_noc"}
-    assert dataset.load(key).meta == {"ground_truth": "noc"}

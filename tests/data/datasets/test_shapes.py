@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.core.rng import Rng
 from robustflow.data.datasets import load_dataset
@@ -18,7 +17,6 @@ from robustflow.data.datasets.shapes.dataset import FlyingShapes
 from robustflow.data.datasets.shapes.render import colours_at, flow_at, render_pair
 from robustflow.data.datasets.shapes.scene import at_time, backward, draw_scene, forward, from_time, inset
 from robustflow.data.datasets.shapes.textures import procedural_textures
-from robustflow.testing import ZeroFlow
 from tests.refusals import refusal
 
 SHAPE = (72, 96)
@@ -193,10 +191,3 @@ def test_invalid_options_of_shapes_are_refused(options):
 @pytest.mark.parametrize("key", ["1", "000003", "-00001", "1e3", "00000x", "0000001"])
 def test_unknown_keys_of_shapes_are_refused(key):
     refusal(lambda: FlyingShapes(3).load(key), UsageError, key)
-
-
-def test_shapes_are_evaluated_as_a_benchmark(tmp_path):
-    options = {"corruptions": ["contrast"], "severities": [1], "data_options": {"pairs": 2, "size": "32x48"}}
-    result = rf.evaluate(ZeroFlow(), "shapes", output=tmp_path / "run", **options)
-    lengths = [np.hypot(*sample.flow.reshape(-1, 2).T).mean() for sample in FlyingShapes(2, "32x48")]
-    assert result.epe_clean == pytest.approx(np.mean(lengths), rel=1e-5)

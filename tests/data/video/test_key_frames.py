@@ -2,32 +2,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robustflow.corruptions import load_corruption
 from robustflow.data.video.interpolation import FlowInterpolator, interpolate
-from robustflow.data.video.open_clip import mean_of_windows, rolling_frames, row_offsets
+from robustflow.data.video.open_clip import mean_of_windows, row_offsets
 from robustflow.data.video.prepared import REACH
 
 from .render import Scene
 
 REACHES = load_corruption("object_motion_blur").severities
 READOUTS = load_corruption("rolling_shutter").severities
-
-
-@given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 6), min_size=1, max_size=4))
-def test_means_are_the_rounded_means(seed, reaches):
-    clip = np.random.default_rng(seed).integers(0, 256, (13, 3, 4, 3), np.uint8)
-    asked = []
-    means = mean_of_windows(lambda index: (asked.append(index), clip[index])[1], 6, reaches)
-    assert asked == list(range(6 - max(reaches), 6 + max(reaches) + 1))  # each frame once, in ascending order
-    for reach in reaches:
-        assert (means[reach] == np.rint(clip[6 - reach : 7 + reach].astype(np.float64).mean(0))).all()
-
-
-def test_mean_of_white_frames_is_white():
-    assert (mean_of_windows(lambda index: np.full((1, 1, 3), 255, np.uint8), 20, REACHES)[15] == 255).all()
 
 
 @pytest.mark.slow
@@ -55,20 +39,6 @@ def integral_psnr(scene: Scene) -> dict[int, tuple[float, float]]:
         one = mean_of_windows(source.__getitem__, centre, [int(half)])[int(half)]
         figures[reach] = tuple(float(10 * np.log10(255**2 / np.mean((made - truth) ** 2))) for made in (four, one))
     return figures
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.lists(st.integers(0, 12), min_size=1, max_size=4))
-def test_each_row_is_from_the_frame_nearest_to_its_time(seed, height, readouts):
-    clip = np.random.default_rng(seed).integers(0, 256, (13, height, 4, 3), np.uint8)
-    asked = []
-    made = rolling_frames(lambda index: (asked.append(index), clip[index])[1], 6, readouts)
-    reach = (max(readouts) + 1) // 2
-    assert asked == list(range(6 - reach, 6 + reach + 1))  # each frame once, in ascending order
-    for readout, frame in made.items():
-        for y, row in enumerate(frame):
-            time = readout * ((y + 0.5) / height - 0.5)
-            nearest = [offset for offset in range(-7, 8) if abs(offset - time) < 0.5 + 1e-9]
-            assert any((row == clip[6 + offset, y]).all() for offset in nearest)
 
 
 @pytest.mark.parametrize("height", [1, 16, 375, 2160])

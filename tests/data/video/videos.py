@@ -15,10 +15,9 @@ def video(
     times: list[int] | None = None,
     rotation: int = 0,
     sound: bool = False,
-    options: dict[str, str] | None = None,
 ) -> Path:
     """Write a video like those created by other programs."""
-    with av.open(str(path), "w", options=options or {}) as container:
+    with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=30, options={"crf": "10"} if codec == "libx264" else {})
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt = pixels
@@ -39,8 +38,8 @@ def video(
     return path
 
 
-def write_video(path: Path, count: int, gop: int, codec: str = "libx264", **options: str) -> None:
-    with av.open(str(path), "w") as container:
+def write_video(path: Path, count: int, gop: int, codec: str = "libx264", index_first=False, **options: str) -> None:
+    with av.open(str(path), "w", options={"movflags": "faststart"} if index_first else {}) as container:
         stream = container.add_stream(codec, rate=25, options=options)
         stream.width, stream.height, stream.pix_fmt, stream.gop_size = 64, 48, "yuv420p", gop
         y, x = np.mgrid[:48, :64]
