@@ -15,6 +15,7 @@ import skimage
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, whole_content
 from robustflow.stats.results_file import parse_results
+from tests.made_rows import change_manifest, made_run
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -137,8 +138,11 @@ def pages(tmp_path_factory, real_pictures, small_demo) -> dict[str, Path]:
     name = pl.when(model="A").then(pl.lit(HOSTILE)).otherwise(pl.lit("x" * 200))
     hostile = parse_results(_CELLS, "made.csv", "file").with_columns(model=name, note=pl.lit(HOSTILE))
     paths = {"report": run.path / "report.html"}
-    made = {"leaderboard": whole_content([run]), "hostile": whole_content([], [(HOSTILE, hostile)], published=False)}
-    for name, content in made.items():
+    twin = made_run(run, run.rows, "Twin")
+    change_manifest(twin, identity_digest=run.manifest.identity_digest)
+    whole = {"leaderboard": whole_content([run, twin])}
+    whole["hostile"] = whole_content([], [(HOSTILE, hostile)], published=False)
+    for name, content in whole.items():
         paths[name] = folder / f"{name}.html"
         paths[name].write_text(render_site(content), encoding="utf-8")
     return paths

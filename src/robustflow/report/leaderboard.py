@@ -23,7 +23,6 @@ from ..stats.results import (
 )
 from ..stats.uncertainty import compare_all, group_letters
 from ..stats.uncertainty.intervals import paper_rows
-from ..stats.uncertainty.paired import MOST_COMPARED
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
@@ -37,11 +36,13 @@ knowledge-driven methods first because their clean error is already high."""
 OVERVIEW, COMPACT, CLASSES = "overview", "compact", "classes"
 """Names of the views besides the families; the compact one fits next to the names on a phone screen."""
 BOARD_METRICS = ("epe", "cre", "rcre")
+MOST_COMPARED = 20
+"""Maximum number of models with a group letter, because 4999 resamples can correct p-values for at most 249 pairs."""
 
 _OVERVIEW_COLUMNS = tuple(
     Column(label, key=key, help=help, unit=unit, views=views)
     for key, label, help, unit, *views in (
-        (GROUP, "Group", "Models that share a letter cannot be told apart by their EPE under corruption", "", OVERVIEW),
+        (GROUP, "Group", "Models that share a letter cannot be told apart by their EPE", "", OVERVIEW),
         (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px", OVERVIEW),
         (EPE, "EPE", "End-point error, mean over all corruptions", "px", OVERVIEW, COMPACT),
         (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),

@@ -1,9 +1,9 @@
 """Choose which cells of a run to draw, and keep the pictures of the severity slider while a run corrupts frames.
 
-A page shows the worst cell of the worst sample and the median cell of the median sample. A sample's score is its CRE
-over all corruptions of the run, or its RCRE if the run has no ground truth. The choice follows from the rows, so it is
-the same on every machine. The folder RUN/examples, with the pictures and their list `examples.json`, is complete or
-absent.
+A page shows the worst sample under the worst condition, which is the corruption and severity with the highest mean CRE
+(RCRE if the run has no ground truth), and the median cell of the sample whose mean is the median. The choice follows
+from the rows, so it is the same on every machine. The folder RUN/examples, with the pictures and their list
+`examples.json`, is complete or absent.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _mean(total: float | None, count: int | None) -> float | None:
 
 
 def example_cells(rows: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return the worst cell of the worst sample and the median cell of the median sample, with their scores, as in
+    """Return the worst cell of the worst condition and the median cell of the median sample, with their scores, as in
     `examples.json`; empty if nothing was measured."""
     cells = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY)
     scored = {
@@ -67,15 +67,22 @@ def example_cells(rows: pl.DataFrame) -> list[dict[str, Any]]:
     }
     metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
     values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
+    if not values:
+        return []
+    of_condition: dict[tuple[str, int], list[float]] = defaultdict(list)
     of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for (key, corruption, _), value in values.items():
-        of_sample[key][corruption].append(value)
+    for (key, *condition), value in values.items():
+        of_condition[tuple(condition)].append(value)
+        of_sample[key][condition[0]].append(value)
+    worst = _worst({condition: fmean(each) for condition, each in of_condition.items()})
     # as in the paper: over severities, then over corruptions
-    samples = {(key,): fmean(map(fmean, by_corruption.values())) for key, by_corruption in of_sample.items()}
+    (median,) = _median({(key,): fmean(map(fmean, of_key.values())) for key, of_key in of_sample.items()})
+    drawn = {
+        "worst": _worst({cell: value for cell, value in values.items() if cell[1:] == worst}),
+        "median": _median({cell: value for cell, value in values.items() if cell[0] == median}),
+    }
     chosen = []
-    for kind, pick in (("worst", _worst), ("median", _median)) if values else ():
-        (sample,) = pick(samples)
-        cell = pick({cell: value for cell, value in values.items() if cell[0] == sample})
+    for kind, cell in drawn.items():
         place = dict(zip(("key", "corruption", "severity"), cell, strict=True))
         chosen.append({"kind": kind, **place, **scored[cell]._asdict(), "file": f"{kind}.jpg"})
     return chosen

@@ -11,7 +11,7 @@ from ...run.run import Run
 from ...stats.attacks import attack_scores
 from ...stats.model_result import ModelResult
 from ...stats.results import AVERAGE, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
-from ..leaderboard import GROUP, by_error, cells_of
+from ..leaderboard import GROUP, cells_of
 from ..table import Table, interval_text
 from .examples import PanelPicture, worst_strip
 
@@ -32,7 +32,7 @@ def headline_of(
     board: Table, panels: Mapping[ModelResult, Sequence[PanelPicture]], pages: Mapping[ModelResult, str]
 ) -> Headline:
     """Return the headline of a board: about its run, its runs, or the values that have no run."""
-    lines = sorted((line.result for line in board.lines if line.result), key=by_error)
+    lines = [line.result for line in board.lines if line.result]
     runs = [line for line in lines if line.run]
     sentence = _about_run(runs[0].name, runs[0].run) if len(runs) == 1 and runs[0].run else _about_lines(board, lines)
     pictured = next((line for line in runs if line.run and panels.get(line)), None)
@@ -84,7 +84,7 @@ def _measured(run: Run) -> str:
 
 
 def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
-    """State which result is the lowest, and which ones may be as low."""
+    """State which result of the first group of the board is the lowest, and which ones may be as low."""
     ranked = [line for line in lines if not line.excluded and (line.run or not any(one.run for one in lines))]
     metric = next((m for m in ("epe", "rcre") if any((m, AVERAGE) in line.values for line in ranked)), None)
     if metric is None:

@@ -75,9 +75,6 @@ def p_text(value: float) -> str:
     return "< 0.001" if value < 0.001 else f"= {value:.3f}"
 
 
-MOST_COMPARED = 8
-"""Number of the best models for which the lead of the first is tested."""
-
 COMPARISON_SCHEMA: dict[str, Any] = {
     "first": pl.String,
     "second": pl.String,

@@ -12,8 +12,10 @@ function headingOf({ label, help = "", unit = "", views = [], metric = "" }, ind
 
 function rowOf(entry, columns, shown) {
   const link = make("a", { href: `#model=${entry.page}` }, entry.name || "(no name)");
+  const group = shown.find((index) => columns[index].label === "Group" && textsOf(entry)[index] !== "–");
+  const letters = group === undefined ? null : make("span", { class: "of-narrow" }, ` group ${textsOf(entry)[group]}`);
   const small = make("small", { class: "of-narrow" }, settingChip(entry.setting));
-  const name = make("th", { scope: "row" }, link, small, entry.remark ? make("small", {}, entry.remark) : null);
+  const name = make("th", { scope: "row" }, link, letters, small, entry.remark ? make("small", {}, entry.remark) : null);
   const cells = shown.map((index) => cellOf(entry, index, { hidden: !columns[index].views.includes("overview") }));
   const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-excluded": entry.excluded ?? false };
   return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);

@@ -41,10 +41,10 @@ function save(text, name, type) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-// The text of a cell, without the chip that narrow screens show below the name.
+// The text of a cell, without what narrow screens show beside the name.
 function shownText(cell) {
   const copy = cell.cloneNode(true);
-  copy.querySelector(".of-narrow")?.remove();
+  for (const part of copy.querySelectorAll(".of-narrow")) part.remove();
   return copy.textContent.trim();
 }
 
