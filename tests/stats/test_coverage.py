@@ -13,8 +13,8 @@ import pytest
 
 from robustflow.stats.uncertainty import compare_rows, intervals
 from robustflow.stats.uncertainty.bootstrap import bootstrap
-from robustflow.stats.uncertainty.log_scale import ErrorMean, error_intervals
-from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term
+from robustflow.stats.uncertainty.log_scale import error_intervals
+from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
 
 from .simulated import KITTI_DRIVES, Truth, coverage, rows_of
 
@@ -178,7 +178,7 @@ def difference_rejections(images: int, deviation: float, blow_ups: float, repeat
         first, second = hard * rng.gamma(8, 1 / 8, images), hard * rng.gamma(3, 1 / 3, images)
         second *= np.where(rng.random(images) < blow_ups, 10, 1) / (1 + 9 * blow_ups)
         mean = Mean((first - second)[:, None], np.ones((images, 1)), np.ones(1))
-        found = bootstrap({0: Statistic([Term(mean)])}, images, resamples=399, seed=int(rng.integers(2**31)))[0]
+        found = bootstrap({0: mean}, images, resamples=399, seed=int(rng.integers(2**31)))[0]
         return {0: found.p < 0.05}
 
     return coverage(once, repeats, seed)[0]
@@ -217,7 +217,7 @@ def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -
         means = (Mean(sums(errors), count, np.ones(1)) for errors in (factor * corrupted - clean, clean))
         crer = ErrorMean(*means, relative=True)
         options = {"clusters": len(_UNEQUAL), "resamples": 599, "seed": int(rng.integers(2**31))}
-        made = error_intervals({"log": crer}, **options) | bootstrap({"plain": crer.statistic()}, **options)
+        made = error_intervals({"log": crer}, **options) | bootstrap({"plain": crer}, **options)
         return {name: one.low <= 2.5 <= one.high for name, one in made.items()}
 
     return coverage(once, repeats, seed)

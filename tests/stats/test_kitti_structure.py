@@ -13,8 +13,8 @@ import pytest
 from robustflow.data.datasets.kitti import drive_groups, drives
 from robustflow.data.datasets.split import kitti_split
 from robustflow.stats.uncertainty.bootstrap import bootstrap
-from robustflow.stats.uncertainty.log_scale import ErrorMean, error_intervals
-from robustflow.stats.uncertainty.statistic import Mean, Statistic, Term
+from robustflow.stats.uncertainty.log_scale import error_intervals
+from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
 
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
 GROUPS = {"pairs": KEYS, "drives": [drive_groups("kitti2015")[key] for key in KEYS]}
@@ -64,7 +64,7 @@ def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[
         for name, groups in given.items():
             options = {"clusters": int(groups.max()) + 1, "resamples": 599, "seed": repeat}
             interval = error_intervals({0: ErrorMean(_mean(errors, groups))}, **options)[0]
-            test = bootstrap({0: Statistic([Term(_mean(difference, groups))])}, **options)[0]
+            test = bootstrap({0: _mean(difference, groups)}, **options)[0]
             assert interval.low is not None
             assert interval.high is not None
             assert test.p is not None

@@ -13,6 +13,7 @@ from ..run.run import Run
 from .exclusion import exclusions
 from .ranking import rank_correlation
 from .uncertainty.bootstrap import Interval, bootstrap
+from .uncertainty.statistic import difference
 from .uncertainty.sums import ClusterSums
 
 TWINS = (
@@ -69,8 +70,8 @@ def twin_comparisons(runs: Sequence[Run]) -> list[TwinComparison]:
         models = []
         for name, rows in common.rows.items():
             sums = ClusterSums.of(rows.filter(pl.col("severity").is_in([0, *shared])))
-            flat, deep = (sums.statistic(metric, twin) for twin in twins)
-            one = bootstrap({"flat": flat, "deep": deep, "difference": deep - flat}, len(sums.clusters))
+            flat, deep = (sums.error_mean(metric, twin) for twin in twins)
+            one = bootstrap({"flat": flat, "deep": deep, "difference": difference(deep, flat)}, len(sums.clusters))
             errors = one["flat"].estimate, one["deep"].estimate
             models.append(TwinErrors(name, *errors, one["difference"], excluded[name]))
         ranked = [(model.flat, model.deep) for model in models if not model.excluded]

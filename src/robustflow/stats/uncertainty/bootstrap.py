@@ -15,7 +15,7 @@ without any spread are more frequent than the tail. `log_scale` computes the int
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -23,18 +23,15 @@ import numpy as np
 
 from ...core.errors import UsageError
 from ...core.rng import Rng
-from .statistic import Array, Statistic, StatisticValues
+from .statistic import Array, Estimates, Statistic
 
 RESAMPLES = 4999
 LEVEL = 0.95
 _WIDEST = 100
 """Half the width, in standard errors, above which an interval is given up: in most resamples, nearly all clusters are
 equal."""
-BLOCK = 2**22
-"""Number of weights in one block. Resamples are drawn in blocks to limit memory use."""
-
-_WIDTH = 512
-"""Maximum number of columns to multiply by the weights at a time."""
+BLOCK = 2**17
+"""Number of weights in one block of resamples, so that a block and what is computed from it stay in the cache."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -60,31 +57,28 @@ def bootstrap(
 ) -> dict[Key, Interval]:
     """Compute symmetric intervals and p-values for several statistics from the same data and the same resamples."""
     check_options(level, resamples)
-    whole = np.ones((1, clusters))
-    found = {key: statistic(whole) for key, statistic in statistics.items()}
-    tested = {key: one for key, one in statistics.items() if enough_clusters(one.clusters, level)}
+    found = estimates_of(statistics, clusters)
+    tested = {key: one for key, one in statistics.items() if enough_clusters(found[key].clusters, level)}
     pivots = resampled_pivots(tested, clusters, resamples, seed)
     return {
-        key: _interval(values, pivots[key][1], level) if key in tested else without_interval(values)
-        for key, values in found.items()
+        key: _interval(one, pivots[key], level) if key in tested else without_interval(one)
+        for key, one in found.items()
     }
 
 
-def resampled_pivots(
-    statistics: Mapping[Key, Statistic],
-    clusters: int,
-    resamples: int,
-    seed: int,
-    transform: Callable[[Key, StatisticValues], StatisticValues] = lambda _, values: values,
-) -> dict[Key, tuple[float, Array]]:
-    """Return the value of each transformed statistic, and its pivots in all resamples."""
-    whole = np.ones((1, clusters))
-    centers = {key: float(transform(key, statistic(whole)).theta[0]) for key, statistic in statistics.items()}
+def estimates_of(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Estimates]:
+    """Compute statistics of the data themselves, in which each cluster occurs once."""
+    return {key: statistic(np.ones((1, clusters))) for key, statistic in statistics.items()}
+
+
+def resampled_pivots(statistics: Mapping[Key, Statistic], clusters: int, resamples: int, seed: int) -> dict[Key, Array]:
+    """Return the pivots of statistics in the same resamples."""
+    centers = {key: float(one.theta[0]) for key, one in estimates_of(statistics, clusters).items()}
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in resampled_weights(clusters, resamples, seed) if statistics else ():
-        for key, values in values_of(statistics, weights):
-            pivots[key].append(pivots_of(transform(key, values), centers[key]))
-    return {key: (centers[key], np.concatenate(parts)) for key, parts in pivots.items()}
+        for key, statistic in statistics.items():
+            pivots[key].append(pivots_of(statistic(weights), centers[key]))
+    return {key: np.concatenate(parts) for key, parts in pivots.items()}
 
 
 def check_options(level: float, resamples: int) -> None:
@@ -93,23 +87,6 @@ def check_options(level: float, resamples: int) -> None:
         raise UsageError("level", f"{level:g} is not a confidence level: it must be at least 0.5 and below 1")
     if not 99 <= resamples <= 1_000_000:
         raise UsageError("resamples", f"{resamples} is out of range: give a number from 99 to 1000000")
-
-
-def values_of(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
-    """Yield the values of each statistic; the products with the weights are computed for many statistics together."""
-    keys = list(statistics)
-    while keys:
-        width = 0
-        some: list[Key] = []
-        while keys and (not some or width + statistics[keys[0]].columns.shape[1] <= _WIDTH):
-            some.append(keys.pop(0))
-            width += statistics[some[-1]].columns.shape[1]
-        products = weights @ np.concatenate([statistics[key].columns for key in some], axis=1)
-        start = 0
-        for key in some:
-            end = start + statistics[key].columns.shape[1]
-            yield key, statistics[key].values(weights, products[:, start:end])
-            start = end
 
 
 def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
@@ -141,7 +118,7 @@ def resampled_weights(clusters: int, resamples: int, seed: int) -> Iterator[Arra
         yield np.bincount(place, minlength=count * clusters).reshape(count, clusters).astype(np.float64)
 
 
-def pivots_of(estimates: StatisticValues, center: float) -> Array:
+def pivots_of(estimates: Estimates, center: float) -> Array:
     """Compute t* of each resample: 0 where the resample equals the data, infinite where it has no spread, NaN without
     images."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -151,7 +128,7 @@ def pivots_of(estimates: StatisticValues, center: float) -> Array:
     return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots))
 
 
-def _interval(values: StatisticValues, pivots: Array, level: float) -> Interval:
+def _interval(values: Estimates, pivots: Array, level: float) -> Interval:
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
         return without_interval(values)
@@ -166,7 +143,7 @@ def _interval(values: StatisticValues, pivots: Array, level: float) -> Interval:
     return Interval(estimate, error, estimate - reach, estimate + reach, p)
 
 
-def without_interval(values: StatisticValues) -> Interval:
+def without_interval(values: Estimates) -> Interval:
     """Return an estimate and its standard error without ends and p-value."""
     error = float(values.standard_error[0])
     return Interval(float(values.theta[0]), error if np.isfinite(error) else None, None, None, None)

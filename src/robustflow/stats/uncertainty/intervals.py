@@ -66,7 +66,7 @@ def statistics_of(
         if families:
             keys += [(metric, name, None) for name in MEMBERS if name not in sums.corruptions()]
         if severities:
-            keys += [(metric, name, level) for name, level in sums.conditions]
+            keys += [(metric, name, level) for name, level in sums.conditions if name != CLEAN]
     return [key for key in keys if sums.measured(*key)]
 
 

@@ -21,7 +21,6 @@ distinct values, and t* is limited to the 99 % quantile (for 95 % intervals) of 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,11 +32,11 @@ from .bootstrap import (
     Key,
     check_options,
     enough_clusters,
+    estimates_of,
     resampled_pivots,
-    values_of,
     without_interval,
 )
-from .statistic import Array, Mean, Statistic, StatisticValues, Term
+from .statistic import Array, ErrorMean, Estimates, Mean, Statistic
 
 FEW = 12
 _TAIL = 30
@@ -45,24 +44,6 @@ _WIDEST = np.log(1e4)
 """Half the width, on the logarithmic scale, above which an interval is given up: one cluster decides the mean."""
 _LARGEST = 4.0
 """Largest v, above those of real errors; otherwise the intervals of a few images could be unbounded."""
-
-
-class ErrorMean(NamedTuple):
-    """A mean error, or the mean increase of an error."""
-
-    mean: Mean
-    over: Mean | None = None
-    relative: bool = False
-
-    def statistic(self) -> Statistic:
-        """Return the statistic as a function of the cluster weights."""
-        return Statistic([Term(self.mean, self.over if self.relative else None)])
-
-    def logarithms(self) -> dict[str, Statistic]:
-        """Return the statistics whose logarithms determine this one: "size", and "growth", of which 1 is added."""
-        growth = {} if self.over is None else {"growth": Statistic([Term(self.mean, self.over)])}
-        size = self.mean if self.over is None else self.over
-        return growth if self.relative else {"size": Statistic([Term(size)]), **growth}
 
 
 def error_intervals(
@@ -75,26 +56,24 @@ def error_intervals(
 ) -> dict[Key, Interval]:
     """Compute intervals, without p-values, for several mean errors of one model from the same resamples."""
     check_options(level, resamples)
-    whole = np.ones((1, clusters))
-    statistics = {key: mean.statistic() for key, mean in means.items()}
-    found = {key: statistic(whole) for key, statistic in statistics.items()}
-    parts = {
-        (key, part): statistic
+    found = estimates_of(means, clusters)
+    logarithms = {
+        (key, part): logarithm
         for key, mean in means.items()
-        if enough_clusters(statistics[key].clusters, level)
-        for part, statistic in mean.logarithms().items()
+        if enough_clusters(found[key].clusters, level)
+        for part, logarithm in mean.logarithms().items()
     }
-    pivots = resampled_pivots(parts, clusters, resamples, seed, lambda at, values: _logarithm(at[1], values))
-    errors = _jackknife(parts, clusters)
+    centers, errors = estimates_of(logarithms, clusters), _jackknife(logarithms, clusters)
     shifts: dict[Key, dict[str, tuple[float, Array]]] = {key: {} for key in means}
-    for (key, part), (center, drawn) in pivots.items():
+    for (key, part), pivots in resampled_pivots(logarithms, clusters, resamples, seed).items():
         rise = _variance_increase(means[key].mean, found[key]) if part == "size" else 0.0
         error = np.sqrt(errors[key, part] ** 2 + rise)
-        shifts[key][part] = center, error * _widened_for_few_clusters(drawn, clusters, level)
-    return {key: _interval(values, shifts[key], level) for key, values in found.items()}
+        center = float(centers[key, part].theta[0])
+        shifts[key][part] = center, error * _widened_for_few_clusters(pivots, clusters, level)
+    return {key: _interval(one, shifts[key], level) for key, one in found.items()}
 
 
-def _interval(values: StatisticValues, shifts: Mapping[str, tuple[float, Array]], level: float) -> Interval:
+def _interval(values: Estimates, shifts: Mapping[str, tuple[float, Array]], level: float) -> Interval:
     """Compute the interval from the logarithm of each part and its possible errors."""
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if error == 0 and shifts:
@@ -111,32 +90,24 @@ def _interval(values: StatisticValues, shifts: Mapping[str, tuple[float, Array]]
     return Interval(estimate, error, float(low), float(high), None)
 
 
-def _logarithm(part: str, values: StatisticValues) -> StatisticValues:
-    """Compute the logarithm of a size, or of 1 + growth, and its standard error to first order."""
-    size = values.theta + (part == "growth")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return StatisticValues(np.log(size), values.standard_error / size)
-
-
-def _jackknife(statistics: Mapping[tuple[Key, str], Statistic], clusters: int) -> dict[tuple[Key, str], float]:
-    """Compute the jackknife standard error of each `_logarithm`, leaving out one cluster at a time. The sandwich
-    formula underestimates the standard error if a few large clusters dominate a mean."""
-    without: dict[tuple[Key, str], list[Array]] = {at: [] for at in statistics}
+def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, float]:
+    """Compute the jackknife standard errors, leaving out one cluster at a time. The sandwich formula underestimates the
+    standard error if a few large clusters dominate a mean."""
+    without: dict[Key, list[Array]] = {key: [] for key in statistics}
     block = max(1, BLOCK // max(1, clusters))
     for start in range(0, clusters if statistics else 0, block):
         left_out = np.arange(start, min(start + block, clusters))
         weights = (left_out[:, None] != np.arange(clusters)).astype(np.float64)
-        for at, values in values_of(statistics, weights):
-            without[at].append(_logarithm(at[1], values).theta)
+        for key, statistic in statistics.items():
+            without[key].append(statistic(weights).theta)
     with np.errstate(invalid="ignore"):
-        return {at: float(np.sqrt((clusters - 1) * np.concatenate(logs).var())) for at, logs in without.items()}
+        return {key: float(np.sqrt((clusters - 1) * np.concatenate(some).var())) for key, some in without.items()}
 
 
 def cluster_errors(mean: Mean) -> tuple[Array, Array]:
     """Return the mean error and the share of the images of each cluster with images, float64 (G,) each."""
-    count, total = mean.count @ mean.share, mean.total @ mean.share
-    some = count > 0
-    return total[some] / count[some], count[some] / count.sum()
+    some = mean.count > 0
+    return mean.total[some] / mean.count[some], mean.count[some] / mean.count.sum()
 
 
 def log_deviation(mean: ErrorMean) -> float | None:
@@ -148,7 +119,7 @@ def log_deviation(mean: ErrorMean) -> float | None:
     return float(np.log(errors).std(ddof=1))
 
 
-def _variance_increase(mean: Mean, values: StatisticValues) -> float:
+def _variance_increase(mean: Mean, values: Estimates) -> float:
     """Compute by how much the variance of ln(mean) would be higher with a log-normal upper half of the clusters."""
     errors, weights = cluster_errors(mean)
     order = np.argsort(errors)

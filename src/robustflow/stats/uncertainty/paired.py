@@ -7,7 +7,6 @@ averaging, and the test is based on the spread of these differences.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations, groupby
 from string import ascii_lowercase
 from typing import Any, NamedTuple
@@ -20,9 +19,9 @@ from ...core.text import counted
 from ...run.comparable import common_rows
 from ..ranking import competition_ranks
 from ..results import METRIC_LABELS, UNITS, long_label
-from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
+from .bootstrap import LEVEL, RESAMPLES, bootstrap
 from .intervals import MetricKey, statistics_of
-from .statistic import Array
+from .statistic import Array, difference
 from .sums import AVERAGE, CLEAN, ClusterSums
 
 
@@ -115,10 +114,10 @@ def compare_rows(
 ) -> pl.DataFrame:
     """Test whether two models differ in clean EPE and in EPE, CRE, CREr and RCRE, on average and per corruption."""
     one, other = (_Sums.of(rows) for rows in common_rows((first, second), names)[0])
-    differences = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
-    if not differences:
+    found = _differences(names, (one, other), statistics_of(one.clusters), level, resamples, seed)
+    if not found:
         raise RunError(" and ".join(names), "no measured mean in common; robustflow report lists those of each")
-    return _table((list(of_metric) for _, of_metric in groupby(differences, lambda each: each.key[0])), level)
+    return _table([list(of_metric) for _, of_metric in groupby(found, lambda row: row["metric"])])
 
 
 def compare_all(
@@ -130,13 +129,13 @@ def compare_all(
     seed: int = 0,
 ) -> pl.DataFrame:
     """Compare all pairs of models on the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`)."""
-    key: MetricKey = (metric, AVERAGE, None)
     common, _ = common_rows(list(runs.values()), list(runs))
     of_run = {name: _Sums.of(rows) for name, rows in zip(runs, common, strict=True)}
-    pairs: list[_Difference] = []
-    for first, second in combinations(of_run, 2):
-        pairs += _differences((first, second), (of_run[first], of_run[second]), [key], level, resamples, seed)
-    return _table([pairs], level)
+    found: list[_Row] = []
+    for pair in combinations(of_run, 2):
+        sums = of_run[pair[0]], of_run[pair[1]]
+        found += _differences(pair, sums, [(metric, AVERAGE, None)], level, resamples, seed)
+    return _table([found])
 
 
 class _Sums(NamedTuple):
@@ -153,21 +152,11 @@ class _Sums(NamedTuple):
         """Return the error of each image, or its increase; NaN where it was not measured."""
         mean = self.images.error_mean(*key).mean
         with np.errstate(invalid="ignore"):
-            return (mean.total @ mean.share) / (mean.count @ mean.share)
+            return mean.total / mean.count
 
 
-@dataclass(frozen=True)
-class _Difference:
-    """The difference between two models in one mean."""
-
-    names: tuple[str, str]
-    key: MetricKey
-    interval: Interval
-    values: tuple[float, float]
-    images: int
-    clusters: int
-    equal: int
-    blow_ups: tuple[int, int]
+_Row = dict[str, Any]
+"""A row of `COMPARISON_SCHEMA`."""
 
 
 def _differences(
@@ -177,24 +166,30 @@ def _differences(
     level: float,
     resamples: int,
     seed: int,
-) -> list[_Difference]:
+) -> list[_Row]:
+    """Return the differences between two models in the means that both have, before the correction of p."""
     first, second = (one.clusters for one in sums)
     if first.clusters != second.clusters:
         raise RunError("group", "the two runs group their samples differently; compare runs on the same data")
     clusters = len(first.clusters)
-    keys = [key for key in keys if first.measured(*key) and second.measured(*key)]
-    if not keys:
-        return []
-    statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
-    intervals = bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed)
-    differences = []
-    for key, interval in intervals.items():
-        if np.isfinite(interval.estimate):
-            equal = int(np.count_nonzero(np.equal(*(one.of_images(key) for one in sums))))
-            values = first.mean(*key), second.mean(*key)
-            counts = first.images, clusters, equal, _blow_ups(sums, key)
-            differences.append(_Difference(names, key, interval, values, *counts))
-    return differences
+    differences = {
+        key: difference(first.error_mean(*key), second.error_mean(*key))
+        for key in keys
+        if first.measured(*key) and second.measured(*key)
+    }
+    rows = []
+    for key, found in bootstrap(differences, clusters, level=level, resamples=resamples, seed=seed).items():
+        if not np.isfinite(found.estimate):
+            continue
+        row: _Row = {"metric": key[0], "corruption": key[1], "difference": found.estimate, "p": found.p}
+        row |= {"low": found.low, "high": found.high, "level": level, "images": first.images, "clusters": clusters}
+        row["equal"] = int(np.count_nonzero(np.equal(*(one.of_images(key) for one in sums))))
+        values = first.mean(*key), second.mean(*key)
+        of_models = zip(("first", "second"), names, values, _blow_ups(sums, key), strict=True)
+        for place, name, value, count in of_models:
+            row |= {place: name, f"value_{place}": value, f"blow_ups_{place}": count}
+        rows.append(row)
+    return rows
 
 
 def _blow_ups(sums: tuple[_Sums, _Sums], key: MetricKey) -> tuple[int, int]:
@@ -205,22 +200,15 @@ def _blow_ups(sums: tuple[_Sums, _Sums], key: MetricKey) -> tuple[int, int]:
     return int(np.count_nonzero(one > BLOW_UP * other)), int(np.count_nonzero(other > BLOW_UP * one))
 
 
-def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFrame:
+def _table(groups: Iterable[Sequence[_Row]]) -> pl.DataFrame:
     """Tabulate differences, with p-values corrected within each group."""
     records = []
-    for group in groups:
-        tested = [one.interval.p for one in group if one.interval.p is not None]
+    for rows in groups:
+        tested = [row["p"] for row in rows if row["p"] is not None]
         adjusted = iter(holm(tested))
-        for one in group:
-            interval = one.interval
-            row: dict[str, Any] = dict(zip(("first", "second"), one.names, strict=True))
-            row |= {"metric": one.key[0], "corruption": one.key[1]}
-            row |= dict(zip(("value_first", "value_second"), one.values, strict=True))
-            row |= {"difference": interval.estimate, "low": interval.low, "high": interval.high, "p": interval.p}
-            row |= {"p_holm": None if interval.p is None else next(adjusted), "comparisons": len(tested)}
-            row |= {"images": one.images, "clusters": one.clusters, "equal": one.equal, "level": level}
-            row |= dict(zip(("blow_ups_first", "blow_ups_second"), one.blow_ups, strict=True))
-            records.append(row | {"sentence": difference_sentence(row)})
+        for row in rows:
+            corrected = row | {"p_holm": None if row["p"] is None else next(adjusted), "comparisons": len(tested)}
+            records.append(corrected | {"sentence": difference_sentence(corrected)})
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA)
 
 

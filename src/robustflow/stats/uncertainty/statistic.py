@@ -11,186 +11,145 @@ is the paper's average, and to first order the influence of cluster g on it is
     U_g = sum_k v_k (T_gk - mean_k N_gk) / sum_h w_h N_hk .
 
 The w_g U_g add up to zero, and G / (G - 1) sum_g w_g U_g^2 estimates the variance of theta (the sandwich of a
-clustered mean, with its small-sample factor). Differences and ratios of these means follow by the chain rule, so the
-same code handles EPE, CRE, CREr and RCRE, for one model or the difference between two.
-
-`weighted_means` computes this formula. `Statistic` avoids its arrays of size resamples x clusters by multiplying the
-weights by a few columns. A statistic is a sum of terms +-A or +-A/C, where A and C are such weighted means. Conditions
-with the same number of images in every cluster (in a complete run, all conditions) share one column. With x_g =
-sum_k v_k T_gk over such conditions and N_g the number of their images,
-
-    m = sum_g w_g x_g / sum_g w_g N_g        A = sum of the m of its columns
-
-and, with f_j the derivative of the statistic with respect to column j, the influence of cluster g is
-
-    U_g = sum_j f_j (x_gj - m_j N_gj) / n_j         n_j = sum_g w_g N_gj
-
-so sum_g w_g U_g^2 is a quadratic form in the columns (x, N), whose coefficients are weights times products of columns.
-Columns are centred by the means of the data to avoid cancellation. Resamples without any image in some column, and
-statistics with more than `_COLUMNS` columns, are computed from `Estimates` instead.
+clustered mean, with its small-sample factor). Differences, ratios and logarithms of these means follow by the chain
+rule, so a statistic is any function of the weights that computes with `Estimates`, for one model or for two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-_COLUMNS = 12
-_ROUNDING = 1e-13
+_ROUNDING = 1e-12
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """The values of one statistic in B resamples."""
+    """The values of a statistic in B resamples of G clusters, and its derivatives with respect to the sums that it is
+    computed from.
+
+    Attributes:
+        theta: values, float64 (B,).
+        slopes: derivatives with respect to each sum, float64 (B, J).
+        columns: the terms of the sums, float64 (G, J): a sum is their mean weighted with the weights.
+        weights: how often each cluster was drawn, float64 (B, G).
+        seen: the clusters with images for every mean, bool (G,).
+    """
 
     theta: Array
-    influence: Array
+    slopes: Array
+    columns: Array
     weights: Array
+    seen: npt.NDArray[np.bool_]
 
-    def __add__(self, other: Estimates) -> Estimates:
-        return Estimates(self.theta + other.theta, self.influence + other.influence, self.weights)
+    def __sub__(self, other: Estimates) -> Estimates:
+        return self._joined(other, self.theta - other.theta, self.slopes, -other.slopes)
 
     def __truediv__(self, other: Estimates) -> Estimates:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = self.theta / other.theta
-            influence = (self.influence - ratio[:, None] * other.influence) / other.theta[:, None]
-        return Estimates(ratio, influence, self.weights)
+            ratio, below = self.theta / other.theta, other.theta[:, None]
+            return self._joined(other, ratio, self.slopes / below, -ratio[:, None] * other.slopes / below)
+
+    def _joined(self, other: Estimates, theta: Array, *slopes: Array) -> Estimates:
+        columns = np.concatenate([self.columns, other.columns], axis=1)
+        return Estimates(theta, np.concatenate(slopes, axis=1), columns, self.weights, self.seen & other.seen)
+
+    def log(self, plus: float = 0.0) -> Estimates:
+        """Return the logarithm, after adding a constant."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size = self.theta + plus
+            return replace(self, theta=np.log(size), slopes=self.slopes / size[:, None])
+
+    @property
+    def clusters(self) -> int:
+        """The number of clusters with images for every mean."""
+        return int(self.seen.sum())
+
+    @property
+    def influence(self) -> Array:
+        """float64 (B, G), the derivative with respect to the weight of each cluster."""
+        with np.errstate(invalid="ignore"):
+            return self.slopes @ self.columns.T
 
     @property
     def standard_error(self) -> Array:
-        """float64 (B,), standard error of the statistic in each resample by the sandwich formula; NaN for one
-        cluster."""
+        """float64 (B,), standard error of the statistic in each resample by the sandwich formula; NaN for one cluster,
+        and 0 if it is only rounding error, as in a resample of a single cluster."""
         clusters = self.weights.shape[1]
         if clusters < 2:
             return np.full(len(self.theta), np.nan)
-        squares = np.einsum("bg,bg,bg->b", self.weights, self.influence, self.influence)
-        return np.asarray(np.sqrt(clusters / (clusters - 1) * squares))
+        influence = self.influence
+        squares = np.einsum("bg,bg,bg->b", self.weights, influence, influence)
+        error = np.sqrt(clusters / (clusters - 1) * squares)
+        return np.where(error <= _ROUNDING * np.abs(self.theta), 0.0, error)
 
 
-def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> Estimates:
-    """Compute the weighted mean over conditions of the means over images."""
-    sums, images = weights @ total, weights @ count
-    present = (images > 0) * share
-    with np.errstate(divide="ignore", invalid="ignore"):
-        present = present / present.sum(axis=1, keepdims=True)
-        per_image = np.where(images > 0, present / images, 0.0)
-        means = np.where(images > 0, sums / images, 0.0)
-    theta = np.where(images.any(axis=1), (present * means).sum(axis=1), np.nan)
-    return Estimates(theta, per_image @ total.T - (per_image * means) @ count.T, weights)
+Statistic = Callable[[Array], Estimates]
+"""A statistic as a function of the weights of the clusters, float64 (B, G)."""
 
 
-class StatisticValues(NamedTuple):
-    """The values of a statistic and its standard error in B resamples, float64 (B,) each."""
-
-    theta: Array
-    standard_error: Array
+def difference(first: Statistic, second: Statistic) -> Statistic:
+    """Return a difference of statistics."""
+    return lambda weights: first(weights) - second(weights)
 
 
-@dataclass(frozen=True, eq=False)
 class Mean:
-    """The weighted mean over conditions of the means over images."""
+    """The weighted mean over conditions of the means over images. Where no image of some conditions was drawn, the mean
+    is over the others.
 
-    total: Array
-    count: Array
-    share: Array
+    Args:
+        total, count: sums over the images of each cluster at each condition, and numbers of images, float64 (G, K).
+        share: weights of the conditions, float64 (K,).
+    """
 
-    def columns(self) -> tuple[Array, Array]:
-        """Return x and N, float64 (G, J), where conditions with the same image counts share a column."""
-        column_of: dict[bytes, int] = {}
-        places = [column_of.setdefault(column.tobytes(), len(column_of)) for column in self.count.T]
-        placed = np.zeros((len(places), len(column_of)))
-        placed[np.arange(len(places)), places] = self.share
-        return self.total @ placed, self.count[:, [places.index(place) for place in range(len(column_of))]]
+    def __init__(self, total: Array, count: Array, share: Array) -> None:
+        self.total, self.count = total @ share, count @ share
+        # Conditions with the same images, in a complete run all of them, are computed as one.
+        columns: dict[bytes, list[int]] = {}
+        for condition, images in enumerate(count.T):
+            columns.setdefault(images.tobytes(), []).append(condition)
+        alike = list(columns.values())
+        counts = count[:, [conditions[0] for conditions in alike]]
+        totals = np.stack([total[:, some] @ share[some] for some in alike], axis=1)
+        self._columns = np.concatenate([totals, counts], axis=1)
+        self._shares = np.array([share[some].sum() for some in alike])
+        self._seen = counts.sum(axis=1) > 0
 
-    def estimates(self, weights: Array) -> Estimates:
-        """Compute the estimates and the influence of each cluster for the given weights, float64 (B, G)."""
-        return weighted_means(self.total, self.count, self.share, weights)
+    def __call__(self, weights: Array) -> Estimates:
+        """Compute the mean in each resample."""
+        sums, images = np.split(weights @ self._columns, 2, axis=1)
+        drawn = images > 0
+        known = (drawn @ self._shares)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            per_image = np.where(drawn, 1 / (images * known), 0.0)
+            means = np.where(drawn, sums / images, 0.0)
+            theta = np.where(drawn.any(axis=1), (means / known).sum(axis=1), np.nan)
+        slopes = np.concatenate([per_image, -per_image * means], axis=1)
+        return Estimates(theta, slopes, self._columns, weights, self._seen)
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
-    """`sign` times a mean or a ratio of two means."""
+class ErrorMean:
+    """A mean error, or the mean increase of an error over another, which may be relative to it."""
 
     mean: Mean
     over: Mean | None = None
-    sign: float = 1.0
+    relative: bool = False
 
+    def __call__(self, weights: Array) -> Estimates:
+        """Compute the mean in each resample."""
+        mean = self.mean(weights)
+        return mean / self.over(weights) if self.over is not None and self.relative else mean
 
-class Statistic:
-    """A sum of terms. Calling the statistic with weights, float64 (B, G), returns its values in every resample."""
-
-    def __init__(self, terms: Sequence[Term]) -> None:
-        self.terms = tuple(terms)
-        means = [mean for term in self.terms for mean in (term.mean, term.over) if mean is not None]
-        self.clusters = int(np.all([mean.count.any(axis=1) for mean in means], axis=0).sum())
-        parts = [mean.columns() for mean in means]
-        edges = np.cumsum([0, *(x.shape[1] for x, _ in parts)])
-        self._slices = [slice(start, end) for start, end in pairwise(edges)]
-        images = np.concatenate([images for _, images in parts], axis=1)
-        sums = np.concatenate([x for x, _ in parts], axis=1)
-        self._count = sums.shape[1] if sums.shape[1] <= _COLUMNS else 0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self._centers = np.nan_to_num(sums.sum(axis=0) / images.sum(axis=0))
-        both = np.concatenate([sums - self._centers * images, images], axis=1)[:, : 2 * self._count]
-        self._first, self._second = np.triu_indices(2 * self._count)
-        self.columns = np.concatenate([both, both[:, self._first] * both[:, self._second]], axis=1)
-
-    def __sub__(self, other: Statistic) -> Statistic:
-        return Statistic([*self.terms, *(Term(term.mean, term.over, -term.sign) for term in other.terms)])
-
-    def __call__(self, weights: Array) -> StatisticValues:
-        return self.values(weights, weights @ self.columns)
-
-    def values(self, weights: Array, products: Array) -> StatisticValues:
-        """Compute the values from the weights, float64 (B, G), and their products with `columns`, float64 (B, P)."""
-        count = self._count
-        images = products[:, count : 2 * count]
-        if not count or not (images > 0).all():
-            estimates = self.estimates(weights)
-            return StatisticValues(estimates.theta, estimates.standard_error)
-        means = products[:, :count] / images  # relative to the centres
-        slopes = np.zeros_like(means)
-        theta = np.zeros(len(weights))
-        at = iter(self._slices)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for term in self.terms:
-                columns = next(at)
-                mean = means[:, columns].sum(axis=1) + self._centers[columns].sum()
-                if term.over is None:
-                    theta += term.sign * mean
-                    slopes[:, columns] = term.sign
-                    continue
-                below = next(at)
-                divisor = means[:, below].sum(axis=1) + self._centers[below].sum()
-                theta += term.sign * mean / divisor
-                slopes[:, columns] = (term.sign / divisor)[:, None]
-                slopes[:, below] = (-term.sign * mean / divisor**2)[:, None]
-            slopes /= images
-            coefficients = np.concatenate([slopes, -slopes * means], axis=1)
-            form = coefficients[:, self._first] * coefficients[:, self._second]
-            parts = form * products[:, 2 * count :] * np.where(self._first == self._second, 1.0, 2.0)
-            squares = parts.sum(axis=1)
-            squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # a single cluster has no spread
-        clusters = weights.shape[1]
-        if clusters < 2:
-            return StatisticValues(theta, np.full(len(theta), np.nan))
-        return StatisticValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
-
-    def estimates(self, weights: Array) -> Estimates:
-        """Compute `values` together with the influence of every cluster, float64 (B, G), which is slower by a factor of
-        about the number of clusters."""
-        total: Estimates | None = None
-        for term in self.terms:
-            one = term.mean.estimates(weights)
-            one = one / term.over.estimates(weights) if term.over is not None else one
-            one = Estimates(term.sign * one.theta, term.sign * one.influence, weights)
-            total = one if total is None else total + one
-        assert total is not None
-        return total
+    def logarithms(self) -> dict[str, Statistic]:
+        """Return the logarithms that determine the mean: of "size", and of "growth" plus 1."""
+        mean, over = self.mean, self.over
+        if over is None:
+            return {"size": lambda weights: mean(weights).log()}
+        growth: dict[str, Statistic] = {"growth": lambda weights: (mean(weights) / over(weights)).log(plus=1)}
+        return growth if self.relative else {"size": lambda weights: over(weights).log(), **growth}

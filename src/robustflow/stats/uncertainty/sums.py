@@ -2,103 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
-from ...core.errors import UsageError, unknown_name
 from ...corruptions.registry import MEMBERS, ordered
 from ...metrics.means import AVERAGE, averaged_corruptions
 from ...metrics.measures import BEFORE, MEASURES
 from ...metrics.rows import CLEAN
-from .log_scale import ErrorMean
-from .statistic import Array, Mean, Statistic
+from .statistic import Array, ErrorMean, Mean
 
 INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
-Column = tuple[str, int]
-"""(corruption, severity)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClusterSums:
-    """Per-image errors of one run, added up per cluster."""
+    """Per-image errors of one run, added up per cluster.
+
+    Attributes:
+        clusters: names of the clusters, sorted.
+        images: number of images.
+        conditions: (corruption, severity) of each column, also of the clean frames.
+        averaged: corruptions that means over corruptions include.
+        sums: for each error of `image_errors`, its sums and the numbers of images with a value, float64 (G, K) each.
+    """
 
     clusters: tuple[str, ...]
     images: int
-    conditions: tuple[Column, ...]
+    conditions: tuple[tuple[str, int], ...]
     averaged: frozenset[str]
-    sums: dict[str, Array]
-    counts: dict[str, Array]
-    clean_sum: Array
-    clean_count: Array
+    sums: dict[str, tuple[Array, Array]]
 
     @classmethod
     def of(cls, rows: pl.DataFrame) -> ClusterSums:
         """Sum the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without valid pixels are left out,
         as in the run's summary."""
         images = image_errors(rows)
-        clusters = tuple(images["group"].unique().sort())
-        clean, dirty = images.filter(corruption=CLEAN), images.filter(pl.col("corruption") != CLEAN)
-        conditions = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
-        added = {name: _sums(dirty, name, clusters, conditions) for name in ("epe", "cre", "rcre", "before")}
-        clean_sum, clean_count = _sums(clean, "epe", clusters, ((CLEAN, 0),))
+        clusters, conditions = (
+            images["group"].unique().sort(),
+            images.select("corruption", "severity").unique().sort(pl.all()),
+        )
+        conditions = conditions.with_row_index("column")
+        images = images.join(conditions, on=["corruption", "severity"], maintain_order="left")
+        images = images.with_columns(row=clusters.search_sorted(images["group"]))
+        sums: dict[str, tuple[Array, Array]] = {}
+        for name in ("epe", "cre", "rcre", "before"):
+            known = images.drop_nulls(name)
+            total, count = np.zeros((2, clusters.len(), conditions.height))
+            at = known["row"].to_numpy(), known["column"].to_numpy()
+            np.add.at(total, at, known[name].to_numpy())
+            np.add.at(count, at, 1.0)
+            sums[name] = total, count
+        of_columns = tuple(conditions.select("corruption", "severity").iter_rows())
         return cls(
-            clusters,
-            images["sample"].n_unique(),
-            conditions,
-            frozenset(averaged_corruptions(rows)),
-            {name: sums for name, (sums, _) in added.items()},
-            {name: counts for name, (_, counts) in added.items()},
-            clean_sum,
-            clean_count,
+            tuple(clusters), images["sample"].n_unique(), of_columns, frozenset(averaged_corruptions(rows)), sums
         )
 
     def corruptions(self) -> list[str]:
         """Return the corruptions in the rows, starting with the paper's corruptions in the paper's order."""
-        return ordered({name for name, _ in self.conditions})
+        return ordered({name for name, _ in self.conditions if name != CLEAN})
 
     def error_mean(self, metric: str, corruption: str, severity: int | None = None) -> ErrorMean:
-        """Return a mean of the run."""
-        if metric not in INTERVAL_METRICS:
-            raise unknown_name("metric", metric, INTERVAL_METRICS)
-        clean = Mean(self.clean_sum, self.clean_count, np.ones(1))
-        if corruption == CLEAN:
-            if metric != "epe":
-                raise UsageError(metric, "not defined on the clean frames: choose epe")
-            return ErrorMean(clean)
+        """Return a mean of the run, as a function of the cluster weights."""
         stored = "cre" if metric == "crer" else metric
         share = self._share(stored, corruption, severity)
-        columns = np.flatnonzero(share)
-        mean, before = (
-            Mean(self.sums[name][:, columns], self.counts[name][:, columns], share[columns])
-            for name in (stored, "before")
-        )
         if metric == "crer":
-            return ErrorMean(mean, clean, relative=True)
-        return ErrorMean(mean, before if metric == "cre" and before.total.any() else None)
-
-    def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
-        """Return an `error_mean` as a function of the cluster weights."""
-        return self.error_mean(metric, corruption, severity).statistic()
+            return ErrorMean(
+                self._mean(stored, share), self._mean("epe", self._share("epe", CLEAN, None)), relative=True
+            )
+        over = self._mean("before", share) if metric == "cre" else None
+        return ErrorMean(self._mean(stored, share), over if over is not None and over.total.any() else None)
 
     def mean(self, metric: str, corruption: str, severity: int | None = None) -> float:
-        """Return the value of a `statistic`."""
-        return float(self.statistic(metric, corruption, severity)(np.ones((1, len(self.clusters)))).theta[0])
+        """Return the value of an `error_mean`."""
+        return float(self.error_mean(metric, corruption, severity)(np.ones((1, len(self.clusters)))).theta[0])
 
     def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
         """Whether any image was measured for this mean."""
-        if corruption == CLEAN:
-            return metric == "epe" and bool(self.clean_count.any())
         if metric == "crer":
-            return bool(self.clean_count.any()) and self.measured("cre", corruption, severity)
+            return self.measured("epe", CLEAN) and self.measured("cre", corruption, severity)
         return bool(self._share(metric, corruption, severity).any())
+
+    def _mean(self, name: str, share: Array) -> Mean:
+        columns = np.flatnonzero(share)
+        total, count = self.sums[name]
+        return Mean(total[:, columns], count[:, columns], share[columns])
 
     def _share(self, metric: str, corruption: str, severity: int | None) -> Array:
         """Return the weight of each condition in the mean over severities, then corruptions, as float64 (K,)."""
         share = np.zeros(len(self.conditions))
-        has_images = self.counts[metric].sum(axis=0) > 0
+        has_images = self.sums[metric][1].sum(axis=0) > 0
         measured = self.corruptions()
         of_family = () if corruption in measured else MEMBERS.get(corruption, ())
         averaged = [name for name in measured if name in self.averaged]
@@ -127,17 +121,3 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     seen = images.filter(pl.col("epe").is_not_null(), corruption=CLEAN)["sample"]
     before = pl.when(pl.col("sample").is_in(seen.implode())).then("before")
     return images.with_columns(before=before, cre=pl.col("epe") - before)
-
-
-def _sums(
-    images: pl.DataFrame, name: str, clusters: Sequence[str], conditions: Sequence[Column]
-) -> tuple[Array, Array]:
-    """Add up a value and count the images with one, per cluster and condition."""
-    known = images.filter(pl.col(name).is_not_null())
-    column_of = {condition: number for number, condition in enumerate(conditions)}
-    columns = [column_of[at] for at in known.select("corruption", "severity").iter_rows()]
-    at = np.searchsorted(np.array(clusters, object), known["group"].to_numpy()), np.array(columns, np.intp)
-    sums, counts = np.zeros((2, len(clusters), len(conditions)))
-    np.add.at(sums, at, known[name].to_numpy())
-    np.add.at(counts, at, 1.0)
-    return sums, counts
