@@ -6,7 +6,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.data.benchmarks import Benchmark, load_benchmark
-from robustflow.testing import ShiftedTruth, TexturePairs, check_dataset
+from robustflow.testing import ConstantFlow, TexturePairs, check_dataset
 
 from ..refusals import refusal
 
@@ -29,10 +29,11 @@ def test_flow_of_texture_pairs_maps_each_pixel_to_its_match(key):
     assert sample.occluded.sum() == 40 * 56 - (40 - abs(v[0])) * (56 - abs(u[0]))
 
 
-def test_zero_flow_has_the_known_error_on_texture_pairs(tmp_path):
+def test_shifted_truth_has_the_known_error_on_texture_pairs(tmp_path):
     pairs = TexturePairs(1)
+    u, v = pairs.load("0").flow[0, 0]
     benchmark = Benchmark("textures", pairs, ("0",), ("contrast",), (1,))
-    run = rf.evaluate(ShiftedTruth(pairs.load("0").flow, u=3, v=4), benchmark, output=tmp_path)
+    run = rf.evaluate(ConstantFlow(u + 3, v + 4), benchmark, output=tmp_path)
     assert run.epe_clean == 5.0
     assert run.cre == 0.0
 

@@ -7,7 +7,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
+from robustflow.testing import BrightnessFlow, ConstantFlow, ZeroClipFlow, ZeroFlow, check_model
 
 from ..refusals import refusal
 
@@ -107,14 +107,6 @@ def test_check_model_names_the_method_that_breaks_a_rule(model, culprit):
 def test_object_that_is_not_a_model_is_refused(model):
     with pytest.raises(ModelError):
         check_model(model)
-
-
-def test_the_shifted_truth_has_the_error_it_says(tmp_path):
-    sample = rf.load_dataset("motorcycle").load("motorcycle")
-    known = np.where(sample.valid[..., None], sample.flow, 0)
-    result = rf.evaluate(ShiftedTruth(known, 3, 4), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert result.epe_clean == pytest.approx(5.0, abs=1e-5)
-    assert result.cre == pytest.approx(0.0, abs=1e-9)
 
 
 class Changed:

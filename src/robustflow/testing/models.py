@@ -82,38 +82,6 @@ class ZeroClipFlow:
         return np.zeros((*frames[index].shape[:2], 2), np.float32)
 
 
-class ShiftedTruth:
-    """A model that predicts a given flow plus a constant offset (u, v), in pixels, so that its end-point error is
-    known.
-
-    Args:
-        flow: ground-truth flow of the pair, float32 (H, W, 2), in pixels.
-        u, v: offset added to the flow, in pixels.
-
-    >>> model = ShiftedTruth(np.ones((2, 2, 2), np.float32), u=3, v=4)
-    >>> model.predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
-    [4.0, 5.0]
-    """
-
-    def __init__(self, flow: Flow, u: float = 0.0, v: float = 0.0) -> None:
-        self._flow = (np.asarray(flow, np.float32) + np.asarray((u, v), np.float32)).astype(np.float32)
-        self._shift = (float(u), float(v))
-
-    def identity(self) -> dict[str, Any]:
-        """See `FlowModel`."""
-        return {"name": "shifted_truth", "shift": list(self._shift)}
-
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`.
-
-        Raises:
-            ModelError: the size of the frames differs from that of the flow.
-        """
-        if frame1.shape[:2] != self._flow.shape[:2]:
-            raise ModelError("frame1", f"has {frame1.shape[:2]} pixels, but the known flow {self._flow.shape[:2]}")
-        return self._flow.copy()
-
-
 class BrightnessFlow:
     """A model that predicts (mean of frame 1, mean of frame 2) / 16 everywhere, so that its flow depends on the frames.
 
