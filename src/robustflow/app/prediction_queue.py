@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import traceback
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,10 +38,11 @@ class QueuedPrediction:
 
 
 class PredictionQueue:
-    """A queue that runs jobs in order of arrival, in a daemon thread."""
+    """A queue that runs the newest job of each page in order of arrival, in a daemon thread."""
 
     def __init__(self) -> None:
-        self._waiting: deque[QueuedPrediction] = deque()
+        self._waiting: dict[str, QueuedPrediction] = {}
+        """The waiting job of each page."""
         self._current: QueuedPrediction | None = None
         self._change = threading.Condition()
         threading.Thread(target=self._work, name="predictions", daemon=True).start()
@@ -50,39 +50,34 @@ class PredictionQueue:
     def submit(self, job: QueuedPrediction) -> None:
         """Add a job; earlier jobs of the same page become outdated."""
         with self._change:
-            for other in (*self._waiting, self._current):
-                if other is not None and other.page == job.page:
-                    other.outdated.set()
-            self._waiting = deque(other for other in self._waiting if not _dismiss_outdated(other))
+            self._dismiss(job.page)
             if len(self._waiting) >= WAITING:
                 raise UsageError(f"{WAITING} predictions are already waiting; try again when they are done")
-            self._waiting.append(job)
+            self._waiting[job.page] = job
             self._change.notify()
 
     def close(self) -> None:
         """Release every waiting page; a prediction in progress continues to its end."""
         with self._change:
-            for job in (*self._waiting, self._current):
+            for job in (*self._waiting.values(), self._current):
                 if job is not None:
-                    job.outdated.set()
-                    _dismiss_outdated(job)
-            self._waiting.clear()
+                    self._dismiss(job.page)
+
+    def _dismiss(self, page: str) -> None:
+        """End the jobs of a page, and tell it immediately."""
+        for job in (self._waiting.pop(page, None), self._current):
+            if job is not None and job.page == page:
+                job.outdated.set()
+                job.tell({"outdated": True})
 
     def _work(self) -> None:
         while True:
             with self._change:
                 self._change.wait_for(lambda: bool(self._waiting))
-                job = self._current = self._waiting.popleft()
+                job = self._current = self._waiting.pop(next(iter(self._waiting)))
             job.tell(_outcome(job))
             with self._change:
                 self._current = None
-
-
-def _dismiss_outdated(job: QueuedPrediction) -> bool:
-    """Notify the page of an outdated job immediately."""
-    if job.outdated.is_set():
-        job.tell({"outdated": True})
-    return job.outdated.is_set()
 
 
 def _outcome(job: QueuedPrediction) -> Message:

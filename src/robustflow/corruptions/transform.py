@@ -39,6 +39,9 @@ DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "p
 most.
 """
 
+_COUNTING = threading.Lock()
+"""Guards the numbers of calls; shared by all transforms, which can therefore be pickled."""
+
 _COLOURED = ("saturate", "spatter", "frost", "psf_blur")
 _NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
 
@@ -100,7 +103,6 @@ class CorruptionTransform:
         self.variant = variant
         self.scale = scale
         self._calls = 0
-        self._lock = threading.Lock()
 
     def __call__(self, images: Image | Sequence[Image], key: str | int | None = None) -> Any:
         """Corrupt an image, a pair or a clip.
@@ -137,7 +139,7 @@ class CorruptionTransform:
     def _stream(self, key: str | int | None) -> Rng:
         if key is not None:
             return Rng.of("robustflow transform", self.seed, "key", key)
-        with self._lock:
+        with _COUNTING:
             self._calls += 1
             return Rng.of("robustflow transform", self.seed, *_process(), self._calls)
 
@@ -158,13 +160,6 @@ class CorruptionTransform:
         parts += "" if self.variant == "default" else f", variant='{self.variant}'"
         parts += "" if self.scale == "paper" else f", scale='{self.scale}'"
         return f"{type(self).__name__}({parts})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._lock = threading.Lock()
 
 
 def check_image(image: Image) -> None:
