@@ -7,7 +7,7 @@ import multiprocessing
 import numpy as np
 import pytest
 
-from robustflow.core.arguments import check_severity, choice, parse_size, positive
+from robustflow.core.arguments import check_count, check_severity, choice, parse_size
 from robustflow.core.errors import DataError, UsageError
 from robustflow.core.processes import Child
 from robustflow.core.types import Camera, SceneDepth
@@ -35,8 +35,8 @@ def test_sizes_out_of_range_are_refused(text):
         (lambda: check_severity(0), "0"),
         (lambda: check_severity(True), "True"),
         (lambda: choice("split", "eval", ["val"]), "split"),
-        (lambda: positive("--count", True), "--count"),
-        (lambda: positive("--count", 0), "--count"),
+        (lambda: check_count("--count", True), "--count"),
+        (lambda: check_count("--count", 0), "--count"),
     ],
 )
 def test_argument_that_is_not_allowed_is_refused(call, culprit):

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustflow.core.arguments import check_count, check_switch
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec, Window
 from robustflow.models.base import model_identity, place_of_pair, predict_checked, window_of
-from robustflow.models.conventions import InputConvention, check_count, check_switch
+from robustflow.models.conventions import InputConvention
 from robustflow.models.loading import FunctionModel, device_of, devices_of
 
 from ..refusals import refusal

@@ -1,8 +1,9 @@
-"""Check what a user passes: a choice, a positive integer, a severity, a size."""
+"""Check what a user passes: a choice, a number, a switch, a severity, a size."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral, Real
 
 from .errors import UsageError
 
@@ -42,8 +43,24 @@ def choice(option: str, value: str, known: Sequence[str]) -> str:
     return value
 
 
-def positive(option: str, value: int) -> int:
-    """Return `value`; raise a UsageError unless it is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise UsageError(option, f"cannot be {value!r}; give a positive integer")
-    return value
+def check_count(name: str, value: int, least: int = 1, most: int | None = None) -> None:
+    """Raise a UsageError unless a value is an integer of at least `least` and at most `most`."""
+    number = isinstance(value, Integral) and not isinstance(value, bool)
+    if not number or value < least or (most is not None and value > most):
+        allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise UsageError(name, f"must be an integer {allowed}, not {value!r}")
+
+
+def check_positive(name: str, value: float) -> None:
+    """Raise a UsageError unless a value is a positive number; NaN, True and texts are not accepted.
+
+    >>> check_positive("timeout", 0.5)
+    """
+    if isinstance(value, bool) or not isinstance(value, Real) or not value > 0:
+        raise UsageError(name, f"must be a positive number, not {value!r}")
+
+
+def check_switch(name: str, value: bool) -> None:
+    """Raise a UsageError unless a value is a bool; a non-empty string such as "no" would be treated as true."""
+    if not isinstance(value, bool):
+        raise UsageError(name, f"must be true or false, not {value!r}")

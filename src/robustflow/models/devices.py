@@ -10,8 +10,9 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..core.arguments import check_count, check_switch
 from ..core.errors import unknown_name
-from .conventions import MOST_THREADS, check_count, check_switch
+from .conventions import MOST_THREADS
 
 PRECISIONS = ("fp32", "bf16")
 Model = TypeVar("Model")

@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..core.arguments import check_count
 from ..core.errors import ModelError, UsageError, unknown_name
 from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame
-from .conventions import check_count
 from .pairs import check_pair
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..core.arguments import check_count
 from ..core.errors import UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup, given_name, model_identity
-from ..models.conventions import check_count
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, Training, training_of
 

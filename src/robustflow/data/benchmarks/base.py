@@ -6,13 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from ...core.arguments import check_severity
+from ...core.arguments import check_count, check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
 from ...corruptions.registry import ON_DISK, with_families
 from ...corruptions.stack import needs_depth, split_stack
-from ...models.conventions import check_count
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
 from ..datasets.own import OwnDepth
 from ..datasets.still import Still

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
 
-from ...core.arguments import positive
+from ...core.arguments import check_count
 from ...core.errors import DataError, UsageError
 from ...core.paths import VIDEO_SUFFIXES, folders, user_path
 from ...core.types import Frame, Sample
@@ -41,7 +41,7 @@ class FrameFolder(PairDataset):
     facts = FACTS
 
     def __init__(self, root: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
-        positive("step", step)
+        check_count("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
         images = images_in(root)
         sequences = {"": images} if images else {f.name: images_in(f) for f in folders(root)}
@@ -74,7 +74,8 @@ class Video(Samples):
     facts = FACTS
 
     def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
-        self._path, self._step = path, positive("step", step)
+        check_count("step", step)
+        self._path, self._step = path, step
         self._readers = {0: VideoReader(path)}  # by offset: each decodes forward
         total = len(self._readers[0])
         begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, total)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...core.arguments import choice, positive
+from ...core.arguments import check_count, choice
 from ...core.errors import DataError
 from ...core.paths import consecutive, folders, locate, user_path
 from .base import NON_COMMERCIAL, DatasetFacts
@@ -193,7 +193,7 @@ class GoPro(PairDataset):
     def __init__(self, root: str | Path, split: str = "all", images: str = "sharp", step: int = 1) -> None:
         choice("split", split, ("all", "train", "test"))
         choice("images", images, _KINDS)
-        positive("step", step)
+        check_count("step", step)
         root = user_path(root)
         pairs: dict[str, PairFiles] = {}
         for sequence in _sequences(root, split):

@@ -13,10 +13,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...core.arguments import parse_size
+from ...core.arguments import check_count, check_switch, parse_size
 from ...core.errors import UsageError
 from ..base import AnyModel
-from ..conventions import InputConvention, check_count, check_switch
+from ..conventions import InputConvention
 from ..devices import Execution, with_execution
 from ..tiling import tiled
 from ..torch.network import network_model

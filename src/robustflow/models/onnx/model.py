@@ -12,12 +12,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from ...core.arguments import check_count, check_positive
 from ...core.errors import ModelError, RunError, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import require
 from ...core.processes import Child
 from ...core.types import Flow, Frame
-from ..conventions import MOST_THREADS, InputConvention, check_count, check_positive, named_convention
+from ..conventions import MOST_THREADS, InputConvention, named_convention
 from ..model_file import require_file
 from ..pairs import PairNetwork
 

@@ -25,9 +25,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_origin
 
+from ...core.arguments import check_count
 from ...core.errors import ModelError, UsageError, unknown_name
 from ..base import Window
-from ..conventions import RAFT_SMALLEST, InputConvention, check_count
+from ..conventions import RAFT_SMALLEST, InputConvention
 from ..devices import Execution, with_execution
 from ..torch.network import SOURCES, check_available, network_model
 

@@ -6,7 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..conventions import RAFT_SMALLEST, InputConvention, check_count
+from ...core.arguments import check_count
+from ..conventions import RAFT_SMALLEST, InputConvention
 from ..devices import Execution, with_execution
 from .network import SOURCES, check_available, network_model
 

@@ -12,8 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
+from ...core.arguments import check_switch
 from ...core.errors import ModelError, RobustFlowError, UsageError, unknown_name
-from ..conventions import check_switch, named_convention
+from ..conventions import named_convention
 from ..devices import Execution, traceback_hint
 from ..pairs import describe_arrays, flow_layout
 from .checkpoint import is_plain, kind_of, load_weights, read_checkpoint

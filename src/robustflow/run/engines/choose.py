@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ...core.arguments import check_count, check_positive
 from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
 from ...core.processes import available_processors, may_have_children
 from ...core.text import counted
-from ...models.conventions import check_count, check_positive
 from ...models.loading import devices_of
 from ..named_model import NamedModel
 from ..plan import Unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import overload
 
 import polars as pl
 from pydantic import ValidationError
@@ -84,7 +85,15 @@ def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, *
     return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})
 
 
-def load_any_run(path: str | Path, kind: type[AnyRun] = Run) -> AnyRun:  # type: ignore[assignment]
+@overload
+def load_any_run(path: str | Path) -> Run: ...
+
+
+@overload
+def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
+
+
+def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """Read the run in a folder that `run` wrote, or in a record that `record pack` wrote."""
     path = user_path(path)
     if not path.is_file():
