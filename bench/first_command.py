@@ -30,7 +30,7 @@ PARTS: dict[str, dict[str, str]] = {
     "numba.core.dispatcher": {"Dispatcher.compile": "numba: compile {0.py_func.__module__}.{0.py_func.__qualname__}"},
     "numba.core.caching": {"FunctionCache.load_overload": "numba: read {0._py_func.__module__}.{0._py_func.__name__}"},
     "robustflow.run.setup": {"set_up": "set up", "open_benchmark": "set up"},
-    "robustflow.run.named_model": {"name_model": "model: load"},
+    "robustflow.run.plan": {"name_model": "model: load"},
     "robustflow.run.stages": {
         "FrameStage.load": "sample",
         "FrameStage._corrupted": "corruption: {2}",

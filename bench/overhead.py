@@ -42,12 +42,13 @@ if __name__ == "__main__":
     from robustflow.metrics.rows import CLEAN
     from robustflow.models import ModelSpec
     from robustflow.run.compute_missing import compute_missing
+    from robustflow.run.config import Compute, RunConfig
     from robustflow.run.engines.choose import choose_engine
-    from robustflow.run.plan import RunOptions
+    from robustflow.run.plan import Job, name_model
     from robustflow.run.setup import set_up
     from robustflow.run.stages import no_seconds
     from robustflow.run.store import RunFolder
-    from robustflow.run.worker import Computation, Job
+    from robustflow.run.worker import Computation
     from robustflow.testing import TexturePairs
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -110,21 +111,21 @@ def kitti(folder: Path | None, pairs: int, few: bool = False) -> Benchmark:
 def run(benchmark: Benchmark, milliseconds: float, computes: bool, engine: str, workers: int | None) -> str:
     """Measure one run and format it as a row of the table."""
     model = ModelSpec("overhead:Sleeper", (("milliseconds", milliseconds), ("computes", computes)))
-    setup = set_up(model, benchmark)
+    plan = set_up(model, benchmark, RunConfig(compute=Compute(engine=engine, workers=workers)))
     clock = Clock()
-    chosen = choose_engine(engine, workers, None, None, setup.model)
+    chosen = choose_engine(plan)
     with tempfile.TemporaryDirectory() as scratch:
         folder = RunFolder(Path(scratch) / "run")
         folder.lock()
         before = cpu_seconds()
-        compute_missing(folder, setup, chosen, 1, clock)
+        compute_missing(folder, plan, chosen, clock)
         spent = cpu_seconds() - before
         folder.unlock()
     ends, rows, predicting = (np.array(each) for each in zip(*clock.done, strict=True))
     of_model = predicting if computes else rows * milliseconds / 1e3
     first, wall = ends[[0, -1]]
     steady = (wall - first) / of_model[1:].sum()
-    name = chosen.describe(setup.plan.units())
+    name = chosen.describe(plan.units())
     return (
         f"{milliseconds:4.0f} ms {'computed' if computes else 'asleep':8}  {name:34}  start {first:5.2f} s  "
         f"steady {steady:5.3f}  with the start {wall / of_model.sum():5.3f}  wall {wall:6.2f} s  "
@@ -136,7 +137,7 @@ def cells(benchmark: Benchmark) -> None:
     """Measure the CPU time by stage and corruption for the first pair, and print it as a table."""
     seconds = no_seconds()
     key = benchmark.keys[0]
-    computation = Computation(Job(benchmark.dataset, Sleeper(), RunOptions()), seconds)
+    computation = Computation(Job(benchmark.dataset, name_model(Sleeper())), seconds)
     frame_stage = computation.frames
 
     def best(work) -> float:

@@ -31,13 +31,13 @@ from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.run.compute_missing import compute_missing
 from robustflow.run.engines.base import Engine, Schedule
-from robustflow.run.plan import Unit
+from robustflow.run.plan import Job, Unit
 from robustflow.run.run import Run
 from robustflow.run.setup import set_up
 from robustflow.run.shards import list_shards
 from robustflow.run.stages import frames_digest
 from robustflow.run.store import RunFolder
-from robustflow.run.worker import FinishedUnit, Job
+from robustflow.run.worker import FinishedUnit
 
 CORRUPTIONS = PAPER_ORDER[:20]
 STEPS = ("drive", "resume", "resume again", "summary", "show", "report")
@@ -122,10 +122,10 @@ class Watch:
 
 def drive(folder: Path, cells: int) -> list[float]:
     """The finished run without its summary, and the memory use during the run."""
-    setup, watch = set_up(still, benchmark(cells)), Watch()
+    plan, watch = set_up(still, benchmark(cells)), Watch()
     store = RunFolder(folder)
     store.lock()
-    compute_missing(store, setup, Engine(lambda units: "no work", answers), 1, watch)
+    compute_missing(store, plan, Engine(lambda units: "no work", answers), watch)
     store.unlock()
     return watch.memory
 

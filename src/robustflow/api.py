@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from .data.benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
     from .run.costs import RunCost
+    from .run.plan import Plan
     from .run.progress import Progress
-    from .run.setup import Setup
 
 
 class Result(Run):
@@ -223,27 +223,24 @@ def evaluate(
     opened = open_benchmark(benchmark, data, split, data_options, variant, still)
     within = opened if subset is None else opened.subset(subset)
     chosen = within.narrowed(corruptions, severities, limit, attacks)
-    setup = set_up(model, chosen, config)
-    setup.model.check_batch_size(batch_size)
-    compute = choose_engine(
-        engine, workers, timeout, address, setup.model, (setup.dataset, setup.options), bool(chosen.attacks)
-    )
+    plan = set_up(model, chosen, config)
+    compute = choose_engine(plan)
     if output is None:
-        output = default_folder(setup.plan, setup.model.spec, data)
-        warn_of_a_fresh_start(output, setup.plan)
+        output = default_folder(plan, data)
+        warn_of_a_fresh_start(output, plan)
     folder = RunFolder(output)
     folder.lock()
     try:
-        with capture_slider_pictures(setup, folder.path) if examples else nullcontext(setup) as keeping:
+        with capture_slider_pictures(plan, folder.path) if examples else nullcontext(plan) as keeping:
             with shown(progress) as listener:
-                compute_missing(folder, keeping, compute, batch_size, listener)
+                compute_missing(folder, keeping, compute, listener)
                 if isinstance(benchmark, str):
                     where = Path(data) if data is not None else None
                     options = with_absolute_paths(benchmark, data_options or {})
-                    RunSource(setup.model.spec, where, options).write(folder.path)
+                    RunSource(plan.model.spec, where, options).write(folder.path)
                 whole = Result(folder.path)
                 whole.write_means()
-                asked = whole.manifest.restricted([setup.plan.cells()], setup.plan.left_out())
+                asked = whole.manifest.restricted([plan.cells()], plan.left_out())
                 result = Result(folder.path, asked)
                 phases = listener if isinstance(listener, TerminalProgress) else Silent()
                 phases.measured(result)
@@ -253,7 +250,7 @@ def evaluate(
         folder.unlock()
 
 
-def _draw(result: Result, setup: Setup, wanted: bool, drawing: Callable[[str], None]) -> None:
+def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], None]) -> None:
     """Draw the example pictures and the page after the rows are saved, so that a failure here loses no rows."""
     from .run.costs import keep_cost
     from .run.displacement import keep_displacement
@@ -262,14 +259,14 @@ def _draw(result: Result, setup: Setup, wanted: bool, drawing: Callable[[str], N
 
     wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks
     try:
-        keep_cost(result, setup.model.model)
+        keep_cost(result, plan.model.model)
         if wanted:
-            keep_displacement(result, setup.plan.benchmark)
+            keep_displacement(result, plan.benchmark)
         if are_current(result):
             return
         drop_examples(result.path)
         if wanted:
-            write_examples(result, setup, drawing)
+            write_examples(result, plan, drawing)
     except RobustFlowError as error:
         warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:

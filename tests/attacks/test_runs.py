@@ -74,13 +74,17 @@ def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_pa
 
 
 def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
+    from robustflow.run.config import Compute, RunConfig
     from robustflow.run.engines.choose import choose_engine
-    from robustflow.run.named_model import name_model
+    from robustflow.run.plan import Plan, name_model
 
-    loaded = name_model(TINY)
+    def chosen(**compute):
+        benchmark = rf.Benchmark("drawn", DATA, ("0",), (), attacks=("square",))
+        return choose_engine(Plan(benchmark, name_model(TINY), RunConfig(compute=Compute(**compute))))
+
     monkeypatch.setattr("robustflow.run.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
-    assert choose_engine(None, None, None, None, loaded, attacks=True).describe([]).startswith("serial")
-    refusal(lambda: choose_engine("processes", None, None, None, loaded, attacks=True), UsageError, "--engine")
+    assert chosen().describe([]).startswith("serial")
+    refusal(lambda: chosen(engine="processes"), UsageError, "--engine")
 
 
 def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):

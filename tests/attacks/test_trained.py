@@ -278,12 +278,12 @@ def test_stored_perturbation_is_reused_if_intact_and_trained_again_if_damaged(tr
 def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
     names = {"universal:train=1:steps=1": (2, 3, 40, 48), "patch:train=1:steps=1": (3, 10, 10)}
     benchmark = Benchmark("drawn", DATA, ("0",), (), (5,), attacks=tuple(names))
-    plan, folder = set_up(TINY, benchmark).plan, RunFolder(tmp_path)
+    plan, folder = set_up(TINY, benchmark), RunFolder(tmp_path)
     for name in names:
         path = folder.pattern_path(name, 5)
         path.parent.mkdir(exist_ok=True)
-        write_array(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
-    learned = learned_patterns(folder, plan, TINY.load(), [Unit("0", name, (5,)) for name in names], 1)
+        write_array(path, np.zeros(shape, np.float32), f"{plan.identity.digest()} {name} 5")
+    learned = learned_patterns(folder, plan, [Unit("0", name, (5,)) for name in names])
     assert {name: levels[5].shape for name, levels in learned.items()} == names
 
 

@@ -32,8 +32,8 @@ from robustflow.corruptions.scale import (
 from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.media.images import write_image
-from robustflow.run.config import FrameOptions
-from robustflow.run.plan import Plan, RunOptions
+from robustflow.run.config import FrameOptions, RunConfig
+from robustflow.run.plan import Plan
 from robustflow.run.stages import frames_digest
 from robustflow.testing import ZeroFlow
 
@@ -180,11 +180,13 @@ def test_run_without_any_remaining_condition_is_refused(tmp_path):
 
 def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkeypatch, tmp_path):
     benchmark = load_benchmark("demo")
-    paper, calibrated = (
-        Plan(benchmark, RunOptions(FrameOptions(severity_scale=s)), {}) for s in ("paper", "calibrated")
-    )
-    assert "severity_scale" not in paper.identity()
-    assert paper.digest() == Plan(benchmark, RunOptions(), {}).digest() != calibrated.digest()
+
+    def identity(scale):
+        return Plan(benchmark, config=RunConfig(frames=FrameOptions(severity_scale=scale))).identity
+
+    paper, calibrated = identity("paper"), identity("calibrated")
+    assert "severity_scale" not in paper.record()["frames"]
+    assert paper.digest() == Plan(benchmark).identity.digest() != calibrated.digest()
     before = calibrated.digest(), calibration_digest()
     document = shipped().model_dump(mode="json")
     document["seed"] += 1

@@ -8,11 +8,13 @@ import pytest
 
 from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
+from robustflow.run.config import Compute, RunConfig
 from robustflow.run.engines import choose
 from robustflow.run.engines.choose import choose_engine
-from robustflow.run.named_model import NamedModel
-from robustflow.run.plan import Unit
+from robustflow.run.plan import NamedModel, Plan, Unit
+from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
 
@@ -30,17 +32,22 @@ class Light(Model):
 
 def _on_gpu(devices="cuda:0", kind=Model):
     """A named model on the first of its devices."""
-    return NamedModel(ModelSpec("raft", (("device", devices),)), kind(devices.partition(",")[0]), {}, None)
+    return NamedModel(ModelSpec("raft", (("device", devices),)), kind(devices.partition(",")[0]), {})
 
 
-ON_CPU = NamedModel(ModelSpec("raft"), Model("cpu"), {}, None)
-LIGHT = NamedModel(ModelSpec("dis"), Light("cpu"), {}, None)
+ON_CPU = NamedModel(ModelSpec("raft"), Model("cpu"), {})
+LIGHT = NamedModel(ModelSpec("dis"), Light("cpu"), {})
 PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in IMAGE_PAIR)]
 THREE_PAIRS = PAIR * 3
 
 
-def _describe(model, units=UNITS, name=None, workers=None, timeout=None, others=()):
-    return choose_engine(name, workers, timeout, None, model, others).describe(units)
+def _plan(model, dataset=None, attacks=(), **compute):
+    benchmark = Benchmark("drawn", dataset or TexturePairs(1), ("0",), (), attacks=attacks)
+    return Plan(benchmark, model, RunConfig(compute=Compute(**compute)))
+
+
+def _describe(model, units=UNITS, **given):
+    return choose_engine(_plan(model, **given)).describe(units)
 
 
 @pytest.fixture(autouse=True)
@@ -56,12 +63,12 @@ def four_processors(monkeypatch):
         (ON_CPU, {"workers": 2}, "processes, 2 workers"),
         (ON_CPU, {"workers": 9}, "processes, 3 workers"),
         (ON_CPU, {"timeout": 3.0}, "processes, 1 worker"),
-        (ON_CPU, {"name": "processes"}, "processes, 1 worker"),
+        (ON_CPU, {"engine": "processes"}, "processes, 1 worker"),
         (_on_gpu(), {}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"workers": 1}, "processes, 1 device + 1 feeder"),
         (_on_gpu(), {"workers": 50}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"timeout": 3.0}, "processes, 1 device + 3 feeders"),
-        (_on_gpu(), {"name": "serial"}, "serial"),
+        (_on_gpu(), {"engine": "serial"}, "serial"),
         (_on_gpu("cuda:0,cuda:1,cuda:2"), {}, "processes, 3 devices + 3 feeders"),
         (LIGHT, {}, "serial"),
         (LIGHT, {"units": PAIR[:10]}, "serial"),  # 46 cells, too few to start a second process
@@ -71,7 +78,7 @@ def four_processors(monkeypatch):
         (LIGHT, {"units": THREE_PAIRS, "workers": 3}, "processes, 3 workers"),
         (LIGHT, {"units": [Unit(str(number), "clean", (0,)) for number in range(90)]}, "processes, 3 workers"),
         (_on_gpu(kind=Light), {"units": THREE_PAIRS}, "processes, 1 device + 4 feeders"),
-        (NamedModel(None, Light("cpu"), {}, None), {"units": THREE_PAIRS}, "serial"),  # cannot be loaded by name
+        (NamedModel(None, Light("cpu"), {}), {"units": THREE_PAIRS}, "serial"),  # cannot be loaded by name
     ],
 )
 def test_the_engine_follows_from_the_model_the_options_and_the_length_of_the_run(model, options, engine):
@@ -81,19 +88,18 @@ def test_the_engine_follows_from_the_model_the_options_and_the_length_of_the_run
 REFUSALS = [
     (_on_gpu("cuda:0,cuda:1,cuda:2"), {"workers": 2}, "--workers"),
     (LIGHT, {"address": "auto"}, "--address"),
-    (LIGHT, {"name": "serial", "workers": 2}, "--workers"),
-    (LIGHT, {"name": "serial", "timeout": 1.0}, "--timeout"),
-    (LIGHT, {"name": "parallel"}, "parallel"),
-    (_on_gpu(), {"attacks": True, "name": "processes"}, "--engine"),
-    (_on_gpu(), {"attacks": True, "workers": 2}, "--workers"),
-    (_on_gpu(), {"attacks": True, "timeout": 1.0}, "--timeout"),
+    (LIGHT, {"engine": "serial", "workers": 2}, "--workers"),
+    (LIGHT, {"engine": "serial", "timeout": 1.0}, "--timeout"),
+    (LIGHT, {"engine": "parallel"}, "parallel"),
+    (_on_gpu(), {"attacks": ("square",), "engine": "processes"}, "--engine"),
+    (_on_gpu(), {"attacks": ("square",), "workers": 2}, "--workers"),
+    (_on_gpu(), {"attacks": ("square",), "timeout": 1.0}, "--timeout"),
 ]
 
 
 @pytest.mark.parametrize(("model", "options", "culprit"), REFUSALS)
 def test_options_that_do_not_fit_the_engine_are_refused(model, options, culprit):
-    given = {"name": None, "workers": None, "timeout": None, "address": None, **options}
-    refusal(lambda: choose_engine(model=model, **given), UsageError, culprit)
+    refusal(lambda: _describe(model, **options), UsageError, culprit)
 
 
 def test_number_of_workers_is_limited_on_a_large_machine(monkeypatch):
@@ -102,20 +108,21 @@ def test_number_of_workers_is_limited_on_a_large_machine(monkeypatch):
     assert _describe(LIGHT, PAIR * 80, workers=40) == "processes, 40 workers"
 
 
-UNPICKLED = NamedModel(None, Model("cuda:0"), {}, None)
+UNPICKLED = NamedModel(None, Model("cuda:0"), {})
 UNPICKLED.model.run = lambda: None
-LOCK = (threading.Lock(),)
+LOCKED = TexturePairs(1)
+LOCKED.lock = threading.Lock()
 
 
 @pytest.mark.parametrize(
     ("model", "options", "engine"),
     [
-        (UNPICKLED, {}, "serial (this model object"),
+        (UNPICKLED, {}, "serial (the model"),
         (UNPICKLED, {"workers": 2}, "processes, 1 device + 2 feeders"),  # requested, so starting it raises an error
-        (LIGHT, {"units": THREE_PAIRS, "others": LOCK}, "serial (this dataset or corruption"),
-        (_on_gpu(), {"others": LOCK}, "serial (this dataset or corruption"),
-        (LIGHT, {"units": THREE_PAIRS, "others": LOCK, "workers": 2}, "processes, 2 workers"),
-        (LIGHT, {"others": LOCK}, "serial"),  # too short for processes anyway, so no reason is given
+        (LIGHT, {"units": THREE_PAIRS, "dataset": LOCKED}, "serial (the dataset or corruption"),
+        (_on_gpu(), {"dataset": LOCKED}, "serial (the dataset or corruption"),
+        (LIGHT, {"units": THREE_PAIRS, "dataset": LOCKED, "workers": 2}, "processes, 2 workers"),
+        (LIGHT, {"dataset": LOCKED}, "serial"),  # too short for processes anyway, so no reason is given
     ],
 )
 def test_what_cannot_be_pickled_stays_in_this_process_unless_workers_are_requested(model, options, engine):
@@ -124,9 +131,9 @@ def test_what_cannot_be_pickled_stays_in_this_process_unless_workers_are_request
 
 def test_data_of_a_class_from_a_notebook_stay_in_this_process(monkeypatch):
     notebook = ModuleType("__main__")  # there is no file that a process could load
-    notebook.Mine = type("Mine", (), {"__module__": "__main__"})
+    notebook.Mine = type("Mine", (TexturePairs,), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)
-    assert _describe(LIGHT, THREE_PAIRS, others=(notebook.Mine(),)).startswith("serial (")
+    assert _describe(LIGHT, THREE_PAIRS, dataset=notebook.Mine(1)).startswith("serial (")
     assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 

@@ -16,10 +16,9 @@ from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
 from robustflow.media.images import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.run.engines.ray import files_of
-from robustflow.run.plan import RunOptions, Unit
-from robustflow.run.setup import restore_setup
+from robustflow.run.plan import Job, Unit
+from robustflow.run.setup import restore_plan
 from robustflow.run.source import RunSource
-from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
 from tests.refusals import refusal
@@ -124,9 +123,9 @@ def test_two_frame_models_get_the_same_frames_and_identity_on_a_clip(clip_folder
 def test_example_pictures_are_drawn_from_the_clip(clip_folder, tmp_path):
     drawn = run(MODEL, clip_folder, tmp_path / "drawn", examples=True)
     assert list((drawn.path / "examples").iterdir())
-    setup = restore_setup(drawn, RunSource.read(drawn.path))
-    assert setup.options.window == Window(2, 1)
-    assert isinstance(setup.model.model, FiveFrames)
+    plan = restore_plan(drawn, RunSource.read(drawn.path))
+    assert plan.window == plan.job().window == Window(2, 1)
+    assert isinstance(plan.model.model, FiveFrames)
 
 
 def test_changed_and_damaged_frames_around_a_pair_are_detected(tmp_path):
@@ -232,6 +231,6 @@ def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_pat
 
 
 def test_cluster_nodes_must_have_the_frames_around_a_pair(clip_folder, tmp_path):
-    job = Job(rf.load_dataset("folder", clip_folder), Recorder(), RunOptions(window=Window(2, 1)), tmp_path)
+    job = Job(rf.load_dataset("folder", clip_folder), window=Window(2, 1))
     names = [Path(path).name for path, _ in files_of(job, Unit("2", "fog", (1,)))]
     assert names == ["2.png", "3.png", "0.png", "1.png", "4.png"]

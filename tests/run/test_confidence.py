@@ -65,13 +65,6 @@ def test_without_a_confidence_the_rest_of_a_row_is_the_same(whole, tmp_path):
     assert "confidence" in str(refusal(lambda: run(tmp_path / "run"), RunError, tmp_path / "run"))
 
 
-def test_a_run_with_the_models_confidence_continues_where_only_the_data_are_compared(tmp_path, monkeypatch):
-    """As for a network, whose identity contains the hash of its weights."""
-    monkeypatch.setattr("robustflow.run.resume.is_named_by_content", lambda identity: True)
-    first = run(tmp_path / "run", confidence="model", severities=[1]).rows
-    assert run(tmp_path / "run", confidence="model").rows.filter(pl.col("severity") < 2).equals(first)
-
-
 def test_backward_flow_of_equal_frames_is_not_predicted(tmp_path):
     class Counting(Sure):
         asked = 0

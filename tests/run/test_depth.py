@@ -17,12 +17,11 @@ from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
 from robustflow.models import ModelSpec
 from robustflow.run.engines.ray import files_of
-from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.plan import Job, Unit
 from robustflow.run.recheck import recheck
 from robustflow.run.run import Run
-from robustflow.run.setup import restore_setup
+from robustflow.run.setup import restore_plan
 from robustflow.run.source import RunSource
-from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -146,8 +145,8 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     assert len(first.manifest.samples["0"]) == 4  # both frames and their depth maps
     again = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": str(maps)})
     assert again.rows.equals(first.rows)
-    setup = restore_setup(Run(tmp_path / "one"), RunSource.read(tmp_path / "one"))
-    assert setup.options.depth.depth(setup.dataset.load("0")).maps[0][0, 0] == 10
+    job = restore_plan(Run(tmp_path / "one"), RunSource.read(tmp_path / "one")).job()
+    assert job.depth.depth(job.dataset.load("0")).maps[0][0, 0] == 10
     focal = run(tmp_path / "focal", "folder", clip_folder, ["fog_3d"], {"depth": maps, "focal": 99})
     assert focal.manifest.identity.frames != first.manifest.identity.frames
 
@@ -199,6 +198,6 @@ def test_run_accepts_depth_later_and_refuses_changed_maps(tmp_path):
 
 def test_cluster_nodes_must_have_the_depth_of_a_pair(clip_folder, maps, tmp_path):
     benchmark = load_benchmark("folder", clip_folder, options={"depth": maps}).narrowed(["fog_3d"], [1])
-    job = Job(benchmark.dataset, ModelSpec("dis"), RunOptions(depth=benchmark.depths), tmp_path)
+    job = Job(benchmark.dataset, depth=benchmark.depths)
     files = [clip_folder / "2.png", clip_folder / "3.png", maps / "2.npy", maps / "3.npy"]
     assert files_of(job, Unit("2", "fog_3d", (1,))) == tuple((str(path), path.stat().st_size) for path in files)

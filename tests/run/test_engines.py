@@ -14,10 +14,9 @@ from robustflow.core.errors import UsageError
 from robustflow.models import ModelSpec
 from robustflow.run.engines.base import Engine
 from robustflow.run.engines.processes import processes, serial
-from robustflow.run.plan import RunOptions, Unit
+from robustflow.run.plan import Job, Unit, name_model
 from robustflow.run.progress import Silent
 from robustflow.run.store import RunFolder
-from robustflow.run.worker import Job
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal
@@ -134,7 +133,7 @@ def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, quick_worker
     data = TexturePairs(2, (24, 32))
     model = ModelSpec(f"{MODELS}:Logged", (("shape", "24x32"), ("pause", "key 1")))
     (tmp_path / "clean").mkdir()
-    job, units, finished = Job(data, model, RunOptions(), tmp_path), [Unit(key, "clean", (0,)) for key in "01"], []
+    job, units, finished = Job(data, name_model(model), folder=tmp_path), [Unit(key, "clean", (0,)) for key in "01"], []
     for done in processes(job, units, 2, 0.6):
         time.sleep(0.7)
         finished.append(done.unit.key)

@@ -24,7 +24,7 @@ from robustflow.run import examples as examples_module
 from robustflow.run.example_cells import are_current
 from robustflow.run.progress import DRAWN, TerminalProgress
 from robustflow.run.recheck import recheck
-from robustflow.run.setup import restore_setup
+from robustflow.run.setup import restore_plan
 from robustflow.run.source import RunSource
 from robustflow.run.store import RunFolder
 from robustflow.testing import ZeroFlow
@@ -176,8 +176,8 @@ def test_examples_of_a_model_that_predicts_differently_are_refused(tmp_path, sma
 
 def test_run_without_a_valid_source_cannot_be_set_up_again(tmp_path, small):
     run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
-    refusal(lambda: restore_setup(run, RunSource.read(run.path)), RunError, run.path)
-    assert "model" in str(refusal(lambda: restore_setup(run, RunSource(DIS)), RunError, run.path))
+    refusal(lambda: restore_plan(run, RunSource.read(run.path)), RunError, run.path)
+    assert "model" in str(refusal(lambda: restore_plan(run, RunSource(DIS)), RunError, run.path))
     (run.path / "source.json").write_text("{")
     refusal(lambda: RunSource.read(run.path), RunError, run.path / "source.json")
 
@@ -217,7 +217,7 @@ def test_the_user_may_name_the_model_again():
 def test_benchmark_named_in_a_run_folder_is_not_imported(drawn):
     run = rf.load_run(drawn.path)
     change_identity(run, benchmark="marker_module:touch")
-    refusal(lambda: restore_setup(run, RunSource.read(run.path)), RunError, "marker_module:touch")
+    refusal(lambda: restore_plan(run, RunSource.read(run.path)), RunError, "marker_module:touch")
     refusal(lambda: recheck(run.manifest.identity, run.rows), RunError, "marker_module:touch")
 
 

@@ -7,11 +7,11 @@ _RUN = """
 import sys
 import robustflow.api
 from robustflow.run.setup import open_benchmark, set_up
-from robustflow.run.worker import Job, Worker
+from robustflow.run.worker import Worker
 
-setup = set_up("dis", open_benchmark("demo").narrowed(["contrast"], [1]))
-worker = Worker(Job(setup.dataset, setup.model.model, setup.options))
-rows = [worker.run(unit) for unit in setup.plan.units()]
+plan = set_up("dis", open_benchmark("demo").narrowed(["contrast"], [1]))
+worker = Worker(plan.job())
+rows = [worker.run(unit) for unit in plan.units()]
 assert len(rows) == 2
 for name in sorted(sys.modules):
     print(name)

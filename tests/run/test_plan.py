@@ -10,9 +10,9 @@ from robustflow.api import evaluate, load_run
 from robustflow.corruptions.scale import calibration_digest
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.cells import Cells
-from robustflow.run.config import FrameOptions, MeasuringOptions
+from robustflow.run.config import FrameOptions, MeasuringOptions, RunConfig
 from robustflow.run.manifest import Manifest
-from robustflow.run.plan import Plan, RunOptions, Unit, unfinished_samples
+from robustflow.run.plan import Plan, Unit, unfinished_samples
 from robustflow.testing import ZeroFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -36,7 +36,7 @@ ATTACKED = [(key, "square", severity) for key in "ab" for severity in (1, 3)]
 
 
 def test_units_of_a_plan_are_each_sample_clean_first_then_every_condition(benchmark):
-    plan = Plan(benchmark, RunOptions(), {})
+    plan = Plan(benchmark)
     expected = [
         Unit(key, name, levels)
         for key in "ab"
@@ -48,7 +48,7 @@ def test_units_of_a_plan_are_each_sample_clean_first_then_every_condition(benchm
 
 @given(st.sets(st.sampled_from([*CELLS, *ATTACKED])))
 def test_missing_units_and_done_cells_are_the_whole_plan(benchmark, done):
-    plan = Plan(benchmark, RunOptions(), {})
+    plan = Plan(benchmark)
     left = plan.missing(done)
     cells = [cell for unit in left for cell in unit.cells]
     assert sorted([*cells, *done]) == sorted([*CELLS, *ATTACKED])
@@ -57,11 +57,11 @@ def test_missing_units_and_done_cells_are_the_whole_plan(benchmark, done):
 
 def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted(benchmark):
     whole = replace(benchmark, corruptions=("fog", "h264_crf"), attacks=())
-    plan = Plan(whole, RunOptions(FrameOptions(severity_scale="calibrated")), {})
+    plan = Plan(whole, config=RunConfig(frames=FrameOptions(severity_scale="calibrated")))
     assert plan.left_out() == {"h264_crf": (1, 3)}
     assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
     assert plan.count() == len(plan.units()) == 4
-    assert Plan(whole, RunOptions(), {}).left_out() == {}
+    assert Plan(whole).left_out() == {}
 
 
 def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_it_and_of_the_folder(tmp_path):
@@ -74,18 +74,18 @@ def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_
 
 
 def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):
-    plain = Plan(benchmark, RunOptions(), {}).identity()
+    plain = Plan(benchmark).identity
     assert plain.frames.severity_scale == "paper"
     assert (plain.frames.common_draws, plain.measuring.allow_invalid) == (False, False)
     frames = FrameOptions(severity_scale="calibrated", common_draws=True)
-    chosen = RunOptions(frames, MeasuringOptions(allow_invalid=True))
-    other = Plan(benchmark, chosen, {}).identity()
+    chosen = RunConfig(frames=frames, measuring=MeasuringOptions(allow_invalid=True))
+    other = Plan(benchmark, config=chosen).identity
     assert other.frames.severity_scale == f"calibrated {calibration_digest()}"
     assert (other.frames.common_draws, other.measuring.allow_invalid) == (True, True)
 
 
 def test_cells_of_a_plan_are_listed_without_and_with_attacks(benchmark):
-    cells = Plan(benchmark, RunOptions(), {}).cells()
+    cells = Plan(benchmark).cells()
     assert cells == PLANNED
     assert list(cells.corrupted()) == CELLS
     assert list(cells.attacked()) == ATTACKED

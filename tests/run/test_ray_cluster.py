@@ -26,8 +26,7 @@ from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
 from robustflow.run.engines.ray_actor import Start, UnitActor, installed
 from robustflow.run.engines.ray_prepare import prepare_on_ray
-from robustflow.run.plan import RunOptions, Unit
-from robustflow.run.worker import Job
+from robustflow.run.plan import Job, Unit, name_model
 from tests.data.video import clips
 
 from .conftest import FAST
@@ -218,9 +217,10 @@ def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path
     """The checks on a node before it loads a sample; the node is this machine, so the actor is called directly."""
     monkeypatch.setattr("robustflow.run.engines.ray_actor._device", lambda: "CPU")
     size = (frames / "00.png").stat().st_size
-    spec = ModelSpec("farneback")
-    job = pickle.dumps(Job(rf.load_dataset("folder", frames), spec, RunOptions(), tmp_path))
-    start = Start({}, os.getcwd(), [], installed(), spec.identity(spec.load()))
+    here = Job(rf.load_dataset("folder", frames), name_model("farneback"))
+    elsewhere = replace(here, model=replace(here.model, identity={"source": "another"}))
+    job = pickle.dumps(here)
+    start = Start({}, os.getcwd(), [], installed(), None)
     node = f"node {socket.gethostname()}"
     actor = UnitActor()
     assert actor.begin(b"", start)[0] == "error", "not a job"
@@ -229,7 +229,7 @@ def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path
     for call, expected, part in (
         (lambda: actor.run(unit, [(str(frames / "gone.png"), size)]), "DataError", "gone.png"),
         (lambda: actor.run(unit, [(str(frames / "00.png"), size + 1)]), "DataError", f" {size} "),
-        (lambda: actor.begin(job, replace(start, identity={"source": "another"})), "RunError", "source"),
+        (lambda: actor.begin(pickle.dumps(elsewhere), start), "RunError", "source"),
         (lambda: actor.begin(job, replace(start, installed={"numpy": "0.1"})), "RunError", "numpy"),
     ):
         kind, (error, message, _, culprit) = call()

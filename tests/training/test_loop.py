@@ -29,7 +29,7 @@ from robustflow.core.errors import DataError, ModelError, RunError, UsageError  
 from robustflow.data.benchmarks.setting import setting_of  # noqa: E402
 from robustflow.models.provenance import training_of  # noqa: E402
 from robustflow.models.torch.model import TorchvisionRaft  # noqa: E402
-from robustflow.run.named_model import name_model  # noqa: E402
+from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.run.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402

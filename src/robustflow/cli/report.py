@@ -153,7 +153,7 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     from ..run.example_cells import FOLDER
     from ..run.examples import draw_example, write_examples
     from ..run.run import Run
-    from ..run.setup import restore_setup
+    from ..run.setup import restore_plan
     from ..run.source import RunSource
     from ..run.store import RunFolder
 
@@ -163,16 +163,16 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     before = RunSource.read(run.path)
     spec = before.model_to_reuse(dict(options)) if given["model"] is None else ModelSpec(given["model"], options)
     source = RunSource(spec, given["data"] or before.data, before.data_options | data_options(given))
-    setup = restore_setup(run, source)
+    plan = restore_plan(run, source)
     if sample is not None and corruption is not None and severity is not None:
         target = given["output"] or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
-        write_bytes(target, draw_example(run, setup, sample, corruption, severity))
+        write_bytes(target, draw_example(run, plan, sample, corruption, severity))
         typer.echo(str(target))
         return
     store = RunFolder(run.path)
     store.lock()
     try:
-        if write_examples(run, setup):
+        if write_examples(run, plan):
             write_report(run)
     finally:
         store.unlock()

@@ -28,7 +28,7 @@ from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
 from .cells import Cell
 from .data_files import file_digests
-from .plan import Plan, RunOptions, Unit
+from .plan import Job, Plan, Unit
 from .stages import Seconds, timed
 from .store import RunFolder
 from .trust import read_array, write_array
@@ -68,52 +68,43 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
     return digest_of_value([list(keys), digests])
 
 
-def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
+def learned_patterns(folder: RunFolder, plan: Plan, units: Sequence[Unit]) -> Learned:
     """Return the perturbations that the units need, read from the run folder if intact, else trained and stored."""
-    options = plan.options
-    attacks = attacks_in_run(options.attacks, options.frames.variant)
-    trained = {name: one.training(model) for name, one in attacks.items()}
+    attacks = attacks_in_run(plan.benchmark.attacks, plan.config.frames.variant)
+    trained = {name: one.training(plan.model.model) for name, one in attacks.items()}
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         for label, (attack, on) in trained.get(name, {}).items():
             assert isinstance(attack, Trained)
-            path, made_of = folder.pattern_path(label, severity), f"{plan.digest()} {label} {severity}"
+            path, made_of = folder.pattern_path(label, severity), f"{plan.identity.digest()} {label} {severity}"
             pattern = read_array(path, made_of)
             if pattern is None or not attack.fits(pattern) or not np.isfinite(pattern).all():
-                pattern = _trained(attack, plan, on, severity, batch_size)
+                pattern = _trained(attack, plan, on, severity)
                 path.parent.mkdir(exist_ok=True)
                 write_array(path, pattern, made_of)
             learned.setdefault(label, {})[severity] = pattern
     return learned
 
 
-def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
-    options, benchmark = plan.options, plan.benchmark
+def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pattern:
+    seed, benchmark = plan.config.frames.seed, plan.benchmark
     pairs = []
-    for key in training_keys(attack, benchmark, options.frames.seed):
-        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.frames.seed)
+    for key in training_keys(attack, benchmark, seed):
+        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, seed)
         pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
-    rng = Rng.of(options.frames.seed, "attack training", attack.name, severity)
-    return attack.learn(model, pairs, rng, batch_size)
+    rng = Rng.of(seed, "attack training", attack.name, severity)
+    return attack.learn(model, pairs, rng, plan.config.compute.batch_size)
 
 
 class AttackStage:
-    def __init__(
-        self,
-        model: AnyModel,
-        options: RunOptions,
-        seconds: Seconds,
-        on_predict: Callable[[str | None], None],
-    ) -> None:
-        self.names = options.attacks
-        for made in options.own_attacks:
+    def __init__(self, model: AnyModel, job: Job, seconds: Seconds, on_predict: Callable[[str | None], None]) -> None:
+        self.names = job.attacks
+        for made in job.own_attacks:
             register_attack(made)
-        self._attacks = {
-            name: one.with_learned(options.learned)
-            for name, one in attacks_in_run(options.attacks, options.frames.variant).items()
-        }
+        attacks = attacks_in_run(job.attacks, job.frames.variant)
+        self._attacks = {name: one.with_learned(job.learned) for name, one in attacks.items()}
         self._model = model
-        self._options = options
+        self._seed = job.frames.seed
         self._seconds = seconds
         self._on_predict = on_predict
         self._warnings: frozenset[str] | None = None
@@ -122,11 +113,11 @@ class AttackStage:
         """Return the attacked pairs for the cells of one attack, the same as those of `robustflow.attack`."""
         cells = [cell for _, _, cell in targets]
         name = cells[0][1]
-        attack, seed = self._attacks[name], self._options.frames.seed
+        attack = self._attacks[name]
         with timed(self._seconds, "attack"):
             if self._warnings is None:
                 self._warnings = self._warnings_of_model(targets[0][0])
-            pairs = [(pair_of_sample(attack, sample, cell[2], seed), clean) for sample, clean, cell in targets]
+            pairs = [(pair_of_sample(attack, sample, cell[2], self._seed), clean) for sample, clean, cell in targets]
             self._on_predict(describe_cells(cells))
             with timed(self._seconds, f"attack {name}"):
                 attacked = attack_pairs(attack, self._model, pairs, self._warnings)

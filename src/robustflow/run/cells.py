@@ -6,7 +6,7 @@ one of them, together with the samples that are measured under the same conditio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated
 
@@ -14,6 +14,7 @@ import polars as pl
 from pydantic import AfterValidator, Field
 
 from ..core.types import Untrusted
+from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN
 from .identity import Text
 
@@ -97,6 +98,26 @@ def merged_levels(
     {'fog': (1, 3), 'snow': (2,)}
     """
     return {name: tuple(sorted({*one.get(name, ()), *other.get(name, ())})) for name in {**one, **other}}
+
+
+def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:
+    """Return those of a corruption's severities that do not exist on a severity scale.
+
+    >>> lacking_levels("saturate", (1, 5), "calibrated"), lacking_levels("saturate", (1, 5), "paper")
+    ((5,), ())
+    """
+    exist = levels_of(name, tuple(severities), scale)
+    return tuple(level for level in severities if level not in exist)
+
+
+def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
+    """Describe which severities a run omits.
+
+    >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
+    'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
+    """
+    each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
+    return f"the calibrated scale has no {each}"
 
 
 def _grouped(parts: Iterable[Cells]) -> list[Cells]:

@@ -1,59 +1,67 @@
-"""Compute the units that a run lacks, and write each one as soon as it is finished. Warn if the flow of the first pair
-is not (u right, v down) in pixels from frame 1 to frame 2."""
+"""Start or continue a run: compare its folder with the plan, compute the units that it lacks, and write each one as
+soon as it is finished.
+
+To continue, the settings have to be equal, and so do the files of the data, by their digests. That does not cover
+everything: for a user's model, the identity includes the source file, but no imported modules or other files, and some
+datasets have no files. So one clean row is measured again before anything is written, and so is that of every other
+sample when its units continue (`Computation.open`).
+"""
 
 from __future__ import annotations
 
 import time
 import warnings
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from ..core.errors import DataError
-from ..data.datasets.base import FromClips
+import polars as pl
+
+from ..core.errors import DataError, RunError
+from ..corruptions.stack import needs_depth
+from ..data.benchmarks.facts import moving_name
+from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.photometric import Misread
 from ..metrics.rows import CLEAN
+from ..models.provenance import UNDECLARED
+from .cells import merged_levels, union
+from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Engine
+from .identity import difference, environment
 from .manifest import Manifest, clips_of
-from .plan import unfinished_samples
+from .plan import Plan, unfinished_samples
 from .progress import Progress, TerminalProgress
-from .resume import changed_files, check_before_resuming, now, open_manifest, stored_clean_rows
-from .setup import Setup
 from .store import RunFolder
-from .worker import Job
+from .trust import COMPARED
+from .worker import temporary_worker
+
+_ELSEWHERE = "choose another folder with --output"
 
 
-def _warn(key: str, wrong: Misread) -> None:
-    warnings.warn(
-        f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
-        f"from frame 1 by {wrong.given:.1f} grey levels, and by {wrong.error:.1f} if the flow is corrected for this; a "
-        "model must return (u right, v down) in pixels from frame 1 to frame 2, so correct the model, and use "
-        "robustflow check",
-        stacklevel=3,
-    )
-
-
-def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
-    """Compute and write the planned units that do not exist yet."""
-    plan, named = setup.plan, setup.model
-    job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
+def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Progress) -> None:
+    """Compute and write the planned units that do not exist yet. Warn if the flow of the first pair is not (u right,
+    v down) in pixels from frame 1 to frame 2."""
     before = folder.manifest()
-    manifest = open_manifest(folder, plan)
+    manifest = _continued(folder, plan, before)
     cells = folder.tidy()
-    check_before_resuming(folder, job, plan)
+    _check_first_sample(folder, plan)
     folder.write_manifest(manifest)
     folder.keep_clean(key for key in unfinished_samples(manifest, cells) if (key, CLEAN, 0) in cells)
     units = plan.missing(cells)
-    job = replace(job, options=replace(plan.options, run=manifest.identity_digest))
-    if plan.options.attacks:
+    job = plan.job(
+        folder=folder.path,
+        run=manifest.identity_digest,
+        kept=_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}),
+        first=next((unit.key for unit in units if unit.corruption == CLEAN), None),
+    )
+    if job.attacks:
         from .attack_stage import learned_patterns
 
-        learned = learned_patterns(folder, plan, named.model, units, batch_size)
-        job = replace(job, options=replace(job.options, learned=learned))
-    job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
-    job = replace(job, first=next((unit.key for unit in units if unit.corruption == CLEAN), None))
+        job = replace(job, learned=learned_patterns(folder, plan, units))
     del cells
     if units and isinstance(progress, TerminalProgress):
         progress.engine(engine.describe(units))
@@ -68,14 +76,14 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
             if done.misread is not None:
                 _warn(done.unit.key, done.misread)
             left[done.unit.key] -= 1
-            if not left[done.unit.key] and plan.options.pictures is None:  # examples need the clean flow
+            if not left[done.unit.key] and plan.pictures is None:  # examples need the clean flow
                 folder.finish_sample(done.unit.key)
             for kind, spent in done.seconds.items():
                 seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
             if done.place is not None:
                 places[done.place] = places.get(done.place, 0) + 1
             progress.advance(done)
-    if changed := changed_files(plan, manifest, left):
+    if changed := _changed_files(plan, manifest, left):
         _drop_changed(folder, manifest, changed)
     folder.pack()
     if not units and before is not None and before.finished is not None:
@@ -84,8 +92,109 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
         return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     clips = clips_of(job.dataset.clip_records()) if isinstance(job.dataset, FromClips) else manifest.clips
-    since = {"seconds": seconds, "finished": now(), "places": places, "clips": clips}
+    since = {"seconds": seconds, "finished": _now(), "places": places, "clips": clips}
     folder.write_manifest(manifest.model_copy(update=since))
+
+
+def _continued(folder: RunFolder, plan: Plan, old: Manifest | None) -> Manifest:
+    """Return a folder's manifest, updated with a plan; raise a RunError if they do not match."""
+    if old and old.identity != plan.identity:
+        if not folder.rows().is_empty():
+            differing = difference(plan.identity, old.identity)
+            raise RunError(folder.path, f"contains a different run; it differs in: {differing}; {_ELSEWHERE}")
+        old = None
+    if old is None:
+        old = Manifest(
+            version=6,
+            identity=plan.identity,
+            identity_digest=plan.identity.digest(),
+            samples={},
+            training=plan.model.training,
+            planned=(),
+            started=_now(),
+            finished=None,
+            environment=environment(),
+        )
+    paths = _files(plan, [*plan.benchmark.keys, *_samples_to_recognise(folder, plan, old)], old)
+    digests = file_digests(paths)
+    _compare_with_list(plan, {path: digests[key][i] for key in paths for i, path in enumerate(paths[key])})
+    samples = {
+        key: tuple((path.name, digest) for path, digest in zip(paths[key], digests[key], strict=True)) for key in paths
+    }
+    known = {key: files for key, files in old.samples.items() if key in samples}
+    # a run that did not read depth knows fewer files of a sample
+    if changed := [key for key, files in known.items() if files != samples[key][: len(files)]]:
+        more = f" and of {len(changed) - 1} more" if len(changed) > 1 else ""
+        raise RunError(folder.path, f"was made from different files of sample '{changed[0]}'{more}; {_ELSEWHERE}")
+    training = plan.model.training
+    return old.model_copy(
+        update={
+            "samples": old.samples | samples,
+            "training": old.training if training == UNDECLARED else training,
+            "planned": union((*old.planned, plan.cells())),
+            "left_out": merged_levels(old.left_out, plan.left_out()),
+            "name": plan.name or old.name,
+            "finished": None,
+            "environment": environment(),
+        }
+    )
+
+
+def _samples_to_recognise(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
+    """Return the samples of a run that are not in the plan, if the data can be recognised only by their files, because
+    the frames of all clips have the same names.
+    """
+    if moving_name(plan.benchmark.name) != OWN_FRAMES:
+        return []
+    known = set(plan.benchmark.dataset.keys())
+    if absent := [key for key in old.samples if key not in known]:
+        raise RunError(folder.path, f"was made from different frames that include a sample '{absent[0]}'; {_ELSEWHERE}")
+    return [key for key in old.samples if key not in plan.benchmark.keys]
+
+
+def _compare_with_list(plan: Plan, digests: dict[Path, str]) -> None:
+    """Compare the files that a run reads, including corrupted frames, with the list of digests beside them."""
+    dataset = plan.benchmark.dataset
+    if not isinstance(dataset, PreCorrupted) or isinstance(dataset, FromClips):
+        check_listed(digests)
+        return
+    units = (unit for unit in plan.units() if dataset.has_corrupted(unit.corruption))
+    check_listed(digests, (path for unit in units for cell in unit.cells for path in dataset.corrupted_files(*cell)))
+
+
+def _files(plan: Plan, keys: Iterable[str], manifest: Manifest) -> dict[str, list[Path]]:
+    """Return the files of samples, with those of their depth if the plan, or the run that it continues, reads depth."""
+    depths: Depths | None = None
+    if any(map(needs_depth, (*manifest.corruptions, *plan.benchmark.corruptions))):
+        depths = plan.benchmark.depths
+    return {key: files_of_sample(plan.benchmark.dataset, key, plan.window, depths) for key in keys}
+
+
+def _check_first_sample(folder: RunFolder, plan: Plan) -> None:
+    """Measure the first clean row of a run again; do nothing if there is no row yet."""
+    for key, row in sorted(_clean_rows(folder, plan.benchmark.keys).items())[:1]:
+        with temporary_worker(plan.job(kept={key: row})) as worker:
+            worker.sample(key)
+
+
+def _clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the clean rows that a run already has for these samples, by sample and with only the compared columns."""
+    samples = list(keys)
+    if not samples:
+        return {}
+    rows = folder.rows(("sample", "corruption", "severity", *COMPARED), CLEAN).filter(pl.col("sample").is_in(samples))
+    return {row["sample"]: row for row in rows.iter_rows(named=True)}
+
+
+def _changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[str, Path]:
+    """Return, for each sample, the first file that has changed since the manifest was written."""
+    files = {key: paths[: len(manifest.samples[key])] for key, paths in _files(plan, keys, manifest).items()}
+    changed = {}
+    for key, digests in file_digests(files).items():
+        pairs = zip(files[key], digests, manifest.samples[key], strict=True)
+        if paths := [path for path, digest, (_, before) in pairs if digest != before]:
+            changed[key] = paths[0]
+    return changed
 
 
 def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, Path]) -> None:
@@ -100,3 +209,18 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
         f"changed while the run was reading it, so the rows of sample '{key}'{more} were removed; run the same command "
         "again once no process is writing to the data",
     )
+
+
+def _warn(key: str, wrong: Misread) -> None:
+    warnings.warn(
+        f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
+        f"from frame 1 by {wrong.given:.1f} grey levels, and by {wrong.error:.1f} if the flow is corrected for this; a "
+        "model must return (u right, v down) in pixels from frame 1 to frame 2, so correct the model, and use "
+        "robustflow check",
+        stacklevel=3,
+    )
+
+
+def _now() -> str:
+    """Return the time in UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

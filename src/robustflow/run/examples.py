@@ -31,8 +31,8 @@ from .example_cells import (
     slider_picture,
     stored_picture,
 )
+from .plan import Plan
 from .run import Run
-from .setup import Setup
 from .store import RunFolder
 from .worker import View, Worker, temporary_worker
 
@@ -41,20 +41,19 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 
 
 @contextmanager
-def capture_slider_pictures(setup: Setup, folder: Path) -> Iterator[Setup]:
-    """Yield a setup whose workers store the slider's pictures until the block ends, if its sample is known. The clean
+def capture_slider_pictures(plan: Plan, folder: Path) -> Iterator[Plan]:
+    """Yield a plan whose workers store the slider's pictures until the block ends, if its sample is known. The clean
     flow of the sample is kept as long."""
-    if len(setup.plan.benchmark.keys) > 1:
-        yield setup
+    if len(plan.benchmark.keys) > 1:
+        yield plan
         return
     with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
-        options = replace(setup.options, pictures=Path(pictures))
-        yield replace(setup, plan=replace(setup.plan, options=options))
-        for key in setup.plan.benchmark.keys:
+        yield replace(plan, pictures=Path(pictures))
+        for key in plan.benchmark.keys:
             RunFolder(folder).clean_path(key).unlink(missing_ok=True)
 
 
-def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lambda what: None) -> bool:
+def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda what: None) -> bool:
     """Draw the examples of a complete run into its folder, unless they already exist; `drawing` is called with each one
     of `progress.DRAWN` before it is drawn."""
     if run.measured.missing:
@@ -68,15 +67,14 @@ def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lamb
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        options = replace(setup.options, run=run.manifest.identity_digest)
-        kept = None if options.pictures is None else run.path
-        with temporary_worker(setup.dataset, setup.model.model, options, kept) as worker:
+        job = plan.job(run=run.manifest.identity_digest, folder=plan.pictures and run.path)
+        with temporary_worker(job) as worker:
             for panel in listed["panels"]:
                 drawing(f"{panel['kind']} example")
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
             drawing("severity slider")
-            _write_slider(making, listed["slider"], worker, setup.options.pictures)
+            _write_slider(making, listed["slider"], worker, plan.pictures)
         write_json(making / EXAMPLES_FILE, listed)
         drop_examples(run.path)
         try:
@@ -88,9 +86,9 @@ def write_examples(run: Run, setup: Setup, drawing: Callable[[str], None] = lamb
     return True
 
 
-def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
+def draw_example(run: Run, plan: Plan, key: str, corruption: str, severity: int) -> bytes:
     """Draw any cell of a run as a PNG, with the scores from the run."""
-    with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
+    with temporary_worker(plan.job()) as worker:
         return _picture(run.rows, worker, (key, corruption, severity), "", "png")
 
 

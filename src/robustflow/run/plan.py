@@ -1,35 +1,97 @@
-"""Define what has to run: samples, corruptions and severities, and the identity of the results."""
+"""What is to be computed: a `Plan` of samples, conditions and a model, its units, the identity of their rows, and the
+`Job` that worker processes receive."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..attacks.registry import ATTACK_VERSION
-from ..corruptions.api import STREAM_VERSION
-from ..corruptions.base import Corruption
+from ..core.errors import UsageError
+from ..core.types import Flow, Frame
+from ..corruptions.api import STREAM_VERSION, user_sources
+from ..corruptions.base import BGR, VARIANTS, Corruption
+from ..corruptions.own import own_among
 from ..corruptions.stack import levels_of
 from ..data.benchmarks.base import Benchmark
-from ..data.datasets.base import Depths
+from ..data.datasets.base import Dataset, Depths
+from ..data.datasets.clips import window_on
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
-from ..models.base import Window
-from ..models.provenance import UNDECLARED, Training
-from .cells import Cell, Cells
-from .config import FrameOptions, MeasuringOptions
-from .identity import (
-    IDENTITY_VERSION,
-    FrameIdentity,
-    Identity,
-    Measuring,
-    ModelIdentity,
-    recorded_scale,
-)
+from ..models import ModelSpec
+from ..models.base import AnyModel, FlowLookup, Window, given_name, model_identity
+from ..models.loading import as_model
+from ..models.provenance import DECLARED, Training, training_of
+from .cells import Cell, Cells, lacking_levels
+from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
+from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity, recorded_scale
 from .manifest import Manifest
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A model that every process of a run can load: by its spec if it has one, otherwise as a pickled object."""
+
+    spec: ModelSpec | None
+    model: AnyModel
+    identity: dict[str, Any]
+    declared: str | None = None
+    name: str | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | ({} if self.spec is None else {"model": None})
+
+    def load(self) -> AnyModel:
+        """Return the model; a copy in another process loads it by its spec."""
+        return self.spec.load() if self.spec is not None and self.model is None else self.model
+
+    def on(self, device: str) -> NamedModel:
+        """Return the model on one device, if it is loaded by a spec."""
+        return self if self.spec is None else replace(self, spec=self.spec.on(device))
+
+    @property
+    def training(self) -> Training:
+        """Return the model's training sets; raise a UsageError if a declared set is unknown."""
+        return training_of(self.identity, self.declared)
+
+
+def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
+    """Load a model by name, path or spec, or wrap a model object."""
+    if isinstance(model, str | Path):
+        model = ModelSpec(str(model))
+    if isinstance(model, ModelSpec):
+        loaded = model.load()
+        declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
+        own_name = given_name(loaded) if model.is_own else None
+        return NamedModel(model, loaded, model.identity(loaded), declared, own_name)
+    given = as_model(model, f"the model {model!r}")
+    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), given_name(given))
+
+
+def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
+    """Load a model as `name_model` does, and check that it can predict the flow of new frames."""
+    named = name_model(model)
+    if isinstance(named.model, FlowLookup):
+        raise UsageError("--model", "flow files cannot be used to predict new frames")
+    return named
+
+
+class NoMotion:
+    """A placeholder for a model whose prediction is not needed: the flow is zero everywhere."""
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """Return zero flow, float32 (H, W, 2)."""
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+NO_MODEL = NamedModel(None, NoMotion(), {})
 
 
 @dataclass(frozen=True)
@@ -46,46 +108,82 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class RunOptions:
-    """Options that change the results, apart from the benchmark and the model."""
+class Job:
+    """Everything that a worker needs to compute units; picklable if the dataset and the model are."""
 
-    frames: FrameOptions = field(default_factory=FrameOptions)
-    measuring: MeasuringOptions = field(default_factory=MeasuringOptions)
-    sources: Mapping[str, Any] = field(default_factory=dict)
-    """Keys of the user's files that affect corrupted frames (see `corruptions.sources`)."""
+    dataset: Dataset
+    model: NamedModel = NO_MODEL
+    frames: FrameOptions = DEFAULTS.frames
+    measuring: MeasuringOptions = DEFAULTS.measuring
     window: Window | None = None
     """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
-    own: tuple[Any, ...] = ()
-    """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     """Corruption classes by name, see `Benchmark.classes`."""
+    own: tuple[Any, ...] = ()
+    """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
+    depth: Depths | None = None
+    """The source of depth for corruptions that need it; None if there is no depth."""
     attacks: tuple[str, ...] = ()
     """The conditions that are attacks on the model; the others are corruptions."""
     own_attacks: tuple[Any, ...] = ()
     """The user's attacks, like `own` (see `attacks.own`)."""
     learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
     """Trained perturbations by attack and severity."""
-    attack_sources: Mapping[str, str] = field(default_factory=dict)
-    """Digests, by attack, of everything except its name that affects it."""
-    depth: Depths | None = None
-    """The source of depth for corruptions that need it; None if there is no depth."""
+    batch_size: int = 1
     run: str = ""
     """Digest of the run's identity, by which clean flows of a different run in the same folder are recognized."""
+    folder: Path | None = None
+    """The run's folder, in which clean flows are stored between units; None to store none."""
     pictures: Path | None = None
-    """The folder in which workers store small pictures of corrupted frames; None to store none. It does not affect
-    results."""
+    """The folder in which workers store small pictures of corrupted frames; None to store none."""
+    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
+    row."""
+    first: str | None = None
+    """The sample whose clean flow is tested for a wrong format."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the options of the run, and the identity of the model."""
+    """A benchmark, a model and the options of a run."""
 
     benchmark: Benchmark
-    options: RunOptions
-    model_identity: dict[str, Any]
-    training: Training = UNDECLARED
+    model: NamedModel = NO_MODEL
+    config: RunConfig = DEFAULTS
+    attack_sources: Mapping[str, str] = field(default_factory=dict)
+    """Digests, by attack, of everything except its name that affects it."""
     name: str | None = None
     """The model's name in tables and figures; it does not affect results."""
+    pictures: Path | None = None
+    """The folder in which workers store small pictures of corrupted frames; it does not affect results."""
+
+    @property
+    def window(self) -> Window | None:
+        """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
+        return window_on(self.model.model, self.benchmark.dataset)
+
+    def job(self, **of_run: Any) -> Job:
+        """Return what a worker needs; values of the run's folder as for `Job`."""
+        chosen, own_attacks = self.benchmark, ()
+        if chosen.attacks:
+            from ..attacks.own import own_attacks_among
+
+            own_attacks = own_attacks_among(chosen.attacks)
+        return Job(
+            chosen.dataset,
+            self.model,
+            self.config.frames,
+            self.config.measuring,
+            self.window,
+            chosen.classes,
+            own_among(chosen.corruptions),
+            chosen.depths,
+            chosen.attacks,
+            own_attacks,
+            batch_size=self.config.compute.batch_size,
+            pictures=self.pictures,
+            **of_run,
+        )
 
     def units(self) -> list[Unit]:
         """Return all units of a complete run, with each sample's clean unit first."""
@@ -98,7 +196,7 @@ class Plan:
 
     def cells(self) -> Cells:
         """Return the cells of a complete run."""
-        chosen, scale = self.benchmark, self.options.frames.severity_scale
+        chosen, scale = self.benchmark, self.config.frames.severity_scale
         levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
         return Cells(
             samples=tuple(chosen.keys),
@@ -108,7 +206,7 @@ class Plan:
 
     def left_out(self) -> dict[str, tuple[int, ...]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
-        asked, scale = self.benchmark.severities, self.options.frames.severity_scale
+        asked, scale = self.benchmark.severities, self.config.frames.severity_scale
         lacking = {name: lacking_levels(name, levels_of(name, asked), scale) for name in self.benchmark.corruptions}
         return {name: levels for name, levels in lacking.items() if levels}
 
@@ -123,57 +221,36 @@ class Plan:
         )
         return [unit for unit in left if unit.severities]
 
+    @cached_property
     def identity(self) -> Identity:
-        """Return the identity of the run's rows."""
-        options = self.options
+        """The identity of the run's rows."""
+        frames, chosen = self.config.frames, self.benchmark
+        # in a run of attacks alone, the variant may be one of the attacks
+        variant = frames.variant if frames.variant in (*VARIANTS, BGR) else "default"
         return Identity(
             frames=FrameIdentity(
-                benchmark=self.benchmark.name,
-                dataset=self.benchmark.dataset.name,
-                protocol=_json_types(self.benchmark.protocol),
-                **dict(options.frames) | {"severity_scale": recorded_scale(options.frames.severity_scale)},
+                benchmark=chosen.name,
+                dataset=chosen.dataset.name,
+                protocol=_json_types(chosen.protocol),
+                **dict(frames) | {"severity_scale": recorded_scale(frames.severity_scale)},
                 streams=STREAM_VERSION,
                 attacks=ATTACK_VERSION,
-                depth=self.benchmark.own_depth.digest if self.benchmark.own_depth is not None else None,
-                attack_sources=dict(options.attack_sources),
-                **options.sources,
+                depth=chosen.own_depth.digest if chosen.own_depth is not None else None,
+                attack_sources=dict(self.attack_sources),
+                **user_sources(variant, chosen.corruptions),
             ),
             model=ModelIdentity(
-                settings=_json_types(self.model_identity),
-                window=options.window.record() if options.window else None,
+                settings=_json_types(self.model.identity),
+                window=self.window.record() if self.window else None,
             ),
-            measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, **dict(options.measuring)),
+            measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, **dict(self.config.measuring)),
         )
-
-    def digest(self) -> str:
-        """Return the digest of the identity, 16 hexadecimal digits."""
-        return self.identity().digest()
 
 
 def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
     """Return the samples for which a run lacks a row, including rows of attacks."""
     parts = manifest.planned
     return {cell[0] for part in parts for cell in chain(part.corrupted(), part.attacked()) if cell not in cells}
-
-
-def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:
-    """Return those of a corruption's severities that do not exist on a severity scale.
-
-    >>> lacking_levels("saturate", (1, 5), "calibrated"), lacking_levels("saturate", (1, 5), "paper")
-    ((5,), ())
-    """
-    exist = levels_of(name, tuple(severities), scale)
-    return tuple(level for level in severities if level not in exist)
-
-
-def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
-    """Describe which severities a run omits.
-
-    >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
-    'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
-    """
-    each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
-    return f"the calibrated scale has no {each}"
 
 
 def _json_types(value: Mapping[str, Any]) -> dict[str, Any]:

@@ -25,8 +25,7 @@ from ..media.images import image_size, write_image
 from ..models import ModelSpec
 from ..models.base import AnyModel
 from .config import MeasuringOptions
-from .named_model import load_predictor
-from .plan import RunOptions
+from .plan import Job, NamedModel, load_predictor
 from .worker import temporary_worker
 
 FLOW_FORMATS = ("flo", "png", "pfm", "flo5")
@@ -75,16 +74,16 @@ def predict_flows(
     there = [path for path in targets.values() if path.exists()]
     if there and not overwrite:
         raise UsageError(there[0], "already exists; choose a different folder with -o, or use --overwrite")
-    for key, flow in flows_of(load_predictor(model).model, dataset, keys):
+    for key, flow in flows_of(load_predictor(model), dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
         yield Predicted(key, targets[key], flow_radius(flow))
 
 
-def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
+def flows_of(model: NamedModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
     """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a dataset."""
-    options = RunOptions(measuring=MeasuringOptions(allow_invalid=True), window=window_on(model, dataset))
-    with temporary_worker(dataset, model, options) as worker:
+    measuring, window = MeasuringOptions(allow_invalid=True), window_on(model.model, dataset)
+    with temporary_worker(Job(dataset, model, measuring=measuring, window=window)) as worker:
         for key in keys:
             yield key, worker.clean_flow(key)
 

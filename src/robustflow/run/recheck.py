@@ -20,11 +20,10 @@ from ..models import ModelSpec
 from ..models.base import describe_cell
 from .config import MeasuringOptions
 from .identity import Identity
-from .named_model import name_model
-from .plan import Unit
+from .plan import NO_MODEL, Unit, name_model
 from .setup import recorded_plan
 from .trust import row_difference
-from .worker import NoMotion, temporary_worker
+from .worker import temporary_worker
 
 TOLERANCE_PX = 0.01
 """Tolerance for the means of one row, because rounding depends on the processor and the library."""
@@ -44,17 +43,15 @@ def recheck(
     if count < 1:
         raise UsageError("--check-frames", f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
-    named = None if model is None else name_model(model)
-    plan = recorded_plan(identity, data, options or {}, named)
-    dataset, predictor = plan.benchmark.dataset, NoMotion() if named is None else named.model
-    measuring = MeasuringOptions(allow_invalid=True, draws=identity.measuring.draws if named else 1)
+    plan = recorded_plan(identity, data, options or {}, NO_MODEL if model is None else name_model(model))
+    measuring = MeasuringOptions(allow_invalid=True, draws=1 if model is None else identity.measuring.draws)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
-    known = set(dataset.keys())
+    known = set(plan.benchmark.dataset.keys())
     if absent := sorted(set(chosen["sample"]) - known):
         raise RunError(absent[0], f"this dataset has no such sample (it has {len(known)}); use the data of the run")
     problems = []
-    with temporary_worker(dataset, predictor, replace(plan.options, measuring=measuring)) as worker:
+    with temporary_worker(replace(plan.job(), measuring=measuring)) as worker:
         for row in chosen.iter_rows(named=True):
             (now,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if what := row_difference(row, now, model=model is not None, pixels=TOLERANCE_PX):

@@ -2,63 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..core.arguments import check_count
 from ..core.errors import RobustFlowError, RunError, UsageError
 from ..core.text import plain
 from ..corruptions import load_corruption
-from ..corruptions.api import user_sources
 from ..corruptions.base import BGR, VARIANTS
-from ..corruptions.own import is_known, own_among
+from ..corruptions.own import is_known
 from ..corruptions.registry import ON_DISK
 from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
 from ..data.datasets import DATASETS
-from ..data.datasets.base import Dataset, FromClips
-from ..data.datasets.clips import window_on
+from ..data.datasets.base import FromClips
 from ..models import ModelSpec
-from ..models.base import AnyModel, FlowLookup
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup
 from ..models.confidence import check_confidence
+from .cells import left_out_sentence
 from .config import DEFAULTS, MeasuringOptions, RunConfig
 from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
-from .named_model import NamedModel, name_model
-from .plan import Plan, RunOptions, left_out_sentence
+from .plan import NO_MODEL, NamedModel, Plan, name_model
 from .run import Run
 from .source import RunSource
-
-
-@dataclass(frozen=True)
-class Setup:
-    """A plan and the model for it."""
-
-    plan: Plan
-    model: NamedModel
-
-    @property
-    def dataset(self) -> Dataset:
-        return self.plan.benchmark.dataset
-
-    @property
-    def options(self) -> RunOptions:
-        return self.plan.options
 
 
 def set_up(
     model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
     benchmark: Benchmark,
     config: RunConfig = DEFAULTS,
-) -> Setup:
+) -> Plan:
     """Check a request and load its model, without computing anything."""
-    frames, measuring, name = config.frames, config.measuring, config.output.name
-    variant, severity_scale = frames.variant, frames.severity_scale
+    frames, measuring = config.frames, config.measuring
     for corruption in benchmark.corruptions:
         if not benchmark.closed or corruption not in ON_DISK:
-            load_corruption(corruption, variant, severity_scale)
-    if benchmark.closed and severity_scale != "paper":
+            load_corruption(corruption, frames.variant, frames.severity_scale)
+    if benchmark.closed and frames.severity_scale != "paper":
         raise UsageError("--severity-scale", "these frames were corrupted beforehand; omit it")
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
@@ -68,27 +50,35 @@ def set_up(
         raise UsageError("--seeds", "these frames were corrupted beforehand, with one draw; omit it")
     if measuring.draws > 1 and measuring.confidence is not None:
         raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
-    of_attacks = _attack_options(benchmark, frames.seed, variant, named.model)
-    window = window_on(named.model, benchmark.dataset)
+    _check_batch_size(config.compute.batch_size, named.model)
+    attack_sources: Mapping[str, str] = {}
+    if benchmark.attacks:
+        from .attack_stage import check_attacks
+
+        attack_sources = check_attacks(benchmark, frames.seed, frames.variant, named.model)
+    elif frames.variant not in (*VARIANTS, BGR):
+        raise UsageError(frames.variant, f"unknown variant; choose from {', '.join((*VARIANTS, BGR))}")
+    name = named.name if config.output.name is None else config.output.name
+    plan = Plan(benchmark, named, config, attack_sources, name if name is None else checked_name(name))
+    window = plan.window
     if benchmark.depth_to_read() is not None and window is not None:
         needed = window.before + 2 + window.after
         raise UsageError("--model", f"it needs {needed} frames, but 3D corruptions have the depth of only two")
-    options = RunOptions(
-        frames,
-        measuring,
-        window=window,
-        **_benchmark_options(benchmark, benchmark.corruptions, variant),
-        **of_attacks,
-    )
-    shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
-    plan = Plan(benchmark, options, named.identity, named.training, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError("--severity-scale", f"nothing to run: {left_out_sentence(plan.left_out())}")
-    return Setup(plan, named)
+    return plan
 
 
-def restore_setup(run: Run, source: RunSource) -> Setup:
-    """Set up a finished run again from its manifest, with the model and the data named in `source`."""
+def _check_batch_size(size: int, model: AnyModel) -> None:
+    check_count("--batch-size", size)
+    if size > 1 and isinstance(model, ClipModel):
+        raise UsageError("--batch-size", "a multi-frame model predicts one clip at a time; omit it")
+    if size > 1 and not isinstance(model, BatchedFlowModel):
+        raise UsageError("--batch-size", "the model has no method predict_batch; omit it")
+
+
+def restore_plan(run: Run, source: RunSource) -> Plan:
+    """Return the plan of a finished run from its manifest, with the model and the data named in `source`."""
     identity = run.manifest.identity
     if source.model is None:
         raise RunError(run.path, "run with a Python object, which has no name; specify --model NAME")
@@ -98,13 +88,14 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
         raise RunError(run.path, f"its model can no longer be loaded: {error}") from error
     check_confidence(identity.measuring.confidence, named.model)
     plan = recorded_plan(identity, source.data, source.data_options, named)
-    if (now := plan.identity()) != identity:
-        raise RunError(run.path, f"the setup differs from the run's in: {difference(now, identity)}; use its options")
-    return Setup(plan, named)
+    if plan.identity != identity:
+        differing = difference(plan.identity, identity)
+        raise RunError(run.path, f"the setup differs from the run's in: {differing}; use its options")
+    return plan
 
 
 def recorded_plan(
-    identity: Identity, data: str | Path | None, data_options: dict[str, Any], named: NamedModel | None = None
+    identity: Identity, data: str | Path | None, data_options: dict[str, Any], model: NamedModel = NO_MODEL
 ) -> Plan:
     """Return the plan of a run from its identity, without its attacks, which are not repeated. The frames have to be
     the same, but the model may be different, or absent."""
@@ -113,16 +104,15 @@ def recorded_plan(
     if unknown := [name for name in recorded.corruptions if not is_known(name)]:
         why = "unknown corruption of the run: give it with --own-corruption, or install its package"
         raise RunError(plain(unknown[0]), why)
-    options = RunOptions(
-        recorded.options,
-        # invalid pixels depend on the model, which may be absent
-        identity.measuring.options if named else MeasuringOptions(allow_invalid=True),
-        window=window_on(named.model, benchmark.dataset) if named else None,
-        attack_sources=recorded.attack_sources,
-        **_benchmark_options(benchmark, recorded.corruptions, recorded.variant),
+    # invalid pixels depend on the model, which may be absent
+    measuring = MeasuringOptions(allow_invalid=True) if model is NO_MODEL else identity.measuring.options
+    plan = Plan(
+        replace(benchmark, corruptions=tuple(recorded.corruptions)),
+        model,
+        RunConfig(frames=recorded.options, measuring=measuring),
+        recorded.attack_sources,
     )
-    plan = Plan(benchmark, options, named.identity if named else {})
-    if differing := differing_fields(made := plan.identity().frames, recorded):
+    if differing := differing_fields(made := plan.identity.frames, recorded):
         parts = [f"{getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
         remedies = [words for name, words in _REMEDIES.items() if name in differing]
         raise RunError(
@@ -171,31 +161,3 @@ def open_benchmark(
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     return chosen.still() if still else chosen
-
-
-def _attack_options(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, Any]:
-    """Check the attacks of a run, and return the options that follow from them."""
-    if not benchmark.attacks:
-        if variant not in (*VARIANTS, BGR):
-            raise UsageError(variant, f"unknown variant; choose from {', '.join((*VARIANTS, BGR))}")
-        return {}
-    from ..attacks.own import own_attacks_among
-    from .attack_stage import check_attacks
-
-    return {
-        "attacks": benchmark.attacks,
-        "own_attacks": own_attacks_among(benchmark.attacks),
-        "attack_sources": check_attacks(benchmark, seed, variant, model),
-    }
-
-
-def _benchmark_options(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:
-    """Return the options that follow from a benchmark and the names of the corruptions."""
-    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
-    names = tuple(corruptions)
-    return {
-        "sources": user_sources(of_corruptions, names),
-        "own": own_among(names),
-        "classes": benchmark.classes,
-        "depth": benchmark.depths,
-    }

@@ -20,7 +20,7 @@ from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
 from ..corruptions.own import register_custom
 from ..corruptions.registry import SHIPPED
-from ..data.datasets.base import Clips, Dataset, PreCorrupted
+from ..data.datasets.base import Clips, PreCorrupted
 from ..data.datasets.clips import ContextFrames
 from ..data.datasets.own import load_checked
 from ..metrics.regions import Regions
@@ -49,7 +49,7 @@ from ..models.confidence import (
 )
 from .cells import Cell
 from .example_cells import keep_picture
-from .plan import RunOptions
+from .plan import Job
 
 Seconds = dict[str, float]
 """Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and one entry per attack, such as "attack
@@ -128,15 +128,15 @@ class PredictionRequest:
 class FrameStage:
     """Read samples, corrupt their frames, and put them in the order that the model expects."""
 
-    def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:
-        self._dataset = dataset
-        self._options = options
+    def __init__(self, job: Job, seconds: Seconds) -> None:
+        self._job = job
+        self._dataset = job.dataset
         self._seconds = seconds
         self._context = None
-        if options.window is not None:
-            assert isinstance(dataset, Clips)
-            self._context = ContextFrames(dataset, options.window)
-        for made in options.own:
+        if job.window is not None:
+            assert isinstance(job.dataset, Clips)
+            self._context = ContextFrames(job.dataset, job.window)
+        for made in job.own:
             register_custom(made)
         self._corruptions: dict[str, Corruption] = {}
         self._repeated: set[str] = set()
@@ -155,21 +155,21 @@ class FrameStage:
                     "or restore the flow file",
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
-            return OpenSample(sample, regions, f"{self._options.run} {key} {frames_digest(sample.frames)}")
+            return OpenSample(sample, regions, f"{self._job.run} {key} {frames_digest(sample.frames)}")
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         """Return the frames of a sample under the first draw of a corruption, in the sample's order."""
-        frames = self._corrupted(sample, name, severity, self._options.frames.seed)
-        if self._options.pictures is not None:
-            keep_picture(self._options.pictures, frames, sample.frames, name, severity)
+        frames = self._corrupted(sample, name, severity, self._job.frames.seed)
+        if self._job.pictures is not None:
+            keep_picture(self._job.pictures, frames, sample.frames, name, severity)
         return frames
 
     def request(self, sample: Sample, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
         """Return the request for the flow of a cell. Clean frames and attacks have one draw, which is repeated."""
         key, name, severity = cell
         draws = [frames]
-        seed = self._options.frames.seed
-        for other in range(seed + 1, seed + self._options.measuring.draws):
+        seed = self._job.frames.seed
+        for other in range(seed + 1, seed + self._job.measuring.draws):
             draws.append(frames if name == CLEAN else self._corrupted(sample, name, severity, other))
         place = None
         if self._context is not None:
@@ -178,7 +178,7 @@ class FrameStage:
         return PredictionRequest(cell, tuple(chain.from_iterable(draws)), place, len(draws))
 
     def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
-        options = self._options.frames
+        options = self._job.frames
         with memory_errors_named(describe_cell(sample.key, name, severity)), timed(self._seconds, "corrupt"):
             # precomputed corrupted frames have the paper's severities
             paper = options.severity_scale == "paper"
@@ -186,7 +186,7 @@ class FrameStage:
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)
             if name not in self._corruptions:
-                classes = self._options.classes
+                classes = self._job.classes
                 self._corruptions[name] = load_corruption(name, options.variant, options.severity_scale, classes)
             frames = self._applied(sample, self._corruptions[name], severity, seed)
             if name not in SHIPPED and name not in self._repeated:
@@ -201,7 +201,7 @@ class FrameStage:
             return frames
 
     def _applied(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
-        common = self._options.frames.common_draws
+        common = self._job.frames.common_draws
         if self._context is not None:
             return self._context.corrupt(sample, corruption, severity, seed, common)
         depth = self._depth(sample) if corruption.needs_depth else None
@@ -211,11 +211,11 @@ class FrameStage:
 
     def _depth(self, sample: Sample) -> SceneDepth | None:
         """Return the depth of a sample; the depth of the latest sample is cached."""
-        if self._options.depth is None:
+        if self._job.depth is None:
             return None
         if self._last_depth is None or self._last_depth[0] != sample.key:
             self._last_depth = None  # released before the next depth is read
-            self._last_depth = sample.key, self._options.depth.depth(sample)
+            self._last_depth = sample.key, self._job.depth.depth(sample)
         return self._last_depth[1]
 
 

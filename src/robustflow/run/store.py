@@ -16,7 +16,7 @@ import re
 import shutil
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import polars as pl
 from filelock import FileLock, Timeout
@@ -27,7 +27,6 @@ from ..core.paths import refuse_links, user_path
 from ..metrics.rows import rows_frame
 from .cells import Cell
 from .manifest import LARGEST_MANIFEST, Manifest
-from .plan import Unit
 from .shards import (
     cells_of,
     list_shards,
@@ -40,6 +39,9 @@ from .shards import (
     write_shard,
 )
 from .trust import read_document
+
+if TYPE_CHECKING:
+    from .plan import Unit
 
 _MANY_SHARDS = 64
 """Number of small shards to merge into one."""

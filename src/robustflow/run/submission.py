@@ -18,10 +18,9 @@ from ..data.datasets.robustspring import CLEAN, Condition
 from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
 from ..models import ModelSpec
-from ..models.base import AnyModel
 from .data_files import file_digests
 from .identity import difference
-from .named_model import load_predictor
+from .plan import NamedModel, load_predictor
 from .predict import flows_of
 from .run import Run
 
@@ -58,7 +57,7 @@ class Submitted:
     moved: Robustness | None
 
 
-def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
+def model_of(run: Run, spec: ModelSpec | None) -> NamedModel:
     if spec is None:
         raise RunError(run.path, "does not record how to load its model; specify --model NAME and its options")
     named = load_predictor(spec)
@@ -66,7 +65,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     if named.identity != recorded:
         differing = difference(named.identity, recorded)
         raise RunError(run.path, f"the loaded model differs in: {differing}; use the options of the run")
-    return named.model
+    return named
 
 
 def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
@@ -87,7 +86,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
 
 
 def write_submission(
-    run: Run, model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path
+    run: Run, model: NamedModel, conditions: Sequence[ConditionPairs], folder: Path
 ) -> Iterator[Submitted]:
     """Write FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc., except existing files."""
     _claim(folder, run.manifest.identity.model.settings)

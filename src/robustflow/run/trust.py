@@ -146,9 +146,9 @@ def row_difference(
     return ""
 
 
-def check_same(before: Mapping[str, Any], now: Mapping[str, Any], *, model: bool = True) -> None:
+def check_same(before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     """Raise a RunError if a row that a run continues from differs from a new measurement of its cell."""
-    what = row_difference(before, now, model=model, relative=_TOLERANCE)
+    what = row_difference(before, now, relative=_TOLERANCE)
     if what == "flow":
         raise RunError(
             before["sample"],

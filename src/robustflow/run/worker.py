@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, islice
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -18,16 +17,14 @@ from ..core.errors import ModelError
 from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame, Mask, Sample
 from ..corruptions.stack import truth_under
-from ..data.datasets.base import Dataset
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
 from ..metrics.error_maps import epe_map, error_sum
 from ..metrics.photometric import Misread, misread
 from ..metrics.rows import CLEAN, COVERAGES, measure
-from ..models import ModelSpec
-from ..models.base import AnyModel, describe_cell, model_identity
+from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
 from .cells import Cell
-from .plan import RunOptions, Unit
+from .plan import Job, Unit
 from .stages import (
     FrameStage,
     OpenSample,
@@ -45,37 +42,6 @@ from .trust import check_same, read_array, write_array
 
 T = TypeVar("T")
 _Rows = list[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Job:
-    """Everything that a worker needs; picklable if the model is picklable."""
-
-    dataset: Dataset
-    model: ModelSpec | AnyModel
-    options: RunOptions
-    folder: Path | None = None
-    """The run's folder, in which clean flows are stored between units; None to store none."""
-    batch_size: int = 1
-    loaded: AnyModel | None = field(default=None, compare=False)
-    """The model, if this process has already loaded it; never sent to other processes."""
-    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
-    row."""
-    first: str | None = None
-    """The sample whose clean flow is tested for a wrong format."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "loaded": None}
-
-    def load_model(self) -> AnyModel:
-        if self.loaded is not None:
-            return self.loaded
-        return self.model.load() if isinstance(self.model, ModelSpec) else self.model
-
-    def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
-        """Return the identity of the loaded model, including its name if it was loaded by name."""
-        return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
 
 
 @dataclass(frozen=True)
@@ -152,10 +118,10 @@ class Computation:
     sample arrive in the order of their requests."""
 
     def __init__(self, job: Job, seconds: Seconds) -> None:
-        self.frames = FrameStage(job.dataset, job.options, seconds)
-        self._truths = dict.fromkeys((CLEAN, *job.options.attacks), "unchanged")
+        self.frames = FrameStage(job, seconds)
+        self._truths = dict.fromkeys((CLEAN, *job.attacks), "unchanged")
         """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
-        self._options = job.options.measuring
+        self._options = job.measuring
         self._folder = None if job.folder is None else RunFolder(job.folder)
         self._kept, self._first = job.kept, job.first
         self._misread: Misread | None = None
@@ -255,16 +221,16 @@ class Worker:
     """Compute units of one run, keeping the latest sample and its clean flow in memory."""
 
     def __init__(self, job: Job, on_predict: Callable[[str | None], None] = lambda what: None) -> None:
-        model, options = job.load_model(), job.options
+        model = job.model.load()
         self.seconds = no_seconds()
         self._computation = Computation(job, self.seconds)
         self._predicting = no_seconds()
-        self._model = PredictStage(model, options.measuring.confidence, self._predicting, on_predict)
+        self._model = PredictStage(model, job.measuring.confidence, self._predicting, on_predict)
         self._attacks = None
-        if options.attacks:
+        if job.attacks:
             from .attack_stage import AttackStage
 
-            self._attacks = AttackStage(model, options, self.seconds, on_predict)
+            self._attacks = AttackStage(model, job, self.seconds, on_predict)
         self._batch_size = job.batch_size
         self.batches_attacks = job.batch_size > 1 and getattr(model, "batched_gradients", False) is True
 
@@ -383,18 +349,7 @@ class Worker:
 
 
 @contextmanager
-def temporary_worker(
-    dataset: Dataset, model: AnyModel, options: RunOptions, folder: Path | None = None
-) -> Iterator[Worker]:
-    """Create a worker for a few cells, which writes no files, except clean flows if it is given the run's folder.
-    OpenCV runs in one thread, as in every engine."""
+def temporary_worker(job: Job) -> Iterator[Worker]:
+    """Create a worker for a few cells. OpenCV runs in one thread, as in every engine."""
     with one_opencv_thread():
-        yield Worker(Job(dataset, model, options, folder))
-
-
-class NoMotion:
-    """A placeholder for a model whose prediction is not needed: the flow is zero everywhere."""
-
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Return zero flow, float32 (H, W, 2)."""
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
+        yield Worker(job)

@@ -17,7 +17,7 @@ from ..metrics.photometric import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..run.identity import checked_name
-from ..run.named_model import name_model
+from ..run.plan import name_model
 
 _SHAPES = ((128, 160), (121, 147))
 """An even frame size, and one that is not a multiple of any common stride."""

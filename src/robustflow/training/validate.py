@@ -75,7 +75,7 @@ def validator(model: FlowModel, folder: Path, validation: Validation) -> Callabl
         store = RunFolder(place)
         store.lock()
         try:
-            compute_missing(store, set_up(_AtUpdate(model, updates), chosen), SERIAL, 1, Silent())
+            compute_missing(store, set_up(_AtUpdate(model, updates), chosen), SERIAL, Silent())
         finally:
             store.unlock()
         run = Run(place)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from ...core.text import plain
 from ...corruptions.registry import ordered
 from ...data.benchmarks import benchmark_facts
+from ...run.cells import left_out_sentence
 from ...run.costs import read_cost
-from ...run.plan import left_out_sentence
 from ...stats.anatomy import severity_slopes
 from ...stats.model_result import ModelResult, ValueKey
 from ...stats.published.tables import method_of

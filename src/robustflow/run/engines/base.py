@@ -10,8 +10,8 @@ from typing import Any
 
 from ...core.errors import UsageError
 from ...metrics.rows import CLEAN
-from ..plan import Unit
-from ..worker import FinishedUnit, Job
+from ..plan import Job, Unit
+from ..worker import FinishedUnit
 
 FinishedUnits = Generator[FinishedUnit, None, None]
 """Finished units in the order in which they are computed; closing it ends the engine."""

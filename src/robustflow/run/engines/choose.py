@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
-import pickle
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from ...core.arguments import check_count, check_positive
 from ...core.errors import UsageError, unknown_name
@@ -15,9 +13,8 @@ from ...core.plugins import require
 from ...core.processes import available_processors, may_have_children
 from ...core.text import counted
 from ...models.loading import devices_of
-from ..named_model import NamedModel
-from ..plan import Unit
-from .base import Engine
+from ..plan import Job, Plan, Unit
+from .base import Engine, pickled
 from .processes import SERIAL, processes
 from .ray import on_ray
 
@@ -34,16 +31,10 @@ _CELLS_PER_PROCESS = 25
 seconds to start."""
 
 
-def choose_engine(
-    name: str | None,
-    workers: int | None,
-    timeout: float | None,
-    address: str | None,
-    model: NamedModel,
-    others: tuple[Any, ...] = (),
-    attacks: bool = False,
-) -> Engine:
-    """Return the engine with this name, or the one that suits the model, the number of workers and the timeout."""
+def choose_engine(plan: Plan) -> Engine:
+    """Return the engine that the user names, or the one that suits the model, the number of workers and the timeout."""
+    asked_for, model = plan.config.compute, plan.model
+    name, workers, timeout, address = asked_for.engine, asked_for.workers, asked_for.timeout, asked_for.address
     if workers is not None:
         check_count("--workers", workers)
     if timeout is not None:
@@ -63,15 +54,17 @@ def choose_engine(
     devices = devices_of(model.spec, model.model)
     given = {"--engine": name, "--workers": workers, "--timeout": timeout}
     asked = next((option for option, value in given.items() if value is not None), None)
-    if devices and attacks:
+    if devices and plan.benchmark.attacks:
         if asked is not None:
             raise UsageError(asked, "attacks on an accelerator run in this process; omit this option, or --attacks")
         return _serial(" (attacks need the model in this process)")
     if asked is None:
-        why = _reason_for_one_process(model, others)
         light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if not devices and not light:
+            return SERIAL
+        why = _reason_for_one_process(plan.job())
         if not devices:
-            return _spread(why) if light else SERIAL
+            return _spread(why)
         if why:
             return _serial(why)
     elif not devices and name is None and several is None:
@@ -124,24 +117,16 @@ def _ray(workers: int | None, timeout: float | None, address: str | None) -> Eng
     )
 
 
-def _reason_for_one_process(model: NamedModel, others: tuple[Any, ...]) -> str:
+def _reason_for_one_process(job: Job) -> str:
     """Return the reason why a run cannot use several processes by default; empty if it can."""
     if multiprocessing.parent_process() is not None:
         return " (this process is itself a worker)"
     if not may_have_children():
         return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'
-    if model.spec is None and not _can_be_loaded_elsewhere(model.model):
-        return " (this model object cannot be sent to another process)"
-    if not _can_be_loaded_elsewhere(others):
-        return " (this dataset or corruption cannot be sent to another process)"
-    return ""
-
-
-def _can_be_loaded_elsewhere(thing: Any) -> bool:
-    """Return whether another process can load a pickled object; False if its class is defined in a notebook or at a
-    prompt."""
     try:
-        pickled = pickle.dumps(thing)
-    except Exception:
-        return False
-    return b"__main__" not in pickled or hasattr(sys.modules["__main__"], "__file__")
+        if b"__main__" not in pickled(job) or hasattr(sys.modules["__main__"], "__file__"):
+            return ""
+        what = "a class defined in a notebook or at a prompt"
+    except UsageError as error:
+        what = error.culprit
+    return f" (the {what} cannot be sent to another process)"

@@ -21,13 +21,12 @@ import numpy as np
 
 from ...core.errors import RunError
 from ...metrics.rows import CLEAN
-from ...models import ModelSpec
-from ...models.base import AnyModel, describe_cell
+from ...models.base import describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
-from ..plan import Unit
+from ..plan import Job, NamedModel, Unit
 from ..stages import PredictionRequest, PredictStage, no_seconds, pop_timings, timed
-from ..worker import Computation, Job, Steps
+from ..worker import Computation, Steps
 
 BATCHES_PER_FEEDER = 4
 """Number of batches that a feeder fills or has in flight; one is kept free for a batch that must be separate."""
@@ -86,11 +85,10 @@ Link = tuple[Connection, list[SharedBatch]]
 that the prediction took, in the same order."""
 
 
-def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence: str | None, links: list[Link]) -> None:
+def predict_forever(driver: Connection, model: NamedModel, confidence: str | None, links: list[Link]) -> None:
     """Predict batches in the order in which they arrive; the main function of a predicting process."""
     seconds = no_seconds()
-    loaded = model.load() if isinstance(model, ModelSpec) else model
-    stage = PredictStage(loaded, confidence, seconds, lambda what: driver.send(("doing", what)))
+    stage = PredictStage(model.load(), confidence, seconds, lambda what: driver.send(("doing", what)))
     batches = dict(links)
     waiting: deque[tuple[Connection, int, list[SharedRequest]]] = deque()
     while True:
@@ -145,7 +143,7 @@ class Feeder:
     def __init__(self, driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
         self._driver, self._device, self._batches = driver, device, batches
         self._batch_size = job.batch_size
-        self._channels = 3 if job.options.measuring.draws > 1 else CHANNELS[job.options.measuring.confidence]
+        self._channels = 3 if job.measuring.draws > 1 else CHANNELS[job.measuring.confidence]
         self._seconds = no_seconds()
         self._computation = Computation(job, self._seconds)
         self._units: list[_Running] = []

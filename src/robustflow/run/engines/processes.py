@@ -19,10 +19,9 @@ from typing import Any
 
 from ...core.errors import ModelError
 from ...core.processes import Child, one_opencv_thread
-from ...models import ModelSpec
 from ...models.base import describe_cell
-from ..plan import Unit
-from ..worker import UNITS_AHEAD, FinishedUnit, Job, Worker
+from ..plan import NO_MODEL, Job, Unit
+from ..worker import UNITS_AHEAD, FinishedUnit, Worker
 from .base import Engine, FinishedUnits, Schedule, pickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
@@ -31,9 +30,9 @@ def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
     """Compute the units in this process, which reads ahead in a second thread if there are no attacks. If the model can
     attack pairs in batches, units of the same attack are grouped."""
     worker = Worker(job)
-    attacks = job.options.attacks if worker.batches_attacks else ()
+    attacks = job.attacks if worker.batches_attacks else ()
     with one_opencv_thread():
-        if not job.options.attacks:
+        if not job.attacks:
             yield from worker.run_ahead(units)
             return
         for group in _grouped(units, attacks, job.batch_size):
@@ -128,10 +127,10 @@ def _started(
             shared.callback(close)
         for number, device in enumerate(devices):
             links = [(pipes[one][1], batches[one]) for one in range(number, workers, len(devices))]
-            model = job.model.on(device) if isinstance(job.model, ModelSpec) and len(devices) > 1 else job.model
-            confidence = job.options.measuring.confidence
+            model = job.model.on(device) if len(devices) > 1 else job.model
+            confidence = job.measuring.confidence
             start(predicting, timeout, "try a smaller --batch-size", predict_forever, model, confidence, links)
-        without_model = replace(job, model=ModelSpec("none"))
+        without_model = replace(job, model=NO_MODEL)
         for (link, _), memory in zip(pipes, batches, strict=True):
             start(pool, None, "try fewer --workers", feed_forever, without_model, link, memory)
     return predicting, pool

@@ -18,12 +18,11 @@ from typing import Any
 
 from ...core.errors import RunError, UsageError
 from ...core.processes import ONE_THREAD, rebuilt
-from ...models import ModelSpec
 from ...models.base import describe_cell
 from ...models.loading import device_of, is_accelerator
 from ..data_files import files_of_sample
-from ..plan import Unit
-from ..worker import FinishedUnit, Job
+from ..plan import Job, Unit
+from ..worker import FinishedUnit
 from .base import FinishedUnits, Schedule, pickled
 from .ray_actor import Files, Start, UnitActor, cannot_start, installed
 from .ray_cluster import connected, ray_module
@@ -47,7 +46,6 @@ def on_ray(
         folder=os.getcwd(),
         path=sys.path if address is None else [os.path.abspath(folder) for folder in sys.path[:1]],  # of the script
         installed=installed(),
-        identity=job.model_identity(job.load_model()),
         timeout=timeout,
         named=address is not None,
     )
@@ -62,18 +60,18 @@ def on_ray(
 
 def _needs_gpu(job: Job) -> bool:
     """Return whether every actor needs its own GPU."""
-    listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
+    listed = job.model.spec.devices() if job.model.spec else ()
     if any(":" in device for device in listed):
         raise UsageError(
             "--device",
             f"{','.join(listed)} is not available with the ray engine: use cuda; Ray assigns each worker its own GPU",
         )
-    return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.load_model()))
+    return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.model.model))
 
 
 def files_of(job: Job, unit: Unit) -> Files:
     """Return paths and sizes of the files a node needs for a unit."""
-    files = files_of_sample(job.dataset, unit.key, job.options.window, job.options.depth)
+    files = files_of_sample(job.dataset, unit.key, job.window, job.depth)
     return tuple((str(path), path.stat().st_size) for path in files)
 
 

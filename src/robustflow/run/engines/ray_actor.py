@@ -43,8 +43,6 @@ class Start:
     folder: str
     path: list[str]
     installed: dict[str, str]
-    identity: dict[str, Any]
-    """Identity of the loaded model."""
     timeout: float | None = None
     """Time limit of a single prediction, in seconds."""
     named: bool = True
@@ -116,7 +114,8 @@ class UnitActor:
         import cv2
 
         from ..identity import difference
-        from ..worker import Job, Worker
+        from ..plan import Job, name_model
+        from ..worker import Worker
 
         cv2.setNumThreads(1)
         try:
@@ -127,15 +126,15 @@ class UnitActor:
                 f"cannot import a module of the run ({error}); install it on every node, or put it on PYTHONPATH "
                 "before Ray starts there",
             ) from error
-        model = job.load_model()
-        if (loaded := job.model_identity(model)) != start.identity:
-            raise RunError(
-                self._node,
-                f"has a different model of the same name (it differs in: {difference(loaded, start.identity)}); use "
-                "the same files on every node",
+        model = name_model(job.model.spec or job.model.model)
+        if model.identity != job.model.identity:
+            differing = difference(model.identity, job.model.identity)
+            why = (
+                f"has a different model of the same name (it differs in: {differing}); use the same files on every node"
             )
+            raise RunError(self._node, why)
         self._timeout = start.timeout
-        self._worker = Worker(replace(job, folder=None, loaded=model), self._note)
+        self._worker = Worker(replace(job, folder=None, model=model), self._note)
         return f"{socket.gethostname()}, {_device()}"
 
     def _run(self, unit: Unit, files: Files) -> FinishedUnit:

@@ -23,8 +23,8 @@ from ...corruptions.stack import levels_of, split_stack
 from ...data.benchmarks import benchmark_facts
 from ...metrics.rows import CLEAN, ROW_KEY
 from ...models.provenance import UNDECLARED, Training, parse_training_sets, training_of
+from ..cells import lacking_levels
 from ..manifest import Manifest
-from ..plan import lacking_levels
 from ..run import Run
 from .format import Record
 from .read import Reader
