@@ -10,12 +10,11 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import DataError, RunError
 from robustflow.core.files import sealed
-from robustflow.report.site import page as site_write
 from robustflow.run import run as run_module
 from robustflow.run.comparable import run_facts, sample_set
 from robustflow.run.shards import list_shards
 from robustflow.run.store import RunFolder
-from robustflow.run.trust import DERIVED, DerivedValues
+from robustflow.run.trust import DERIVED
 from robustflow.stats.exclusion import exclusion_reasons
 from robustflow.stats.uncertainty.intervals import interval_ends
 from robustflow.testing import ConstantFlow
@@ -79,16 +78,15 @@ def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
 
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
-    written = Mock()
-    monkeypatch.setattr(site_write, "write_derived", written)
+    shown = Mock(return_value="")
+    monkeypatch.setattr("robustflow.report.site.page.run_content", lambda run: None)
+    monkeypatch.setattr("robustflow.report.site.page.render_site", shown)
     run = rf.load_run(folder)
     run.write_report()
-    assert not written.called
+    assert not shown.called
     (folder / "displacement.json").write_text("{}")
-    monkeypatch.setattr("robustflow.report.site.page.run_content", lambda run: None)
-    monkeypatch.setattr("robustflow.report.site.page.render_site", lambda content: "")
     run.write_report()
-    assert written.called
+    assert shown.called
 
 
 def _edit_json(name, **values):
@@ -111,9 +109,9 @@ def _with_values(values):
     """Write values as another version could, with matching digests."""
 
     def edit(folder):
-        derived = DerivedValues(folder, rf.load_run(folder)._source)
+        derived = rf.load_run(folder).derived
         derived._known, derived._new = values, True
-        derived.write()
+        derived.write_values()
 
     return edit
 
@@ -176,7 +174,7 @@ def test_rows_added_while_a_run_is_read_invalidate_the_stored_summary(folder):
     before = exclusion_reasons(run)
     run.keep()
     later = rf.load_run(folder)
-    assert not later.has_cached_value("exclusion reasons")
+    assert "exclusion reasons" not in later.derived
     assert exclusion_reasons(later) != before
 
 

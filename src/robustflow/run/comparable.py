@@ -47,7 +47,7 @@ def sample_set(run: Run) -> str:
         missing = [unit.model_dump() for unit in run.measured.missing]
         return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
 
-    return run.cached_value("sample_set", str, made)
+    return run.derived.value("sample_set", str, made)
 
 
 def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence[Any] = ()) -> str:
@@ -249,7 +249,7 @@ def _clean_cells(run: Run) -> dict[str, tuple[str, str | None]]:
         clean = run.rows.filter(corruption=CLEAN).sort("sample")
         return {sample: (frames, truth) for sample, frames, truth in clean.select("sample", *_DIGESTS).rows()}
 
-    return run.cached_value("clean_cells", dict[str, tuple[str, str | None]], made)
+    return run.derived.value("clean_cells", dict[str, tuple[str, str | None]], made)
 
 
 def _digits(value: Any) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import polars as pl
 
@@ -26,11 +26,9 @@ from .identity import Provenance
 from .manifest import Manifest
 from .store import RunFolder
 from .summary import Averages, Measured, summarize
-from .trust import DerivedValues, is_current, source_digest, write_derived
+from .trust import Derived
 
 SUMMARY = "summary.json"
-
-Cached = TypeVar("Cached")
 
 
 class Run:
@@ -87,8 +85,8 @@ class Run:
     def averages(self) -> Averages:
         """Return the means over the corruptions of this run, and what they cover."""
         kind = list[tuple[str, str, int | None, float]]
-        stored = self.cached_value("means", kind, lambda: [(*key, one) for key, one in self._computed.means.items()])
-        covered = self.cached_value("measured", dict[str, Any], lambda: self._computed.measured.model_dump())
+        stored = self.derived.value("means", kind, lambda: [(*key, one) for key, one in self._computed.means.items()])
+        covered = self.derived.value("measured", dict[str, Any], lambda: self._computed.measured.model_dump())
         measured = Measured.model_validate(covered)
         in_order = {name: measured.corruptions[name] for name in ordered(measured.corruptions)}  # JSON sorts keys
         means = {(measure, condition, severity): value for measure, condition, severity, value in stored}
@@ -225,18 +223,9 @@ class Run:
         rows."""
         if self._asked is not None:
             Run(self.path).write_means()
-        elif not is_current(self.path, SUMMARY, self._source):
-            write_derived(self.path, SUMMARY, json_bytes(self.document()), self._source)
+        elif self.derived.write_file(SUMMARY, lambda: json_bytes(self.document())):
             _ = self.averages
-            self._cached.write()
-
-    def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """Return a value that is costly to compute, from the cache if it was computed from the same rows."""
-        return self._cached.get(name, kind, make)
-
-    def has_cached_value(self, name: str) -> bool:
-        """Return whether such a value is already cached."""
-        return name in self._cached
+            self.derived.write_values()
 
     def keep(self) -> None:
         """Store the means and the values computed so far with the run, if its folder is writable; a page about
@@ -245,21 +234,18 @@ class Run:
             return  # the folder's files describe all its rows
         try:
             self.write_means()
-            self._cached.write()
+            self.derived.write_values()
         except RobustFlowError:
             pass  # The folder is read-only, so the next page computes the values again.
 
     @cached_property
-    def _cached(self) -> DerivedValues:
-        return DerivedValues(self.path, self._source)
+    def derived(self) -> Derived:
+        """Return the files and values computed from these rows."""
+        return Derived(self.path, self.rows_digest, self.manifest.document())
 
     @cached_property
     def _computed(self) -> Averages:
         return self.average()
-
-    @cached_property
-    def _source(self) -> str:
-        return source_digest(self.path, self.rows_digest, self.manifest.document(), beside=False)
 
     def planned(self) -> list[Cell]:
         """Return every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""

@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from functools import cache
+from itertools import chain
 from math import isclose
 from pathlib import Path
 from stat import S_ISREG
@@ -46,7 +47,7 @@ Array = npt.NDArray[np.float32]
 DERIVED = ".derived.json"
 """Name of the list of derived files and values."""
 _VALUES = "values"
-_NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", "summary.json", "report.html")
+_NOT_SHOWN = ("rows", "clean", "manifest.json", "source.json", "summary.json", "report.html")
 _LARGEST_DERIVED = 2**28
 
 
@@ -100,6 +101,7 @@ _EQUAL = {
 }
 """Columns that are equal whatever the model, by what differs if they are not."""
 _TRUTH_SUMS = ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
+"""Columns that are also equal whatever the model, if it predicted every pixel."""
 _MEANS = {
     "pred_magnitude_sum": "n_all",
     "rcre_all_sum": "n_all",
@@ -109,11 +111,8 @@ _MEANS = {
     "n_invalid": "height",
 }
 """Sums that depend on the model, and what they are divided by."""
-COMPARED = (
-    *("frames_digest", "height", "width", "truth_digest", "n_invalid", "n_all", "n_photometric", "n_valid"),
-    *("pred_magnitude_sum", "photometric_sum", "epe_sum"),
-)
-"""The columns of a clean row that are compared when a run continues."""
+COMPARED = tuple(dict.fromkeys((*chain(*_EQUAL.values()), *_TRUTH_SUMS, *chain(*_MEANS.items()))))
+"""The columns of a row that are compared."""
 _TOLERANCE = 1e-3
 """Larger than the rounding differences between two runs on a GPU, smaller than the effect of a changed model."""
 
@@ -124,18 +123,16 @@ def row_difference(
     """Return what differs between two measurements of one cell: "frames", "group", "ground truth", "flow", or "".
 
     Args:
-        before: the earlier row; only the columns that it has are compared.
+        before: the earlier row.
         now: the row of a new measurement.
         model: whether the same model predicted both flows.
         relative, pixels: tolerances for the means of a flow's errors.
     """
     whole = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
     for what, columns in (*_EQUAL.items(), *((("ground truth", _TRUTH_SUMS),) if whole else ())):
-        if any(before[column] != now[column] for column in columns if column in before):
+        if any(before[column] != now[column] for column in columns):
             return what
     for total, count in _MEANS.items() if model else ():
-        if total not in before:
-            continue
         then, today = _mean(before, total, count), _mean(now, total, count)
         if then is None or today is None:
             close = then is today
@@ -170,39 +167,21 @@ def _mean(row: Mapping[str, Any], total: str, count: str) -> float | None:
     return None if value is None else value / row[count] if row[count] else float("inf")
 
 
-def source_digest(folder: Path, rows: str, manifest: bytes, *, beside: bool) -> str:
-    """Return a hash of everything from which a file of a run is made: the digest of its rows, its manifest, the code
-    and, if the file shows them, the other files `beside` it."""
-    files = _files(folder, _NOT_BESIDE) if beside else []
-    return digest_of_value([rows, digest_of_bytes(manifest), files, code_digest()], size=16)
+class Derived:
+    """The files and values that are computed from a run's rows."""
 
-
-def is_current(folder: Path, name: str, source: str) -> bool:
-    """Return whether a derived file exists, is unchanged, and was made from the same source."""
-    data = _read(folder / name)
-    return data is not None and _derived(folder).get(name) == _entry(source, data)
-
-
-def write_derived(folder: Path, name: str, data: bytes, source: str) -> None:
-    """Write a derived file. The digest is that of `data`, because another process may replace the file."""
-    write_bytes(folder / name, data)
-    _list_derived(folder, name, _entry(source, data))
-
-
-class DerivedValues:
-    """Values of a run by name, read once and computed if missing."""
-
-    def __init__(self, folder: Path, source: str) -> None:
-        self._folder, self._source = folder, source
-        entry = _derived(folder).get(_VALUES)
-        known = entry.get(_VALUES) if isinstance(entry, dict) and entry.get("source") == source else None
+    def __init__(self, folder: Path, rows: str, manifest: bytes) -> None:
+        self._folder = folder
+        self._made_of = [rows, digest_of_bytes(manifest)]
+        entry = self._listed().get(_VALUES)
+        known = entry.get(_VALUES) if isinstance(entry, dict) and entry.get("source") == self._source() else None
         self._known: dict[str, Any] = known if isinstance(known, dict) else {}
         self._new = False
 
     def __contains__(self, name: str) -> bool:
         return name in self._known
 
-    def get(self, name: str, kind: type[Value], make: Callable[[], Value]) -> Value:
+    def value(self, name: str, kind: type[Value], make: Callable[[], Value]) -> Value:
         """Return a value; compute it if it is missing or has a different type."""
         try:
             return TypeAdapter(kind).validate_python(self._known[name])
@@ -210,25 +189,39 @@ class DerivedValues:
             self._known[name], self._new = make(), True
             return self._known[name]
 
-    def write(self) -> None:
+    def write_values(self) -> None:
         """Store the values computed since they were read."""
         if self._new:
-            _list_derived(self._folder, _VALUES, {"source": self._source, _VALUES: self._known})
+            self._list(_VALUES, {"source": self._source(), _VALUES: self._known})
             self._new = False
+
+    def write_file(self, name: str, make: Callable[[], bytes], *, shows_others: bool = False) -> bool:
+        """Write a file, unless it is unchanged and was made from the same source, which includes the other files of the
+        run if it shows them. Return whether it was written."""
+        source, before = self._source(shows_others), _read(self._folder / name)
+        if before is not None and self._listed().get(name) == _entry(source, before):
+            return False
+        data = make()
+        write_bytes(self._folder / name, data)
+        self._list(name, _entry(source, data))  # not of the file, which another process may replace
+        return True
+
+    def _source(self, shows_others: bool = False) -> str:
+        """Return a hash of everything from which a file or value is made."""
+        files = _files(self._folder, _NOT_SHOWN) if shows_others else []
+        return digest_of_value([*self._made_of, files, code_digest()], size=16)
+
+    def _listed(self) -> dict[str, Any]:
+        """Read the list of derived files; empty if it is missing or damaged."""
+        content: dict[str, Any] = json.loads(unsealed(_read(self._folder / DERIVED) or b"") or b"{}")
+        return content
+
+    def _list(self, name: str, entry: dict[str, Any]) -> None:
+        write_bytes(self._folder / DERIVED, document_bytes({**self._listed(), name: entry}))
 
 
 def _entry(source: str, data: bytes) -> dict[str, str]:
     return {"source": source, "digest": digest_of_bytes(data)}
-
-
-def _derived(folder: Path) -> dict[str, Any]:
-    """Read the list of derived files; empty if it is missing or damaged."""
-    content: dict[str, Any] = json.loads(unsealed(_read(folder / DERIVED) or b"") or b"{}")
-    return content
-
-
-def _list_derived(folder: Path, name: str, entry: dict[str, Any]) -> None:
-    write_bytes(folder / DERIVED, document_bytes({**_derived(folder), name: entry}))
 
 
 def _read(path: Path) -> bytes | None:

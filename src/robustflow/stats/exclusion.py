@@ -62,7 +62,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     reasons = [reason] if (reason := NEVER_RANKED.get(run.setting)) else []
     if is_still(run.benchmark):
         return reasons  # zero flow is correct, so a model may ignore its frames
-    return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
+    return reasons + run.derived.value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
 def exclusions(runs: Sequence[Run]) -> list[str]:

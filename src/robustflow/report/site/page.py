@@ -13,7 +13,6 @@ from ...core.errors import RunError
 from ...core.text import plain
 from ...core.version import VERSION
 from ...run.run import Run
-from ...run.trust import is_current, source_digest, write_derived
 from ...stats.audit import AUDIT_CHECKS, audit_results
 from ...stats.model_result import ModelResult
 from ...stats.published.tables import PAPER
@@ -76,9 +75,7 @@ def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
 
 def write_report(run: Run) -> None:
     """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date."""
-    source = source_digest(run.path, run.rows_digest, run.manifest.document(), beside=True)
-    if not is_current(run.path, REPORT, source):
-        write_derived(run.path, REPORT, render_site(run_content(run)).encode(), source)
+    if run.derived.write_file(REPORT, lambda: render_site(run_content(run)).encode(), shows_others=True):
         run.keep()
 
 

@@ -80,9 +80,9 @@ def interval_ends(
     """Map (metric, corruption, family, "clean" or "average") to the ends of the 95 % interval, where one exists."""
     fewer = beside_published and more_than_paper(run)
     kind = "paper " if fewer else ""
-    whole = corruptions or run.has_cached_value(f"{kind}intervals")
+    whole = corruptions or f"{kind}intervals" in run.derived
     name = f"{kind}{'' if whole else 'average '}intervals"
-    lines = run.cached_value(name, list[_Line], lambda: _lines(run, whole, fewer))
+    lines = run.derived.value(name, list[_Line], lambda: _lines(run, whole, fewer))
     return {(metric, of): (low, high) for metric, of, low, high in lines if corruptions or of in (AVERAGE, CLEAN)}
 
 
