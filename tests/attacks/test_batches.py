@@ -8,7 +8,6 @@ import pytest
 
 from robustflow.attacks import load_attack
 from robustflow.attacks.api import attack_pairs
-from robustflow.attacks.evaluation import in_lockstep
 from robustflow.attacks.problem import Pair
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.core.rng import Rng
@@ -137,19 +136,6 @@ def test_an_attack_can_handle_an_error_of_the_model_in_a_batch():
     model, attack = Noted(failing), load_attack(Careful)
     for one in attack_pairs(attack, model, pairs_of(attack, model)):
         assert one.loss == one.clean_loss
-
-
-def test_functions_in_lockstep_run_one_at_a_time_in_the_callers_context():
-    running = []
-
-    def task(number):
-        running.append(number)
-        value = np.geterr()["divide"]
-        assert running.pop() == number
-        return number, value
-
-    with np.errstate(divide="raise"):
-        assert in_lockstep([partial(task, number) for number in range(5)]) == [(n, "raise") for n in range(5)]
 
 
 def test_a_run_in_batches_has_the_rows_of_a_run_of_single_pairs(tmp_path):

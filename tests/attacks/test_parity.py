@@ -41,7 +41,6 @@ def _smooth(pack: Pack) -> TorchModel:
 
 
 def _truth(pack: Pack) -> Loss:
-    """Return the end-point error against the pack's ground truth."""
     with np.load(pack.folder / "tiny_truth.npz") as arrays:
         return Loss(arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool))
 

@@ -35,7 +35,6 @@ def score_and_gradient(problem: NumpyProblem, images):
 
 
 def pgd(problem: NumpyProblem, start, sizes) -> list:
-    """All pairs that PGD evaluates."""
     pairs = [start]
     for size in sizes:
         pairs.append(stepped(problem.ball, pairs[-1], score_and_gradient(problem, pairs[-1])[1], size))

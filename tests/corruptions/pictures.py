@@ -8,7 +8,6 @@ from robustflow.core.types import Camera, SceneDepth
 
 
 def noise(height, width, seed=0):
-    """Return a frame of independent samples."""
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
@@ -38,7 +37,6 @@ def seen(first, second=None, rotation=None, translation=None, focal=100.0):
 
 
 def plane(depth, shape, **camera):
-    """Return the depth of a fronto-parallel plane in both frames."""
     return seen(np.full(shape, depth, np.float32), **camera)
 
 

@@ -27,12 +27,10 @@ RAIN = textwrap.dedent(
 
 
 def write_rain(folder: Path) -> None:
-    """Write the module `rain_module` and the module `rain_depth` that it imports."""
     (folder / "rain_module.py").write_text(RAIN)
     (folder / "rain_depth.py").write_text("DEPTH = 4\n")
 
 
 def forget() -> None:
-    """Let both modules be imported once more."""
     for name in ("rain_module", "rain_depth"):
         sys.modules.pop(name, None)

@@ -73,7 +73,6 @@ def test_shot_tables_hold_the_poisson_distributions(photons, floor):
 
 
 def random_bits(key, sample, bits):
-    """Return the random bits for each sample as Python ints."""
     per_word = 64 // bits
     return int(hash64(key, np.uint64(sample // per_word))) >> bits * (sample % per_word) & (1 << bits) - 1
 

@@ -134,7 +134,6 @@ def test_particles_are_hidden_pixel_by_pixel(kind, index):
 
 
 def by_hand(points, diameters, speed=(0.0, 0.0, 0.0), lenses=((100.0, 100.0, 79.5, 59.5),) * 2):
-    """Return particles at the given positions, all with the same velocity."""
     first = np.array(points, np.float64)
     velocity = np.tile(np.array(speed), (len(first), 1))
     return Particles(

@@ -31,7 +31,6 @@ PAIRS = (*IMAGE_PAIR, *FURTHER["depth"], "raw_noise")
 
 
 def floor():
-    """A floor that extends to a wall, seen by a moving camera."""
     rows = np.arange(SHAPE[0], 0, -1, dtype=np.float32)[:, None].repeat(SHAPE[1], axis=1)
     metres = np.minimum(np.float32(2) * SHAPE[0] / (SHAPE[0] + 1 - rows), np.float32(60))
     return seen(metres, rotation=np.eye(3), translation=np.array([0.1, 0.0, -0.3]), focal=float(SHAPE[1]))

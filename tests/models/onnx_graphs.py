@@ -8,7 +8,6 @@ WAYS_IN = {"pair": "3", "stacked": "2,3", "concatenated": "6"}
 
 
 def save(path, inputs, outputs, nodes, constants=""):
-    """Save a network in ONNX's textual syntax."""
     head = f'<ir_version: 9, opset_import: ["" : 17]> network ({inputs}) => ({outputs}) <{constants}>'
     onnx.save(parser.parse_model(f"{head} {{ {nodes} }}"), str(path))
     return path

@@ -28,27 +28,6 @@ def test_translation_to_the_right_and_up_is_recovered(moved, name, options, tole
     np.testing.assert_allclose(np.median(inside, axis=0), (5, -3), atol=tolerance)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"winsize": -3},
-        {"winsize": 0},
-        {"winsize": 1.5},
-        {"levels": "three"},
-        {"levels": -1},
-        {"levels": True},
-        {"iterations": 0},
-        {"poly_n": 0},
-        {"pyr_scale": 1},
-        {"pyr_scale": "half"},
-        {"poly_sigma": 0.0},
-        {"poly_sigma": float("nan")},
-    ],
-)
-def test_frames_on_which_opencv_would_crash_are_refused(options):
-    refusal(lambda: load_model("farneback", **options), UsageError, *options)
-
-
 @pytest.mark.parametrize("name", ["farneback", "dis"])
 def test_the_number_of_opencv_threads_changes_nothing(moved, name):
     before = cv2.getNumThreads()

@@ -1,7 +1,5 @@
 """Edit the rows and manifest of a run as someone who knows the format could, so that all digests remain valid."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

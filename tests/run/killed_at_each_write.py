@@ -1,5 +1,5 @@
 """For each write operation, start a run in a child process and kill it at that operation
-(see `test_killed_at_each_write`).
+(see `test_killed`).
 
     python killed_at_each_write.py FOLDER
 

@@ -1,7 +1,5 @@
 """Runs started from the command line, as a terminal starts them, and the processes that they start."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -37,7 +35,6 @@ def _hears_ctrl_c() -> None:
 
 
 def finished(run: subprocess.Popen[str]) -> None:
-    """Wait for a run that succeeds."""
     _, err = run.communicate(timeout=120)
     assert run.returncode == 0, err
 
@@ -71,7 +68,6 @@ def check_stopped_by_ctrl_c(run: subprocess.Popen[str], delay: float) -> None:
 
 
 def descendants(root: int) -> dict[int, str]:
-    """Command lines of a process's descendants, by process ID."""
     parents, lines = {}, {}
     for folder in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
@@ -93,7 +89,6 @@ def still_running(mark: str, within_s: float = 20.0) -> list[str]:
 
 
 def running(mark: str) -> list[str]:
-    """Process IDs and command lines of the processes that contain `mark`."""
     found = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdecimal() and int(folder.name) != os.getpid():

@@ -1,7 +1,5 @@
 """Predicting several severities in one call yields the same rows, and invalid results raise a clear error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -32,8 +32,6 @@ MODEL = "tests.run.models_for_tests:FiveFrames"
 
 
 class Recorder(ZeroClipFlow):
-    """Records its input."""
-
     def __init__(self, window=(2, 1)) -> None:
         super().__init__(window)
         self.calls: list[tuple[tuple[np.ndarray, ...], int]] = []

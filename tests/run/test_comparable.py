@@ -1,7 +1,5 @@
 """Rows and the way frames were made decide which runs are comparable, and every difference is described."""
 
-from __future__ import annotations
-
 import json
 
 import polars as pl

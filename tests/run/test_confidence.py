@@ -26,8 +26,6 @@ FAST = ("contrast", "impulse_noise")
 
 
 class Textures(TexturePairs):
-    """Two small pairs."""
-
     def __init__(self) -> None:
         super().__init__(2)
 

@@ -1,7 +1,5 @@
 """An option is declared once: planting one shows that everything else follows from its field."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

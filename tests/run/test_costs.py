@@ -1,7 +1,5 @@
 """Costs stored with runs are validated, shown in the cost table, and ranked only for runs on the same frames."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

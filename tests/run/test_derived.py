@@ -43,7 +43,6 @@ def made(tmp_path_factory, real_pictures):
 
 @pytest.fixture
 def folder(made, tmp_path):
-    """A copy of the run, to be changed."""
     return shutil.copytree(made, tmp_path / "run")
 
 

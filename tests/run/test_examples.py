@@ -43,7 +43,6 @@ def drawn(tmp_path_factory, real_pictures):
 
 @pytest.fixture
 def small(monkeypatch, small_demo):
-    """Measure the small demo pair."""
     monkeypatch.setattr(skimage, "__file__", small_demo)
 
 

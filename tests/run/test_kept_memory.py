@@ -1,7 +1,5 @@
 """Worker processes reuse the memory that they free."""
 
-from __future__ import annotations
-
 import resource
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Damaged, edited and outdated manifests are refused by their path, and never overwritten."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from functools import reduce

@@ -1,7 +1,5 @@
 """Panels show the right colours, and handle sparse maps, odd sizes and malicious names."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run on RobustSpring's layout, compared with values that the test computes from the files."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The order in which units are assigned to workers."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

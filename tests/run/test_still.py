@@ -1,7 +1,5 @@
 """Still scenes: every frame paired with itself, so that any flow is phantom motion."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The run folder: shards are complete or absent, merging them loses no row, and damage is reported."""
 
-from __future__ import annotations
-
 import os
 import threading
 

@@ -57,7 +57,6 @@ class TrainingPack:
 
     @property
     def items(self) -> tuple[str, ...]:
-        """Names of the pairs of a batch."""
         return tuple(str(item) for item in range(len(list(self.folder.glob("item*_1.png")))))
 
     def frames(self, which: int) -> Tensor:

@@ -197,8 +197,6 @@ def test_augmented_flow_matches_the_augmented_frames(augmentation):
 
 
 class UnknownFlow(TexturePairs):
-    """Pairs that mark unknown flow with NaN."""
-
     def load(self, key):
         sample = super().load(key)
         known = np.arange(sample.flow.shape[0])[:, None] + np.zeros(sample.flow.shape[1]) > 40

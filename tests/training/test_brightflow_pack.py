@@ -120,8 +120,6 @@ class Answers:
 
 @dataclass
 class Outcome:
-    """The results of one training step."""
-
     terms: dict[str, float]
     gradients: dict[str, Tensor]
     asked: list[tuple[str, int, Tensor]]
@@ -177,7 +175,6 @@ def test_terms_and_gradients_of_a_step_equal_the_originals(given, case, number):
 
 
 def _alone(given: Given, pair: int) -> Given:
-    """The pack, reduced to one pair of its batch."""
 
     def only(value: Any) -> Any:
         if isinstance(value, WholeFrames):

@@ -34,7 +34,6 @@ def test_damaged_checkpoint_or_one_of_weights_only_is_refused_in_one_line(reques
 
 
 def _as_stored(content: object) -> str:
-    """The content of a checkpoint as text."""
     if isinstance(content, torch.Tensor):
         return f"{content.dtype}{tuple(content.shape)}{content.flatten().tolist()}"
     if isinstance(content, dict):
@@ -44,7 +43,6 @@ def _as_stored(content: object) -> str:
 
 @pytest.fixture
 def small(tmp_path) -> Path:
-    """A checkpoint of a small network."""
     torch.manual_seed(0)
     net = torch.nn.Linear(5, 3)
     optimizer = torch.optim.AdamW(net.parameters())

@@ -4,7 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.networks.blocks.correlation import WindowVolume, all_pairs  # noqa: E402
+from robustflow.models.networks.blocks.correlation import WindowVolume  # noqa: E402
 from robustflow.models.networks.flowdiffuser import FlowDiffuser, cosine_betas  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.draws import prepared  # noqa: E402
@@ -85,36 +85,3 @@ def test_time_is_shared_by_a_step_and_noise_depends_on_the_position():
     assert min(times) < 50
     assert max(times) > 950
     assert prepared(batch(1), load_recipe("raft", "ood"), 5, 0, [0]).time is None
-
-
-def test_the_gradient_of_the_windows_place_is_that_of_all_pairs_sampled_there():
-    """Gradients pass through the rounding of values. Values are sampled as in the RAFT family, where float32 rounding
-    determines which one-sided derivative is used.
-    """
-    generator = torch.Generator().manual_seed(3)
-    height, width = 11, 14
-    features = torch.randn(2, 1, 8, height, width, generator=generator).unbind()
-    target = torch.rand(1, 2, height, width, generator=generator) * 30 - 8  # including positions beyond the map
-    near = target + torch.rand(target.shape, generator=generator) * 4 - 2
-    weights = torch.randn(1, 324, height, width, generator=generator)
-    leaf, other = (target.clone().requires_grad_() for _ in range(2))
-    (WindowVolume(*features, leaf).lookup(near) * weights).sum().backward()
-
-    centre = (other.round() - other).detach() + other
-    x, y = centre.permute(1, 0, 2, 3).flatten(1)
-    offsets = torch.arange(-8.0, 9.0)
-    columns, rows = (
-        (x[:, None] + offsets)[:, None].expand(-1, 17, 17),
-        (y[:, None] + offsets)[..., None].expand(-1, 17, 17),
-    )
-    grid = torch.stack([2 * columns / (width - 1) - 1, 2 * rows / (height - 1) - 1], dim=-1)
-    window = torch.nn.functional.grid_sample(all_pairs(*features), grid, align_corners=True)
-    volume = WindowVolume(*features, target)
-    torch.testing.assert_close(volume.levels[0], window.detach(), rtol=1e-4, atol=1e-4)
-    volume.centre = centre
-    for level in range(4):
-        volume.levels[level] = window
-        window = torch.nn.functional.avg_pool2d(window, 2)
-    (volume.lookup(near) * weights).sum().backward()
-    assert other.grad.abs().max() > 1
-    torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-3, atol=1e-3)

@@ -225,7 +225,6 @@ def test_unusable_paths_are_refused_in_one_line(tmp_path):
 
 @pytest.fixture(scope="module")
 def quick_subset():
-    """The script that chose the quick subset."""
     spec = spec_from_file_location("quick_subset", Path(__file__).parents[3] / "bench/quick_subset.py")
     module = sys.modules[spec.name] = module_from_spec(spec)
     spec.loader.exec_module(module)

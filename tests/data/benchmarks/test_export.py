@@ -38,7 +38,6 @@ class Fade:
 
 @pytest.fixture
 def one(kitti):
-    """One pair of KITTI-FC under one corruption."""
     return load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
 
 

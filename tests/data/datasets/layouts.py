@@ -16,7 +16,6 @@ def _digest(path: Path) -> np.ndarray:
 
 
 def placed(path: Path) -> Path:
-    """Return the path of a file whose folder exists."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -36,7 +35,6 @@ def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, widt
 
 
 def mask(path: Path, values: np.ndarray) -> None:
-    """Write a black-and-white image."""
     assert cv2.imwrite(str(placed(path)), values.astype(np.uint8) * 255)
 
 

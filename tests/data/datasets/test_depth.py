@@ -30,7 +30,6 @@ PAIR = Sample("7", (np.zeros((4, 4, 3), np.uint8),) * 2)
 
 
 def filled_in_plain_python(depth):
-    """Fill holes with the documented method, pixel by pixel."""
     known = np.isfinite(depth) & (depth > 0)
     rows = {}
     for y in np.flatnonzero(known.any(axis=1)):
@@ -142,7 +141,6 @@ def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest(mot
 
 
 def pictures_of(folder, *names, shape=(40, 56)):
-    """A folder of frames."""
     for number, name in enumerate(names):
         write_image(placed(folder / name), picture(*shape, seed=number))
     return folder
@@ -150,7 +148,6 @@ def pictures_of(folder, *names, shape=(40, 56)):
 
 @pytest.fixture
 def clip(tmp_path):
-    """Two frames a and b of a user."""
     return load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
 
 
@@ -162,7 +159,6 @@ def metres(shape=(40, 56)):
 
 
 def write_map(path, values):
-    """Write the map in the format that the suffix specifies."""
     if placed(path).suffix == ".png":
         assert cv2.imwrite(str(path), np.rint(values * 1000).astype(np.uint16))
     elif path.suffix == ".npy":
@@ -204,14 +200,12 @@ def test_default_focal_length_is_the_longer_side_of_the_frames(tmp_path, shape):
 
 
 def npy(values):
-    """The bytes of an array as written by numpy.save."""
     buffer = io.BytesIO()
     np.save(buffer, values)
     return buffer.getvalue()
 
 
 def png(dtype, *channels):
-    """The bytes of a PNG file of 56x40 pixels."""
     return cv2.imencode(".png", np.full((40, 56, *channels), 100, dtype))[1].tobytes()
 
 

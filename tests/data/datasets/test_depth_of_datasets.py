@@ -29,7 +29,6 @@ SKY_ROWS = 5
 
 
 def turned(*angles):
-    """A rotation about x, y and z."""
     return Rotation.from_euler("xyz", angles).as_matrix()
 
 
@@ -88,7 +87,6 @@ def check_second(depth, scene):
 
 
 def kitti(root, scene, baseline=0.54):
-    """A KITTI 2015 pair with disparity, as stored in its PNG files, and calibration."""
     training = root / "training"
     for number in (10, 11):
         frame = picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
@@ -146,7 +144,6 @@ def test_a_damaged_calibration_of_kitti_is_refused(tmp_path, text):
 
 
 def sintel(root, scene, first, second, zoom=1.0):
-    """An MPI-Sintel pair with the files of its depth package."""
     training = root / "training"
     for number, metres, pose, focal in ((1, scene.depth, first, FOCAL), (2, scene.then, second, zoom * FOCAL)):
         picture(training / "clean" / "alley_1" / f"frame_{number:04d}.png", HEIGHT, WIDTH)
@@ -197,7 +194,6 @@ def ned(rotation, place):
 
 
 def tartanair(root, scene, poses):
-    """A TartanAir pair with depth and poses; return its folder."""
     flight = root / "office" / "Easy" / "P000"
     np.savetxt(placed(flight / "pose_left.txt"), poses)
     for number, metres in enumerate((scene.depth, scene.then)):

@@ -75,7 +75,6 @@ def test_folder_without_a_valid_sequence_is_refused(tmp_path: Path) -> None:
 
 
 def decoded(path: Path) -> list[np.ndarray]:
-    """Decode every frame sequentially from the start."""
     with av.open(str(path)) as container:
         return [upright(frame, path) for frame in container.decode(video=0)]
 

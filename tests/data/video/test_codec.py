@@ -126,7 +126,6 @@ def reference_yuv(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def reference_rgb(y: np.ndarray, cb: np.ndarray, cr: np.ndarray) -> np.ndarray:
-    """Compute the inverse as defined, repeating chroma."""
     y = (y.astype(float) - 16) / 219
     cb, cr = ((c.astype(float).repeat(2, 0).repeat(2, 1) - 128) / 224 for c in (cb, cr))
     r, b = y + 2 * (1 - 0.299) * cr, y + 2 * (1 - 0.114) * cb

@@ -18,7 +18,6 @@ pytestmark = pytest.mark.torch
 
 
 def network_and_file(outputs: int, path: Path) -> tuple[FLAVR, Path]:
-    """A network, and its weights in the authors' layout."""
     torch.manual_seed(0)
     net = FLAVR(outputs).eval().requires_grad_(False)
     torch.save({"epoch": 1, "state_dict": {f"module.{key}": value for key, value in net.state_dict().items()}}, path)

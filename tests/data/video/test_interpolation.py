@@ -9,7 +9,7 @@ from robustflow.core.errors import AssetError, UsageError
 from robustflow.data.video.interpolation import FlowInterpolator, interpolate, interpolated_count, load_interpolator
 from tests.refusals import refusal
 
-from .render import Scene
+from .clips import Scene
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:

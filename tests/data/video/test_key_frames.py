@@ -8,7 +8,7 @@ from robustflow.data.video.interpolation import FlowInterpolator, interpolate
 from robustflow.data.video.open_clip import mean_of_windows, row_offsets
 from robustflow.data.video.prepared import REACH
 
-from .render import Scene
+from .clips import Scene
 
 REACHES = load_corruption("object_motion_blur").severities
 READOUTS = load_corruption("rolling_shutter").severities

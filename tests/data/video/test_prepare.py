@@ -43,7 +43,6 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return the hash of every permanent file."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
@@ -60,7 +59,6 @@ def long_source(tmp_path_factory) -> PictureFolder:
 
 @pytest.fixture(scope="module")
 def uninterrupted(source, tmp_path_factory) -> PreparedClip:
-    """The clip as prepared in one go."""
     return prepare_clip(source, tmp_path_factory.mktemp("uninterrupted") / "out", FLOW)
 
 

@@ -39,7 +39,6 @@ def without_packets(packets, indices) -> list[Packet]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A function that returns the clip of an encoding."""
 
     made: dict[str, ClipFile] = {}
 

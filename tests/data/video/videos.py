@@ -16,7 +16,6 @@ def video(
     rotation: int = 0,
     sound: bool = False,
 ) -> Path:
-    """Write a video like those created by other programs."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=30, options={"crf": "10"} if codec == "libx264" else {})
         stream.height, stream.width = frames[0].shape[:2]

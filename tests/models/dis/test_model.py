@@ -13,18 +13,14 @@ from scipy.ndimage import gaussian_filter, shift
 from skimage import data
 
 from robustflow import load_model
-from robustflow.core.errors import UsageError
 from robustflow.data.datasets import load_dataset
 from robustflow.metrics import epe
 from robustflow.models.dis.model import OPERATING_POINTS
-
-from ...refusals import refusal
 
 SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
 
 
 def shifted(image, u, v, mode):
-    """Shift an image with a fifth-order spline."""
     planes = [shift(image[..., c].astype(float), (v, u), order=5, mode=mode) for c in range(3)]
     return np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
 
@@ -103,10 +99,6 @@ def test_flow_does_not_depend_on_memory_layout_or_previous_frames():
     frozen = frame1[::-1, :, ::-1].copy()[::-1, :, ::-1]
     frozen.flags.writeable = False
     np.testing.assert_array_equal(model.predict(frozen, np.asfortranarray(frame2)), flow)
-
-
-def test_unknown_operating_point_is_refused():
-    refusal(lambda: load_model("dis_rgb", operating_point=5), UsageError, "5")
 
 
 def test_operating_points_have_different_identities():

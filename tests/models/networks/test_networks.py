@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.core.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError
 from robustflow.models import ModelSpec
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.registry import MODELS
@@ -52,7 +52,6 @@ def checkpoint(tmp_path_factory):
 
 @pytest.fixture
 def load(checkpoint):
-    """Load a network with its seeded weights on the CPU."""
     return lambda name, **options: load_model(name, checkpoint=checkpoint(name), device="cpu", **options)
 
 
@@ -141,28 +140,6 @@ def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
     content["state_dict"] = {key: value.half() for key, value in content["state_dict"].items()}
     torch.save(content, tmp_path / "half.pth")
     assert load_model("arflow", checkpoint=tmp_path / "half.pth").identity()["weights_cast_from"] == "float16"
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "culprit"),
-    [
-        ("arflow", {"size": "100x200"}, None),
-        ("arflow", {"iterations": 12}, "iterations"),
-        ("arflow", {"sha256": "12345678"}, "sha256"),
-        ("brightflow", {"iterations": True}, "iterations"),
-        ("samflow_t", {"iterations": 0}, "iterations"),
-        ("upflow", {"align_corners": "no"}, "align_corners"),
-        ("upflow", {"mask_threshold": "high"}, "mask_threshold"),
-        ("upflow", {"mask_threshold": 1.5}, "mask_threshold"),
-        ("flowdiffuser", {"seed": "first"}, "seed"),
-        ("flowdiffuser", {"seed": True}, "seed"),
-        ("flowdiffuser", {"vertical": "top"}, "vertical"),
-    ],
-)
-def test_invalid_options_of_networks_are_refused(name, options, culprit):
-    with pytest.raises(UsageError) as caught:
-        load_model(name, checkpoint="random", **options)
-    assert culprit in (None, caught.value.culprit)
 
 
 @pytest.mark.torch

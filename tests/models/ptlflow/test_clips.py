@@ -40,7 +40,6 @@ def adapter(name):
 
 @cache
 def sequence(side):
-    """A textured square moving over a textured background."""
     rng = np.random.default_rng(0)
     ground, square = (
         cv2.resize(rng.integers(0, 256, (n // 8, n // 8, 3)).astype(np.uint8), (n, n)) for n in (2 * side, side // 2)

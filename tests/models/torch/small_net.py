@@ -18,8 +18,6 @@ class Payload:
 
 
 class Net(torch.nn.Module):
-    """A small network with a parameter, a float buffer and an integer buffer."""
-
     def __init__(self) -> None:
         super().__init__()
         self.first = torch.nn.Conv2d(3, 4, 3)

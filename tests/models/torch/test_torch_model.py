@@ -25,7 +25,6 @@ pytestmark = pytest.mark.torch
 
 
 def network(name, net, convention, settings, **execution):
-    """The adapter of a network, with the given execution options."""
     return NetworkModel(name, net, convention, settings, Execution(**execution))
 
 

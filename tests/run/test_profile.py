@@ -1,6 +1,7 @@
-"""Counts match the paper's table and sums computed by hand; measuring does not change the network."""
+"""Costs of networks match the paper's table and sums by hand, and are stored in runs."""
 
-from __future__ import annotations
+from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -10,10 +11,14 @@ import torch
 from torch import nn
 
 from robustflow import TorchModel, load_model
+from robustflow.api import evaluate
 from robustflow.core.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
 from robustflow.models.tiling import TiledModel
-from robustflow.run.costs import COUNTED_SIZE
+from robustflow.report.site.content import whole_content
+from robustflow.run.costs import COUNTED_SIZE, read_cost
 from robustflow.run.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
+from robustflow.run.run import Run
 from robustflow.stats.published.tables import published_costs
 
 from ..refusals import refusal
@@ -153,3 +158,68 @@ def test_a_prediction_is_timed():
     assert measured.peak_bytes > 2**20
     assert measured.device == "cpu"
     refusal(lambda: measure_prediction(model, 64, 64, repeat=0), UsageError, "--repeat")
+
+
+@pytest.fixture
+def profile(robustflow):
+    return partial(robustflow, "profile")
+
+
+def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
+    spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
+    run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    content = whole_content([Run(run.path)])
+    counted, known = read_cost(run), content.cells[content.lines[0]]
+    assert (counted.height, counted.width, counted.seconds) == (432, 720, None)
+    assert known["parameters", ""].text == f"{counted.parameters_m:.2f}"
+    assert known["flops", ""].text == f"{counted.flops_g:.1f}"
+    code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
+    assert code == 0, err
+    assert "written to" in out
+    cost = read_cost(run)
+    model = network_of(spec.load())
+    counts = count(model.net, *model.convention.fitted_size(128, 192))
+    assert (cost.parameters, cost.macs, cost.thop_macs) == (counts.parameters, counts.macs, counts.thop_macs)
+    assert (cost.height, cost.width, cost.seconds) == (128, 192, None)
+    code, _, err = profile("upflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
+    assert code == 2
+    assert "robustflow: name: " in err
+    assert read_cost(run) == cost
+    assert profile("--paper", "--into", run.path)[0] == 2
+
+
+@pytest.mark.parametrize("runtime", ["numpy", "torch"])
+def test_profile_of_tiny_is_stored_in_a_run_of_either_runtime(profile, tmp_path, runtime):
+    spec = ModelSpec("tiny", (("runtime", runtime),))
+    run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    code, _, err = profile("tiny", "--size", "64x96", "--repeat", 0, "--into", run.path)
+    assert code == 0, err
+    assert (read_cost(run).height, read_cost(run).width) == (64, 96)
+
+
+@pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])
+def test_profiling_a_model_that_is_not_a_network_is_refused(profile, model, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    assert profile(model)[0] == 2
+
+
+def test_profile_accepts_any_frame_size(profile):
+    code, out, err = profile("raft_small", "--size", "125x130", "--iterations", 1)
+    assert code == 0, err
+    assert "frames of 125x130, network input 1x3x128x136" in out
+    assert "one pair" in out
+    code, out, err = profile("raft_small", "--size", "125x130", "--repeat", -1)
+    assert (code, out) == (2, "")
+    assert "--repeat" in err
+
+
+def test_several_models_are_profiled_in_one_table(profile):
+    code, out, err = profile("raft_small", "arflow", "--size", "128x192", "--repeat", 0)
+    assert code == 0, err
+    lines = [line.split() for line in out.splitlines()]
+    alone = {name: profile(name, "--size", "128x192", "--repeat", 0)[1] for name in ("raft_small", "arflow")}
+    for line in lines[-2:]:
+        assert f"parameters   {line[1]} M" in alone[line[0]]
+        assert f"MACs         {line[2]} G" in alone[line[0]]
+    code, _, err = profile("raft_small", "arflow", "--into", "x")
+    assert (code, err.count("\n")) == (2, 1)
