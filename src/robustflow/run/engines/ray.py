@@ -18,6 +18,7 @@ from typing import Any
 
 from ...core.errors import RunError, UsageError
 from ...core.processes import ONE_THREAD, rebuilt
+from ...core.text import first_of
 from ...models.base import describe_cell
 from ...models.loading import device_of, is_accelerator
 from ..data_files import files_of_sample
@@ -28,7 +29,7 @@ from .ray_actor import Files, Start, UnitActor, cannot_start, installed
 from .ray_cluster import connected, ray_module
 
 ATTEMPTS = 3
-"""Maximum number of actors that may be lost while computing the same unit."""
+"""Maximum number of actors that may be lost while computing the same unit, or, per worker, while starting."""
 _LOOK_S = 1.0
 """Interval between checks of the cluster's resources, in seconds."""
 _PATIENCE_S = 30.0
@@ -47,7 +48,6 @@ def on_ray(
         path=sys.path if address is None else [os.path.abspath(folder) for folder in sys.path[:1]],  # of the script
         installed=installed(),
         timeout=timeout,
-        named=address is not None,
     )
     with connected(address, workers, len(sent)) as ray:
         crew = _Crew(ray, job, (ray.put(sent), start), units, workers, "GPU" if gpu else "CPU")
@@ -96,8 +96,8 @@ class _Crew:
         self.members: list[_Member] = []
         self._ray, self._job, self._start, self._workers, self._kind = ray, job, start, workers, kind
         self._schedule, self._left = Schedule(units), len(units)
-        self._losses: dict[Unit, list[str]] = {}
-        self._failed_starts = 0
+        self._losses: dict[Unit | None, list[str]] = {}
+        """Actors lost while computing each unit and, for None, while starting since one has started."""
         self._most = 0
         """Largest number of GPUs or CPUs that the cluster has had; those of a lost node may come back."""
         self._heard = time.monotonic()
@@ -153,7 +153,8 @@ class _Crew:
         if kind == "error":
             raise rebuilt(*value)
         if member.unit is None:
-            member.place, self._failed_starts = value, 0
+            member.place = value
+            self._losses.pop(None, None)
             return None
         member.unit = None
         self._schedule.finished(value.unit)
@@ -164,26 +165,17 @@ class _Crew:
         self.members.remove(member)
         self.kill(member)
         self._looked -= _LOOK_S
-        node = f"node {member.place.partition(',')[0]}" if member.place else "a node"
-        where = f"{node} ({type(error).__name__})"
-        if member.unit is None:
-            self._failed_starts += 1
-            if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
-                raise RunError(
-                    where,
-                    f"the last of {self._failed_starts} Ray workers that were lost while starting; the usual causes "
-                    "are lack of memory or a crash while loading the model",
-                )
-            return
         unit, losses = member.unit, self._losses.setdefault(member.unit, [])
-        losses.append(where)
-        if len(losses) == ATTEMPTS:
+        node = f"node {member.place.partition(',')[0]}" if member.place else "a node"
+        losses.append(f"{node} ({type(error).__name__})")
+        if len(losses) == (ATTEMPTS if unit else ATTEMPTS * max(1, self._workers or self._most)):
             raise RunError(
-                describe_cell(unit.key, unit.corruption, *unit.severities),
-                f"{ATTEMPTS} worker processes exited without an error message (on {', '.join(losses)}); the usual "
-                "causes are lack of memory or a crash inside the model: try fewer --workers",
+                describe_cell(unit.key, unit.corruption, *unit.severities) if unit else "start of a Ray worker",
+                f"{len(losses)} worker processes exited without an error message (on {first_of(losses, ATTEMPTS)}); "
+                "the usual causes are lack of memory or a crash inside the model: try fewer --workers",
             )
-        self._schedule.give_back(unit)
+        if unit:
+            self._schedule.give_back(unit)
 
     def kill(self, member: _Member) -> None:
         with suppress(Exception):  # the actor or the cluster is already gone

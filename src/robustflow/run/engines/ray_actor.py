@@ -45,8 +45,6 @@ class Start:
     installed: dict[str, str]
     timeout: float | None = None
     """Time limit of a single prediction, in seconds."""
-    named: bool = True
-    """Whether errors name the node."""
 
 
 def installed() -> dict[str, str]:
@@ -87,27 +85,25 @@ class UnitActor:
         self._thread = ThreadPoolExecutor(1)
         self._predicting: tuple[str, float] | None = None
         """What is being predicted, and since when."""
-        self._named = True
         self._node = f"node {socket.gethostname()}"
 
     def begin(self, job: bytes, start: Start) -> Answer:
         """Load dataset and model, and return the node's name with the model's device."""
-        self._named = start.named
-        return answered(lambda: self._begin(job, start), self._named)
+        return answered(lambda: self._begin(job, start))
 
     def run(self, unit: Unit, files: Files) -> Answer:
         """Return a unit with its rows; `files` are the files of its sample."""
         if self._timeout is None:
-            return answered(lambda: self._run(unit, files), self._named)
+            return answered(lambda: self._run(unit, files))
         from .processes import too_slow
 
-        computing = self._thread.submit(answered, lambda: self._run(unit, files), self._named)
+        computing = self._thread.submit(answered, lambda: self._run(unit, files))
         while True:
             with suppress(TimeoutError):
                 return computing.result(min(1.0, self._timeout / 4))
             what, since = self._predicting or ("", time.monotonic())
             if time.monotonic() - since > self._timeout:
-                return failed(too_slow(self._timeout, what), self._named)
+                return failed(too_slow(self._timeout, what))
 
     def _begin(self, pickled: bytes, start: Start) -> str:
         begin_on_node(start.variables, start.folder, start.path, start.installed)
@@ -163,18 +159,18 @@ class UnitActor:
                 )
 
 
-def answered(compute: Callable[[], Any], named: bool = True) -> Answer:
+def answered(compute: Callable[[], Any]) -> Answer:
     """Return the result or the exception of a call as an `Answer`."""
     try:
         return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
-        return failed(error, named)
+        return failed(error)
 
 
-def failed(error: BaseException, named: bool = True) -> Answer:
+def failed(error: BaseException) -> Answer:
     """Return an exception as an `Answer`; its message names the node, unless it does so already."""
     node, message = f"node {socket.gethostname()}", str(error)
-    if named and node not in message:
+    if node not in message:
         message = f"{message} (on {node})"
     trace = "".join(traceback.format_exception(error))
     return "error", (type(error).__name__, message, trace, getattr(error, "culprit", ""))
