@@ -29,12 +29,12 @@ add the pixels sequentially in row-major order, so they are bit-identical on eve
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..core.compiled import njit, njit_late
+from ..core.compiled import njit
 from ..core.errors import DataError
 from ..core.types import Flow, Mask, described_array
 
@@ -87,18 +87,6 @@ ERRORS_TYPE = "Array(float64, 2, 'C', readonly=True)"
 MASK_TYPE = "Array(boolean, 2, 'C', readonly=True)"
 
 
-class ErrorSum(NamedTuple):
-    """The sum of the errors of `n` pixels, in pixels."""
-
-    n: int
-    total: float
-
-    @property
-    def mean(self) -> float | None:
-        """Return the sum divided by the count, or None if no pixel was counted."""
-        return self.total / self.n if self.n else None
-
-
 def epe_map(flow: Flow, reference: Flow) -> Errors:
     """Return |flow - reference| at every pixel."""
     a, b = flow_pair(flow, reference)
@@ -112,11 +100,12 @@ def magnitude_map(flow: Flow) -> Errors:
         return _lengths(flow_array(flow).astype(np.float64))
 
 
-def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
-    """Return the count and the sum of the non-NaN errors inside `mask`, bool (H, W) (default: all pixels)."""
-    inside = np.ones(errors.shape, np.bool_) if mask is None else mask
-    n, total = _masked_sum(*dense(errors, inside))
-    return ErrorSum(int(n), float(total))
+def error_sum(errors: Errors, mask: Mask | None = None) -> tuple[int, float]:
+    """Return the number and the sum of the errors inside `mask`, bool (H, W) (default: all pixels), that are not NaN,
+    added in row-major order."""
+    known = ~np.isnan(errors)
+    inside = errors[known if mask is None else known & mask]
+    return inside.size, float(np.cumsum(inside)[-1]) if inside.size else 0.0
 
 
 def flow_array(flow: Flow) -> Flow:
@@ -156,14 +145,3 @@ def _lengths(vectors: npt.NDArray[np.float64]) -> Errors:
     u, v = vectors[..., 0], vectors[..., 1]
     square = u * u + v * v
     return np.sqrt(np.where(np.isfinite(square), square, np.nan))
-
-
-@njit_late(f"Tuple((int64, float64))({ERRORS_TYPE}, {MASK_TYPE})", cache=True)
-def _masked_sum(errors: Any, mask: Any) -> Any:
-    n, total = 0, 0.0
-    for y in range(errors.shape[0]):
-        for x in range(errors.shape[1]):
-            if mask[y, x] and not math.isnan(errors[y, x]):
-                n += 1
-                total += errors[y, x]
-    return n, total

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.errors import DataError
-from ..core.types import Flow, Mask, unmasked
+from ..core.types import Flow, unmasked
 from .error_maps import FL_PIXELS, FL_SHARE, epe_map, error_sum, magnitude_map
 
 
@@ -31,7 +31,7 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
     5.0
     """
     errors = epe_map(_flow(flow), _flow(truth))
-    return error_sum(errors, _mask(valid, errors)).mean
+    return _mean(errors, valid)
 
 
 def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
@@ -47,7 +47,7 @@ def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
     true = _flow(truth)
     errors = epe_map(_flow(flow), true)
     outliers = (errors > FL_PIXELS) & (errors > FL_SHARE * magnitude_map(true))
-    share = error_sum(np.where(np.isnan(errors), np.nan, outliers), _mask(valid, errors)).mean
+    share = _mean(np.where(np.isnan(errors), np.nan, outliers), valid)
     return None if share is None else 100.0 * share
 
 
@@ -82,12 +82,11 @@ def _flow(array: Any) -> Flow:
     return values.astype(np.float32)
 
 
-def _mask(valid: Any, errors: npt.NDArray[np.float64]) -> Mask | None:
-    if valid is None:
-        return None
-    mask = _numpy(valid) != 0
-    if mask.shape != errors.shape:
+def _mean(errors: npt.NDArray[np.float64], valid: Any) -> float | None:
+    mask = None if valid is None else _numpy(valid) != 0
+    if mask is not None and mask.shape != errors.shape:
         raise DataError(
             "valid", f"the mask has shape {mask.shape}, but the flow is {errors.shape}; both must be (H, W)"
         )
-    return mask
+    n, total = error_sum(errors, mask)
+    return total / n if n else None

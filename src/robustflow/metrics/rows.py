@@ -13,10 +13,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from ..core.compiled import njit_late
@@ -222,7 +221,6 @@ def measure(
         )
     if (regions is None) != (sample.flow is None):
         raise DataError(sample.key, "the regions belong to a different sample; pass Regions.of(sample)")
-    sums = row_sums(pred, clean_pred, sample.flow, regions)
     n_photometric, photometric_sum, still_sum, _ = photometric(sample.frames[0], sample.frames[1], pred)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
     row |= {
@@ -238,13 +236,9 @@ def measure(
         "photometric_sum": photometric_sum,
         "photometric_still_sum": still_sum,
     }
-    if regions is None:
-        return row | {name: sums.whole[name] for name in _WITHOUT_TRUTH}
-    row |= sums.whole
-    row |= {"truth_digest": regions.truth_digest, "n_truth": int(np.count_nonzero(regions.valid))}
-    for name in regions.names:
-        row |= {f"{column}_{name}": value for column, value in sums.region(name).items()}
-    return row
+    if regions is not None:
+        row |= {"truth_digest": regions.truth_digest, "n_truth": int(np.count_nonzero(regions.valid))}
+    return row | row_sums(pred, clean_pred, sample.flow, regions)
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
@@ -261,23 +255,8 @@ _ERRORS = ("epe", "rcre", "clean_epe")
 _TOTALS = ("rcre_all_sum", "pred_magnitude_sum", "epe_sum", "rcre_sum", "magnitude_sum", "clean_epe_sum")
 
 
-class RowSums(NamedTuple):
-    """Sums over all pixels and over the pixels of each label."""
-
-    whole: dict[str, int | float]
-    label_counts: npt.NDArray[np.int64]
-    label_totals: npt.NDArray[np.float64]
-
-    def region(self, name: str) -> dict[str, int | float]:
-        """Return the sums of a region, keyed by column name without the region name."""
-        labels = MEMBERS[name]
-        counts, totals = self.label_counts[:, labels], self.label_totals[:, labels]
-        sums: dict[str, int | float] = dict(zip(("n", "fl_count"), counts.sum(axis=1).tolist(), strict=True))
-        return sums | {f"{column}_sum": math.fsum(row) for column, row in zip(_ERRORS, totals, strict=True)}
-
-
-def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | None) -> RowSums:
-    """Compute the sums of one row."""
+def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | None) -> dict[str, int | float]:
+    """Compute the counts and sums of one row by column; the sum over a region adds those of its labels."""
     a, b = flow_pair(pred, clean)
     if truth is None or regions is None:
         labels = np.full(a.shape[:2], OUTSIDE, np.uint8)
@@ -288,10 +267,17 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
     label_counts, label_totals = np.zeros((2, LABELS), np.int64), np.zeros((3, LABELS))
     _sums(*arrays, counts, totals, label_counts, label_totals)
     *counted, points = counts.tolist()
-    whole: dict[str, int | float] = dict(zip(_COUNTS, counted, strict=True))
-    whole |= zip(_TOTALS, totals.tolist(), strict=True)
-    whole["wauc_sum"] = points / WAUC_UNIT
-    return RowSums(whole, label_counts, label_totals)
+    sums: dict[str, int | float] = dict(zip((*_COUNTS, *_TOTALS), (*counted, *totals.tolist()), strict=True))
+    if regions is None:
+        return {name: sums[name] for name in _WITHOUT_TRUTH}
+    sums["wauc_sum"] = points / WAUC_UNIT
+    for name in regions.names:
+        labels = MEMBERS[name]
+        for column, number in zip(("n", "fl_count"), label_counts[:, labels].sum(axis=1).tolist(), strict=True):
+            sums[f"{column}_{name}"] = number
+        for column, parts in zip(_ERRORS, label_totals[:, labels].tolist(), strict=True):
+            sums[f"{column}_sum_{name}"] = math.fsum(parts)
+    return sums
 
 
 @njit_late(

@@ -106,7 +106,7 @@ def _spread_column(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, An
     spread = answer[..., 2].astype(np.float64)
     if not np.isfinite(spread[usable]).all():
         raise _invalid("pixels of an additional draw", cell, "omit --seeds")
-    return {"spread_sum": error_sum(spread, usable).total}
+    return {"spread_sum": error_sum(spread, usable)[1]}
 
 
 Steps = Generator[list[PredictionRequest], Sequence[Answer], T]

@@ -114,15 +114,10 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
 def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
     """Return the clean EPE and the EPE of zero flow, in pixels, if their ratio is at least `ACCURATE_BELOW`; None for a
     smaller ratio or without ground truth."""
-    epe, still = clean_epe(rows), zero_flow_epe(rows)
+    epe, still = clean_mean(rows, MEASURES["epe"]), zero_flow_epe(rows)
     if epe is None or still is None or epe < ACCURATE_BELOW * still:
         return None
     return epe, still
-
-
-def clean_epe(rows: pl.DataFrame) -> float | None:
-    """Return the EPE on the clean frames, averaged over images, in pixels; None without ground truth."""
-    return clean_mean(rows, MEASURES["epe"])
 
 
 def zero_flow_epe(rows: pl.DataFrame) -> float | None:

@@ -13,6 +13,7 @@ variation within an image and seed: all interactions with the severity and the n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,32 +53,19 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
         raise RunError(
             "fewer than two images were measured with every seed; the variance between images needs at least two"
         )
-    mean = y.mean()
-    image, seed, level = (y.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1)))
-    both = y.mean(axis=2)
-    square_image = seeds * levels * np.square(image - mean).sum() / (images - 1)
-    square_seed = images * levels * np.square(seed - mean).sum() / (seeds - 1)
-    inter = both - image[:, None] - seed[None, :] + mean
-    square_inter = levels * np.square(inter).sum() / ((images - 1) * (seeds - 1))
-    per_image = max(0.0, (square_image - square_inter) / (seeds * levels))
-    per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
-    rest_of_mean = square_inter / levels  # for an image's mean over severities with one seed
-    per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
-    rest = rest_of_mean
-    if levels > 1:  # severities are fixed, so within an image and seed the variance is (levels - 1) / levels of this
-        of_image = y.mean(axis=1) - image[:, None] - level + mean
-        of_seed = y.mean(axis=0) - seed[:, None] - level + mean
-        residual = y - both[:, :, None] - level + mean - of_image[:, None, :] - of_seed
-        square_residual = np.square(residual).sum() / ((images - 1) * (seeds - 1) * (levels - 1))
-        within = np.square(of_image).sum() / ((images - 1) * (levels - 1))
-        within += np.square(of_seed).sum() / ((seeds - 1) * (levels - 1))
-        within += square_residual * (1 - 1 / images - 1 / seeds)
-        rest += within * (levels - 1) / levels
+    both = _mean_square(y, 0, 1)
+    per_image = max(0.0, (_mean_square(y, 0) - both) / (seeds * levels))
+    per_seed = max(0.0, (_mean_square(y, 1) - both) / (images * levels))
+    per_level = _mean_square(y, 2) / (images * seeds)
+    # Severities are fixed, so within an image and seed the variance is (levels - 1) / levels of the mean squares.
+    within = _mean_square(y, 0, 2) / seeds + _mean_square(y, 1, 2) / images
+    within += _mean_square(y, 0, 1, 2) * (1 - 1 / images - 1 / seeds)
+    rest = (both + within * (levels - 1)) / levels
     parts = [
         ("image", images, per_image, per_image / images),
         ("seed", seeds, per_seed, per_seed / seeds),
         ("severity", levels, per_level, None),
-        ("rest", images * seeds * levels, rest, rest_of_mean / (images * seeds)),
+        ("rest", y.size, rest, both / (images * seeds * levels)),
     ]
     whole = sum(variance for _, _, variance, _ in parts) or 1.0
     records = [
@@ -85,6 +73,16 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
         for name, count, variance, of_mean in parts
     ]
     return pl.DataFrame(records, schema=VARIANCE_SCHEMA, orient="row")
+
+
+def _mean_square(y: np.ndarray, *axes: int) -> float:
+    """Compute the mean square of the main effect of an axis or of the interaction of several; 0 for a single level."""
+    effect = y
+    for axis in range(y.ndim):
+        mean = effect.mean(axis=axis, keepdims=True)
+        effect = effect - mean if axis in axes else mean
+    freedom = math.prod(y.shape[axis] - 1 for axis in axes)
+    return y.size / effect.size * float(np.square(effect).sum()) / freedom if freedom else 0.0
 
 
 def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
