@@ -77,7 +77,7 @@ def test_new_measure_touches_two_files(tmp_path):
     package = tmp_path / "robustflow"
     shutil.copytree(Path(robustflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     for name, mark, line in (
-        ("rows.py", '    "attack_linf": RowColumn(', '    "planted_sum": RowColumn(_NUMBER, "n_valid", "Planted."),\n'),
+        ("rows.py", '    "wauc_sum": RowColumn(', '    "planted_sum": RowColumn(_NUMBER, "Planted.", "n_valid"),\n'),
         (
             "measures.py",
             '    "px1": Measure(',

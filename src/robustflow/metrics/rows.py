@@ -44,91 +44,78 @@ pixels.
 
 @dataclass(frozen=True)
 class RowColumn:
-    """A column of the rows: its type, for a sum the count of its pixels, and its meaning."""
+    """A column of the rows: its type, its meaning, and for a sum the count of its pixels."""
 
     kind: type[pl.DataType]
-    count: str
     meaning: str
+    count: str = ""
     signed: bool = False
 
 
 _TEXT, _COUNT, _NUMBER = pl.String, pl.Int64, pl.Float64
 
 COLUMNS: dict[str, RowColumn] = {
-    "sample": RowColumn(_TEXT, "", "The sample's key, the same on every machine."),
-    "group": RowColumn(
-        _TEXT, "", "Name shared by samples that are not independent (one video); otherwise the key itself."
-    ),
-    "corruption": RowColumn(_TEXT, "", "Name of the corruption, or `clean`."),
-    "severity": RowColumn(_COUNT, "", "1 to 5; 0 in the clean row."),
+    "sample": RowColumn(_TEXT, "The sample's key, the same on every machine."),
+    "group": RowColumn(_TEXT, "Name shared by samples that are not independent (one video); otherwise the key itself."),
+    "corruption": RowColumn(_TEXT, "Name of the corruption, or `clean`."),
+    "severity": RowColumn(_COUNT, "1 to 5; 0 in the clean row."),
     "truth": RowColumn(
-        _TEXT, "", "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content."
+        _TEXT, "What the corruption leaves of the ground truth: `unchanged`, or `none` if it moves content."
     ),
     "frames_digest": RowColumn(
-        _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given."
+        _TEXT, "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given."
     ),
     "truth_digest": RowColumn(
-        _TEXT, "", "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors."
+        _TEXT, "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors."
     ),
-    "height": RowColumn(_COUNT, "", "Height of the frames, pixels."),
-    "width": RowColumn(_COUNT, "", "Width of the frames, pixels."),
-    "n_invalid": RowColumn(_COUNT, "", "Pixels at which this row's prediction is not finite."),
-    "n_all": RowColumn(_COUNT, "", "Usable pixels."),
-    "rcre_all_sum": RowColumn(_NUMBER, "n_all", "Distance from the clean flow, summed over `n_all`, pixels."),
-    "pred_magnitude_sum": RowColumn(_NUMBER, "n_all", "Length of the predicted flow, summed over `n_all`, pixels."),
-    "n_photometric": RowColumn(_COUNT, "", "Pixels whose target according to the flow is inside the frame."),
+    "height": RowColumn(_COUNT, "Height of the frames, pixels."),
+    "width": RowColumn(_COUNT, "Width of the frames, pixels."),
+    "n_invalid": RowColumn(_COUNT, "Pixels at which this row's prediction is not finite."),
+    "n_all": RowColumn(_COUNT, "Usable pixels."),
+    "rcre_all_sum": RowColumn(_NUMBER, "Distance from the clean flow, summed over `n_all`, pixels.", "n_all"),
+    "pred_magnitude_sum": RowColumn(_NUMBER, "Length of the predicted flow, summed over `n_all`, pixels.", "n_all"),
+    "n_photometric": RowColumn(_COUNT, "Pixels whose target according to the flow is inside the frame."),
     "photometric_sum": RowColumn(
         _NUMBER,
-        "n_photometric",
         "Difference between clean frame 1 and warped clean frame 2 over `n_photometric`, grey levels.",
+        "n_photometric",
     ),
     "photometric_still_sum": RowColumn(
-        _NUMBER, "n_photometric", "The same for zero flow, over the same pixels, grey levels."
+        _NUMBER, "The same for zero flow, over the same pixels, grey levels.", "n_photometric"
     ),
-    "n_truth": RowColumn(_COUNT, "n_valid", "Pixels with ground truth, predicted or not."),
-    "n_valid": RowColumn(_COUNT, "", "Usable pixels with ground truth."),
-    "epe_sum": RowColumn(_NUMBER, "n_valid", "End-point error, summed over `n_valid`, pixels."),
+    "n_truth": RowColumn(_COUNT, "Pixels with ground truth, predicted or not.", "n_valid"),
+    "n_valid": RowColumn(_COUNT, "Usable pixels with ground truth."),
+    "epe_sum": RowColumn(_NUMBER, "End-point error, summed over `n_valid`, pixels.", "n_valid"),
     "clean_epe_sum": RowColumn(
-        _NUMBER, "n_valid", "Error of the clean prediction, summed over the same `n_valid` pixels, pixels."
+        _NUMBER, "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.", "n_valid"
     ),
-    "rcre_sum": RowColumn(_NUMBER, "n_valid", "Distance from the clean flow, summed over `n_valid`, pixels."),
-    "magnitude_sum": RowColumn(_NUMBER, "n_valid", "Length of the true flow, summed over `n_valid`, pixels."),
+    "rcre_sum": RowColumn(_NUMBER, "Distance from the clean flow, summed over `n_valid`, pixels.", "n_valid"),
+    "magnitude_sum": RowColumn(_NUMBER, "Length of the true flow, summed over `n_valid`, pixels.", "n_valid"),
     "fl_count": RowColumn(
-        _COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length."
+        _COUNT, "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length.", "n_valid"
     ),
-    "px1_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 1 px."),
-    "px3_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 3 px."),
-    "px5_count": RowColumn(_COUNT, "n_valid", "Pixels of `n_valid` with an error above 5 px."),
+    "px1_count": RowColumn(_COUNT, "Pixels of `n_valid` with an error above 1 px.", "n_valid"),
+    "px3_count": RowColumn(_COUNT, "Pixels of `n_valid` with an error above 3 px.", "n_valid"),
+    "px5_count": RowColumn(_COUNT, "Pixels of `n_valid` with an error above 5 px.", "n_valid"),
     "wauc_sum": RowColumn(
-        _NUMBER, "n_valid", "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel."
-    ),
-    "attack_linf": RowColumn(
-        _NUMBER, "", "Rows of attacks only: largest change of a value in the 8-bit frames, grey levels."
-    ),
-    "attack_rms": RowColumn(
-        _NUMBER, "", "Rows of attacks only: root mean square of the change of the 8-bit frames, grey levels."
-    ),
-    "attack_capped_sum": RowColumn(
-        _NUMBER, "", "Rows of attacks only: error, capped at the frame's diagonal, summed over `n_valid`, pixels."
-    ),
-    "attack_median": RowColumn(_NUMBER, "", "Rows of attacks only: median error over `n_valid`, pixels."),
-    "attack_way_gone": RowColumn(
-        _NUMBER, "", "Rows of attacks only: share of the way from the clean flow to the attack's target.", signed=True
-    ),
-    "attack_late_gain": RowColumn(
-        _NUMBER, "", "Rows of attacks only: gain of the last quarter of the evaluations, in units of the loss."
-    ),
-    "attack_start_spread": RowColumn(
-        _NUMBER, "", "Rows of attacks only: lead of the best start over the worst one, in units of the loss."
-    ),
-    "attack_evaluations": RowColumn(
-        _COUNT, "", "Rows of attacks only: number of flows that the attack requested from the model."
-    ),
-    "attack_warnings": RowColumn(
-        _TEXT, "", "Rows of attacks only: reasons why the row is doubtful, separated by commas."
+        _NUMBER, "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel.", "n_valid"
     ),
     **{
-        f"{name}_{region}": RowColumn(kind, f"n_{region}" if name != "n" else "", f"{meaning} in the region.")
+        f"attack_{name}": RowColumn(kind, f"Rows of attacks only: {meaning}", signed=name == "way_gone")
+        for name, kind, meaning in (
+            ("linf", _NUMBER, "largest change of a value in the 8-bit frames, grey levels."),
+            ("rms", _NUMBER, "root mean square of the change of the 8-bit frames, grey levels."),
+            ("capped_sum", _NUMBER, "error, capped at the frame's diagonal, summed over `n_valid`, pixels."),
+            ("median", _NUMBER, "median error over `n_valid`, pixels."),
+            ("way_gone", _NUMBER, "share of the way from the clean flow to the attack's target."),
+            ("late_gain", _NUMBER, "gain of the last quarter of the evaluations, in units of the loss."),
+            ("start_spread", _NUMBER, "lead of the best start over the worst one, in units of the loss."),
+            ("evaluations", _COUNT, "number of flows that the attack requested from the model."),
+            ("warnings", _TEXT, "reasons why the row is doubtful, separated by commas."),
+        )
+    },
+    **{
+        f"{name}_{region}": RowColumn(kind, f"{meaning} in the region.", f"n_{region}" if name != "n" else "")
         for region in REGIONS
         for name, kind, meaning in (
             ("n", _COUNT, "Pixels of `n_valid`"),
@@ -139,23 +126,21 @@ COLUMNS: dict[str, RowColumn] = {
         )
     },
     "ause": RowColumn(
-        _NUMBER, "", "Runs with a confidence: area between its sparsification curve and the oracle's, pixels."
+        _NUMBER, "Runs with a confidence: area between its sparsification curve and the oracle's, pixels."
     ),
     "confidence_spearman": RowColumn(
-        _NUMBER, "", "Runs with a confidence: rank correlation of confidence and error; -1 is best.", signed=True
+        _NUMBER, "Runs with a confidence: rank correlation of confidence and error; -1 is best.", signed=True
     ),
     "rejected_count": RowColumn(
-        _COUNT, "", "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects."
+        _COUNT, "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects."
     ),
     **{
-        f"{curve}_at_{share}": RowColumn(
-            _NUMBER, "", f"Runs with a confidence: mean error of the {share} % {of} pixels."
-        )
+        f"{curve}_at_{share}": RowColumn(_NUMBER, f"Runs with a confidence: mean error of the {share} % {of} pixels.")
         for curve, of in (("error", "most confident"), ("oracle", "best"))
         for share in COVERAGES
     },
     "spread_sum": RowColumn(
-        _NUMBER, "", "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels."
+        _NUMBER, "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels."
     ),
 }
 """The columns of the rows, in order. *Usable* pixels are those where both the prediction and the prediction on the
@@ -272,10 +257,10 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
         return {name: sums[name] for name in _WITHOUT_TRUTH}
     sums["wauc_sum"] = points / WAUC_UNIT
     for name in regions.names:
-        labels = MEMBERS[name]
-        for column, number in zip(("n", "fl_count"), label_counts[:, labels].sum(axis=1).tolist(), strict=True):
+        members = MEMBERS[name]
+        for column, number in zip(("n", "fl_count"), label_counts[:, members].sum(axis=1).tolist(), strict=True):
             sums[f"{column}_{name}"] = number
-        for column, parts in zip(_ERRORS, label_totals[:, labels].tolist(), strict=True):
+        for column, parts in zip(_ERRORS, label_totals[:, members].tolist(), strict=True):
             sums[f"{column}_sum_{name}"] = math.fsum(parts)
     return sums
 

@@ -94,16 +94,27 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
         where = f"first in sample '{plain(sample)}', {plain(corruption)}, severity {severity}"
         counts = f"frames in {frames} and ground truth in {truth} of {same.height} common rows, {where}"
         raise RunError(every, f"not measured on the same data: different {counts}")
-    cells = common.select(ROW_KEY)
-    remark = ""
-    if any(one.height != cells.height for one in rows):
-        counts = joined([f"{one.height} in {name}" for name, one in zip(names, rows, strict=True)])
-        remark = f"Compared: {cells.height} common rows (clean or corrupted pairs) out of {counts}."
+    kept = [one.join(common, on=list(ROW_KEY), how="semi") for one in rows]
+    remark = omitted_rows(rows, kept, names)
     for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
         if left_out:
             which = f"{counted(len(left_out), noun)} ({_named(left_out)})"
             remark += f" Left out, because the frames or the ground truth differ: {which}."
-    return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
+    return kept, remark.strip()
+
+
+def common_cells(rows: Sequence[pl.DataFrame]) -> list[pl.DataFrame]:
+    """Return the rows of the samples, corruptions and severities that all have, whatever their frames."""
+    cells = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="semi"), rows).select(ROW_KEY)
+    return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows]
+
+
+def omitted_rows(rows: Sequence[pl.DataFrame], kept: Sequence[pl.DataFrame], names: Sequence[str]) -> str:
+    """Return a remark about the rows that are not compared; "" if all are."""
+    if all(one.height == of_one.height for one, of_one in zip(rows, kept, strict=True)):
+        return ""
+    counts = joined([f"{one.height} in {name}" for name, one in zip(names, rows, strict=True)])
+    return f"Compared: {kept[0].height} common rows (clean or corrupted pairs) out of {counts}."
 
 
 class CommonRows(NamedTuple):

@@ -16,7 +16,7 @@ from ..attacks.result import EXPLAINED, LOWER_BOUND
 from ..metrics.means import means
 from ..metrics.measures import ATTACK, MEASURES, METRICS
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..run.comparable import common_to, named_runs
+from ..run.comparable import common_cells, common_to, named_runs
 from ..run.run import Run
 from ..run.store import RunFolder
 from .exclusion import exclusions
@@ -226,15 +226,11 @@ def _sum_over(known: Mapping[Any, float], metric: str, attack: str, severities: 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
     """Return, by model name, the clean rows and the attack's rows that all runs with this attack have in common."""
-    rows = {
-        name: run.attack_rows.filter(pl.col("corruption") == attack, pl.col("sample").is_in(list(samples)))
-        for name, run in runs.items()
-    }
-    rows = {name: of_run for name, of_run in rows.items() if not of_run.is_empty()}
-    for other in list(rows.values()):
-        rows = {name: of_run.join(other, on=["sample", "severity"], how="semi") for name, of_run in rows.items()}
+    of_attack = (pl.col("corruption") == attack) & pl.col("sample").is_in(list(samples))
+    rows = {name: run.attack_rows.filter(of_attack) for name, run in runs.items()}
+    attacked = {name: of_run for name, of_run in rows.items() if not of_run.is_empty()}
     return {
         name: pl.concat([runs[name].attack_rows.filter(corruption=CLEAN), of_run])
-        for name, of_run in rows.items()
+        for name, of_run in zip(attacked, common_cells(list(attacked.values())), strict=True)
         if not of_run.is_empty()
     }

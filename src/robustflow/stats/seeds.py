@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import polars as pl
 
 from ..core.files import digest_of_value
 from ..core.text import joined
-from ..metrics.rows import CLEAN, ROW_KEY
-from ..run.comparable import measured_cells, named_runs, run_names, sample_set, sample_set_of
+from ..metrics.rows import CLEAN
+from ..run.comparable import common_cells, measured_cells, omitted_rows, run_names, sample_set, sample_set_of
 from ..run.run import Run
 
 
@@ -46,11 +45,12 @@ class SeedGroup:
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     """Group runs of one model whose frames differ only in the seed; None if the runs differ in anything else."""
     seeds = [run.manifest.identity.frames.seed for run in runs]
-    rows, remark = _common_rows(runs)
+    every = [run.rows for run in runs]
+    rows = common_cells(every)
     clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
     if any(len(set(each)) > 1 for each in (list(map(_settings, runs)), clean)) or len(set(seeds)) < len(runs):
         return None
-    return BySeed(dict(zip(seeds, rows, strict=True)), remark)
+    return BySeed(dict(zip(seeds, rows, strict=True)), omitted_rows(every, rows, run_names(runs)))
 
 
 def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
@@ -73,15 +73,3 @@ def _settings(run: Run) -> tuple[str, str]:
     recipe = run.manifest.identity.frames.record()
     del recipe["seed"]
     return digest_of_value(run.manifest.identity.model.record()), digest_of_value(recipe)
-
-
-def _common_rows(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
-    """Select the rows for the (sample, corruption, severity) cells that all runs have in common, and describe in a
-    remark what was left out."""
-    keys = list(ROW_KEY)
-    shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
-    if all(run.rows.height == shared.height for run in runs):
-        return [run.rows for run in runs], ""
-    counts = joined([f"{run.rows.height} in {name}" for name, run in named_runs(runs).items()])
-    remark = f"Compared: {shared.height} common rows (clean or corrupted pairs) out of {counts}."
-    return [run.rows.join(shared, on=keys, how="semi") for run in runs], remark
