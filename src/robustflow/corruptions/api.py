@@ -17,7 +17,7 @@ from ..core.rng import Rng, check_seed
 from ..core.types import Frame, SceneDepth, check_frame
 from .base import BGR, SCALES, Corruption
 from .own import OwnCorruption, own_among, own_corruption, register_custom
-from .registry import CORRUPTIONS, SHIPPED, refuse_on_disk
+from .registry import CORRUPTIONS, refuse_on_disk
 from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, split_stack, with_targets_registered
 
@@ -297,16 +297,10 @@ def _applied(corruption: Corruption, frames: Iterable[Frame], head: Frame, state
         yield corruption.apply(frame, state, first + number)
 
 
-OWN_KEY = "corruptions"
-"""Key for custom corruptions and those from installed packages; its value maps each name to a hash of the source."""
-
-
 def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
-    """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are
-    used.
-    """
-    kinds = [kind for kind in map(CORRUPTIONS.get, SHIPPED) if kind.source_key]
-    sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in kinds}
+    """Return identifiers of the user files in use: those of the lenses, and the source of each custom corruption or one
+    from an installed package, by name."""
     parts = {part for name in names for part, _ in split_stack(name)}
     own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
-    return {key: source for key, source in sources.items() if source} | ({OWN_KEY: own} if own else {})
+    sources = {"psf": load_corruption("psf_blur", variant).source, "corruptions": own}
+    return {key: source for key, source in sources.items() if source}

@@ -48,8 +48,6 @@ class Corruption(ABC):
     """
     needs_depth: bool = False
     """Whether the corruption requires the depth of the sample; see `DepthCorruption`."""
-    source_key: ClassVar[str] = ""
-    """Key of `source` in a run's identity; empty if the result does not depend on any user files."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
         """Create the corruption; `severities` overrides the paper's five parameters, e.g. for the calibrated scale.
@@ -100,10 +98,8 @@ class Corruption(ABC):
 
     @property
     def source(self) -> str:
-        """Return an identifier of the user files that affect the result, for a run's identity; empty if there are none.
-
-        A class that overrides this also sets `source_key`.
-        """
+        """Return an identifier of the user files that affect the result, for a run's identity; empty if there are
+        none."""
         return ""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:

@@ -246,7 +246,6 @@ class PsfBlur(Corruption):
     """
 
     name = "psf_blur"
-    source_key = "psf"
     paper_severities = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 
     def __init__(
