@@ -34,7 +34,7 @@ NAMES = [name or "(none)" for name in HOSTILE]
 TABLE = Table(
     "x",
     f"Errors of {NAMES[0]}",
-    (Column("Clean"), Column("Fog", NAMES[1])),
+    (Column("Clean"), Column("Fog", group=NAMES[1])),
     tuple(Section(name, (Line(name, (TableCell("1.00", True), TableCell("-0.50")), name),)) for name in NAMES),
     tuple(NAMES),
 )
@@ -205,12 +205,12 @@ FAILURES = {
 
 def test_planted_format_and_table_cost_a_function_and_a_registry_line(tmp_path, monkeypatch):
     (tmp_path / "mine_json.py").write_text(
-        "import json\nfrom robustflow.report.table import Line, Table\n\n\n"
+        "import json\nfrom robustflow.report.table import Table\n\n\n"
         "def lines(table):\n    return json.dumps([[c.text for c in line.cells] for line in table.lines])\n\n\n"
         "def broken(table):\n    return table.rows\n\n\ndef nothing(table):\n    return None\n\n\n"
         "def planted(wanted):\n"
-        "    lines = [Line.of_numbers(one.name, [one.number('epe', 'clean')]) for one in wanted.results]\n"
-        "    return [Table.of('planted', 'Planted', ['clean EPE'], {'All': lines})]\n"
+        "    rows = [(one.name, [one.number('epe', 'clean')]) for one in wanted.results]\n"
+        "    return [Table.of('planted', 'Planted', ['clean EPE'], {'All': rows})]\n"
     )
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

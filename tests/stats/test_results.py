@@ -4,7 +4,6 @@ import polars as pl
 import pytest
 
 from robustflow.core.errors import DataError
-from robustflow.report.table import number_text
 from robustflow.stats.model_result import Value, lines_of
 from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.refusals import refusal
@@ -28,7 +27,7 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     (line,) = lines_of(frame)
     value = line.values["rcre", "fog"]
     assert value.number == float(written)
-    assert number_text(value.number, value.decimals) == shown
+    assert value.text == shown
     path.write_text(results_csv(frame))
     assert read_results(path).equals(frame)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean, median
 
 from ..corruptions.registry import FAMILIES
-from ..report.table import Column, Line, Section, Table
+from ..report.table import Column, Table
 from ..stats.model_result import ModelResult
 from ..stats.published.tables import published_results
 from ..stats.results import AVERAGE
@@ -29,15 +29,14 @@ def observations(results: Sequence[ModelResult]) -> list[Observation]:
 
 def observations_table() -> Table:
     """Tabulate the observations with the verdicts on the published results."""
-    columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
-    sections = tuple(
-        Section(
-            f"{each.number}. {each.title}: {each.verdict}",
-            tuple(Line.of("main" if p.main else "also", (p.verdict, p.claim, p.text)) for p in each.parts),
-        )
+    columns = ("Verdict", Column("Claim", prose=True), Column("Numbers", prose=True))
+    rows = {
+        f"{each.number}. {each.title}: {each.verdict}": [
+            ("main" if one.main else "also", (one.verdict, one.claim, one.text)) for one in each.parts
+        ]
         for each in observations(published_results())
-    )
-    return Table("observations", "The paper's observations", columns, sections, row_header="Part")
+    }
+    return Table.of("observations", "The paper's observations", columns, rows, row_header="Part")
 
 
 def _accuracy_and_robustness(evidence: Evidence) -> Iterable[Statement]:

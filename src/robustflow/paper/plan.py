@@ -20,7 +20,7 @@ from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
 from ..models.networks.table import NETWORKS
 from ..models.provenance import training_of_entry
 from ..models.torch.network import RANDOM
-from ..report.table import Column, Line, Section, Table
+from ..report.table import Column, Row, Table
 from ..stats.published.tables import published_results
 from ..stats.results import SETTING_LABELS
 from ..training.recipe import recipes_of, trained_methods
@@ -314,16 +314,16 @@ def _remedy(variant: Variant, benchmark: str) -> str:
 
 def plan_table(artefact: Artefact, choices: Sequence[Runnable | Missing]) -> Table:
     """Return the weights each variant would run with, or what the variant requires."""
-    lines: dict[str, list[Line]] = {}
+    rows: dict[str, list[Row]] = {}
     for choice in choices:
         if isinstance(choice, Missing):
             texts = ("no", choice.reason, choice.remedy)
         else:
             texts = ("yes", choice.weights or "needs no weights", "")
-        lines.setdefault(choice.variant.setting, []).append(Line.of(choice.variant.method, texts))
-    columns = (Column("Runs"), Column("Weights", prose=True), Column("How to get it", prose=True))
-    sections = tuple(Section(SETTING_LABELS.get(setting, setting), tuple(some)) for setting, some in lines.items())
-    return Table(f"{artefact.name}-plan", f"{artefact.name}: what can be run here", columns, sections)
+        setting = choice.variant.setting
+        rows.setdefault(SETTING_LABELS.get(setting, setting), []).append(Row(choice.variant.method, texts))
+    columns = ("Runs", Column("Weights", prose=True), Column("How to get it", prose=True))
+    return Table.of(f"{artefact.name}-plan", f"{artefact.name}: what can be run here", columns, rows, keep_empty=True)
 
 
 def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:

@@ -12,7 +12,7 @@ from ..core.arguments import SEVERITIES
 from ..core.text import text_cell
 from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts
-from ..report.table import Column, Line, Section, Table, TableCell, number_text
+from ..report.table import Column, Row, Table
 from ..run.run import Run
 from ..stats.model_result import CRER, ModelResult, run_results
 from ..stats.published.tables import published_results
@@ -103,13 +103,15 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
     if artefact.columns == "means":
         every = [(Column(mean_label(*key)), key) for key in OVERALL]
     elif artefact.columns == "families":
-        every = [(Column(FAMILY_LABELS[family], "CREr"), ("crer", family)) for family in FAMILIES]
+        every = [(Column(FAMILY_LABELS[family], group="CREr"), ("crer", family)) for family in FAMILIES]
     elif artefact.columns == "crer":
         every = [(Column("CREr"), ("crer", AVERAGE))]
     else:
         metric = artefact.columns
         every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
-        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)]
+        every += [
+            (Column(short_label(name), group=family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)
+        ]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
     shown = [one.here or one.published for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)] or every
@@ -120,38 +122,27 @@ def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Tabl
     without a run."""
     columns = columns_of(artefact, variants)
     keys = [key for _, key in columns]
-    sections = []
+    rows: dict[str, list[Row]] = {}
     for setting in dict.fromkeys(one.variant.setting for one in variants):
-        lines: list[Line] = []
-        for one in (one for one in variants if one.variant.setting == setting):
-            lines += _lines(one, keys)
-        sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
-    return Table(
-        artefact.name,
-        f"{artefact.name}: {artefact.title}",
-        tuple(column for column, _ in columns),
-        tuple(sections),
-    )
+        here = (one for one in variants if one.variant.setting == setting)
+        rows[SETTING_LABELS.get(setting, setting)] = [row for one in here for row in _rows(one, keys)]
+    title = f"{artefact.name}: {artefact.title}"
+    return Table.of(artefact.name, title, [column for column, _ in columns], rows, keep_empty=True)
 
 
-def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
-    published, here = variant.published, variant.here
+def _rows(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Row]:
+    published, here, method = variant.published, variant.here, variant.variant.method
     # Corruptions that were not run are not compared.
-    shown = [key for key in keys if not variant.here or key in here]
-    lines = [Line(f"{variant.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
-    if variant.here:
-        name = f"{variant.variant.method}, {'RANDOM WEIGHTS' if variant.random else 'here'}"
-        lines.append(Line(name, _cells(here, keys), variant.note))
-        lines.append(Line.of("  difference", (_difference(published, here, key) for key in keys)))
-    return lines
-
-
-def _cells(values: Mapping[tuple[str, str], float | None], keys: Sequence[tuple[str, str]]) -> tuple[TableCell, ...]:
-    return tuple(TableCell(number_text(values.get(key), None)) for key in keys)
-
-
-def _difference(published: MetricValues, here: MetricValues, key: tuple[str, str]) -> str:
-    return f"{here[key] - published[key]:+.2f}" if key in published and key in here else "-"
+    rows = [Row(f"{method}, paper", [published.get(key) if not here or key in here else None for key in keys])]
+    if here:
+        rows.append(
+            Row(f"{method}, {'RANDOM WEIGHTS' if variant.random else 'here'}", map(here.get, keys), variant.note)
+        )
+        both = published.keys() & here.keys()
+        rows.append(
+            Row("  difference", [f"{here[key] - published[key]:+.2f}" if key in both else None for key in keys])
+        )
+    return rows
 
 
 def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:

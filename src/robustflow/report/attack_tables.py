@@ -20,31 +20,31 @@ from ..stats.attacks import (
     security_curves,
 )
 from ..stats.results import METRIC_LABELS
-from .run_tables import few_note
-from .table import DASH, Line, Table, Wanted, differences_remark, number_text, signed_text
+from .run_tables import few_note, signed
+from .table import Column, Row, Table, Wanted, differences_remark
 
 _COLUMNS = {
-    "budget": ("budget", "g"),
-    "epe": ("EPE (px)", ".2f"),
-    "cre": ("CRE (px)", ".2f"),
-    "crer": ("CREr", ".2f"),
-    "rcre": ("RCRE (px)", ".2f"),
-    "px1": ("> 1 px (%)", ".2f"),
-    "px3": ("> 3 px (%)", ".2f"),
-    "px5": ("> 5 px (%)", ".2f"),
-    "fl": ("Fl (%)", ".2f"),
-    "median": ("median (px)", ".2f"),
-    "capped": ("capped (px)", ".2f"),
-    "gain": ("gain (px)", ".2f"),
-    "way_gone": ("target progress (%)", ".2f"),
-    "late_gain": ("last quarter", ".2f"),
-    "start_spread": ("start spread", ".2f"),
-    "linf": ("L-inf", ".4g"),
-    "rms": ("RMS", ".4g"),
-    "evaluations": ("flows", ".0f"),
-    "seconds": ("time (s)", ".2f"),
+    "budget": Column("budget", "{:g}"),
+    "epe": Column("EPE (px)"),
+    "cre": Column("CRE (px)"),
+    "crer": Column("CREr"),
+    "rcre": Column("RCRE (px)"),
+    "px1": Column("> 1 px (%)"),
+    "px3": Column("> 3 px (%)"),
+    "px5": Column("> 5 px (%)"),
+    "fl": Column("Fl (%)"),
+    "median": Column("median (px)"),
+    "capped": Column("capped (px)"),
+    "gain": Column("gain (px)"),
+    "way_gone": Column("target progress (%)"),
+    "late_gain": Column("last quarter"),
+    "start_spread": Column("start spread"),
+    "linf": Column("L-inf", "{:.4g}"),
+    "rms": Column("RMS", "{:.4g}"),
+    "evaluations": Column("flows", "{:.0f}"),
+    "seconds": Column("time (s)"),
 }
-"""Number of an attack -> label and format."""
+"""Number of an attack -> its column."""
 SHORT = ("budget", "epe", "cre", "rcre", "gain")
 """Numbers that the terminal shows of a run."""
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
@@ -75,12 +75,13 @@ def security(wanted: Wanted) -> list[Table]:
     """Tabulate the security curves of runs, one section per run."""
     named = named_runs(wanted.runs)
     try:
-        sections = {plain(name): map(_curve_line, security_curves(run)) for name, run in named.items()}
+        sections = {plain(name): map(_curve_row, security_curves(run)) for name, run in named.items()}
     except RunError as error:
         raise UsageError(str(error)) from error
-    labels = ("norm", "budget", "metric", "error (px)", "low", "high")
+    columns: list[str | Column] = ["norm", Column("budget", "{:g}"), "metric"]
+    columns += [Column(label, "{:.3f}") for label in ("error (px)", "low", "high")]
     remarks = (_CURVES, differences_remark(named))
-    table = Table.of("security", "Security curves", labels, sections, remarks, "Attack, budget")
+    table = Table.of("security", "Security curves", columns, sections, remarks, "Attack, budget")
     return _made("security", [table] if table.lines else [])
 
 
@@ -106,18 +107,15 @@ def attack_table(run: Run, shown: Sequence[str] = tuple(_COLUMNS)) -> Table | No
     scores = attack_scores(run)
     if not scores:
         return None
-    sections = {title: [_line(one, shown) for one in scores if one["norm"] == norm] for norm, title in _NORMS.items()}
-    labels = (_COLUMNS[name][0] for name in shown)
-    return Table.of(
-        "attacks", "Attacks", labels, sections, (_REMARK, _doubled(scores, run.epe_clean)), "Attack, severity"
-    )
+    sections = {title: [_row(one, shown) for one in scores if one["norm"] == norm] for norm, title in _NORMS.items()}
+    remarks = (_REMARK, _doubled(scores, run.epe_clean))
+    return Table.of("attacks", "Attacks", [_COLUMNS[name] for name in shown], sections, remarks, "Attack, severity")
 
 
-def _line(score: AttackScore, shown: Sequence[str]) -> Line:
-    texts = (DASH if score[name] is None else format(score[name], _COLUMNS[name][1]) for name in shown)
+def _row(score: AttackScore, shown: Sequence[str]) -> Row:
     warnings = score["warnings"].items()
     note = "; ".join(f"{EXPLAINED.get(key, key)} ({count} of {score['samples']} pairs)" for key, count in warnings)
-    return Line.of(f"{score['attack']} {score['severity']}", texts, note)
+    return Row(f"{score['attack']} {score['severity']}", [score[name] for name in shown], note)
 
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
@@ -132,10 +130,9 @@ def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
     return f"The clean error doubles at (grey levels or % of the pixels): {', '.join(each)}." if each else ""
 
 
-def _curve_line(point: CurvePoint) -> Line:
-    values = (number_text(value, 3) for value in (point.error, point.low, point.high))
-    texts = (point.norm, f"{point.budget:g}", point.metric, *values)
-    return Line.of(f"{point.attack} {point.budget:g}", texts, _WARNED if point.warned else "")
+def _curve_row(point: CurvePoint) -> Row:
+    values = (point.norm, point.budget, point.metric, point.error, point.low, point.high)
+    return Row(f"{point.attack} {point.budget:g}", values, _WARNED if point.warned else "")
 
 
 def prediction_table(runs: Sequence[Run]) -> Table | None:
@@ -153,14 +150,14 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
         predicted[0].remark,
     ]
     labels = ("severities", "models", "rank correlation", "95 % low", "95 % high")
-    lines = map(_prediction_line, predicted)
-    return Table.of("corruptions-and-attacks", PREDICTION, labels, {"Attacks": lines}, remarks, "Attack")
+    rows = map(_prediction_row, predicted)
+    return Table.of("corruptions-and-attacks", PREDICTION, labels, {"Attacks": rows}, remarks, "Attack")
 
 
-def _prediction_line(one: Prediction) -> Line:
-    texts = map(signed_text, (one.rho, *(one.interval or (None, None))))
+def _prediction_row(one: Prediction) -> Row:
     notes = [few_note(len(one.models)), *(f"without {plain(name)}: {why}" for name, why in one.left_out.items())]
     if one.lower_bounds:
         notes.append(f"a lower bound for {joined(list(map(plain, one.lower_bounds)))}: see the warnings of each run")
     levels = ", ".join(map(str, one.severities))
-    return Line.of(one.attack, (levels, str(len(one.models)), *texts), "; ".join(filter(None, notes)))
+    values = (levels, str(len(one.models)), *signed(one.rho, one.interval))
+    return Row(one.attack, values, "; ".join(filter(None, notes)))

@@ -3,6 +3,7 @@ ranking with ties, the spread over seeds, and the pairs required for a compariso
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,11 @@ from ..stats.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..stats.uncertainty.paired import p_text
 from ..stats.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
 from .render import render
-from .table import DASH, Line, Table, TableCell, number_text, signed_text
+from .table import Column, Row, Table, TableCell
 
-_DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
 _COUNTS = ("blow_ups_first", "blow_ups_second")
+_OF_ALL = pl.col("corruption").is_in([CLEAN, AVERAGE])
 _BLOW_UPS = (
     "blow-ups: images on which the error (EPE, or RCRE without ground truth) of the first and of the second is more "
     "than ten times that of the other; if they are few, the mean and the test depend on them."
@@ -56,8 +57,7 @@ class Comparison:
     @property
     def overall(self) -> pl.DataFrame:
         """Differences in clean EPE and in the averages: `metric`, followed by the columns of `per_corruption`."""
-        of_all = self.frame.filter(pl.col("corruption").is_in([CLEAN, AVERAGE]))
-        return of_all.select("metric", *_COLUMNS, *_COUNTS)
+        return self.frame.filter(_OF_ALL).select("metric", *_COLUMNS, *_COUNTS)
 
     def per_corruption(self, metric: str = "") -> pl.DataFrame:
         """Return the differences under each corruption, in the paper's order.
@@ -76,8 +76,7 @@ class Comparison:
         metric = metric or self.metric
         if metric not in INTERVAL_METRICS:
             raise unknown_name("metric", metric, INTERVAL_METRICS)
-        lines = self.frame.filter(~pl.col("corruption").is_in([CLEAN, AVERAGE]), metric=metric)
-        return lines.select(*_COLUMNS, *_COUNTS)
+        return self.frame.filter(~_OF_ALL, metric=metric).select(*_COLUMNS, *_COUNTS)
 
     @property
     def sentence(self) -> str:
@@ -101,23 +100,14 @@ class Comparison:
             UsageError: unknown metric.
         """
         metric = metric or self.metric
-        level = self.frame["level"][0]
         first, second = (plain(name) for name in self.names)
-        blow_ups = _has_blow_ups(self.frame)
-        each = self.per_corruption(metric).iter_rows(named=True)
+        each = self.per_corruption(metric).with_columns(metric=pl.lit(metric))
         sections = {
-            "Overall": [
-                Line(mean_label(row["metric"], row["corruption"]), _cells(row, level, row["metric"], blow_ups))
-                for row in self.overall.iter_rows(named=True)
-            ],
-            f"{metric_label(metric)} per corruption": [
-                Line(long_label(row["corruption"]), _cells(row, level, metric, blow_ups)) for row in each
-            ],
+            "Overall": {mean_label(row["metric"], row["corruption"]): row for row in self.overall.to_dicts()},
+            f"{metric_label(metric)} per corruption": {long_label(row["corruption"]): row for row in each.to_dicts()},
         }
-        columns = (first, second, *_DIFFERENCE, *["blow-ups"] * blow_ups)
-        remarks = (self._sentence(metric), _BLOW_UPS * blow_ups, self.remark)
-        title = f"{first} against {second}"
-        return Table.of("comparison", title, columns, sections, remarks, "Mean", keep_empty=True)
+        remarks = (self._sentence(metric), self.remark)
+        return _table("comparison", f"{first} against {second}", (first, second), sections, remarks, "Mean", self.frame)
 
     def __repr__(self) -> str:
         return render(self.table(), "terminal").rstrip()
@@ -173,97 +163,97 @@ def _open_run(run: AnyRun) -> Run:
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
-    metric, blow_ups = frame["metric"][0], _has_blow_ups(frame)
-    lines = [
-        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"], metric, blow_ups))
-        for row in frame.iter_rows(named=True)
-    ]
-    remarks = (
-        f"p is corrected for {len(lines)} comparisons; a bold EPE is significantly lower.",
-        _BLOW_UPS * blow_ups,
-        note,
-    )
-    sections = {f"Average {metric_label(metric)}": lines}
-    columns = ("first", "second", *_DIFFERENCE, *["blow-ups"] * blow_ups)
-    return Table.of("pairs", "Every two models", columns, sections, remarks, "Models", keep_empty=True)
+    pairs = {f"{plain(row['first'])} against {plain(row['second'])}": row for row in frame.to_dicts()}
+    remarks = (f"p is corrected for {len(pairs)} comparisons; a bold EPE is significantly lower.", note)
+    sections = {f"Average {metric_label(frame['metric'][0])}": pairs}
+    return _table("pairs", "Every two models", ("first", "second"), sections, remarks, "Models", frame)
 
 
-def _has_blow_ups(frame: pl.DataFrame) -> bool:
-    return bool(frame.select(pl.sum_horizontal(*_COUNTS).sum()).item())
+def _table(
+    name: str,
+    title: str,
+    heads: tuple[str, str],
+    sections: Mapping[str, Mapping[str, dict[str, Any]]],
+    remarks: tuple[str, str],
+    row_header: str,
+    frame: pl.DataFrame,
+) -> Table:
+    """Tabulate rows of a comparison, by section and label."""
+    blow_ups, alpha = bool(frame.select(pl.sum_horizontal(*_COUNTS).sum()).item()), 1 - frame["level"][0]
+    columns = (*heads, Column("difference", "{:+.2f}"), "interval", "p", "p corrected", "blow-ups")[: 6 + blow_ups]
+    rows = {heading: [_row(*item, blow_ups, alpha) for item in of.items()] for heading, of in sections.items()}
+    said, note = remarks
+    return Table.of(name, title, columns, rows, (said, _BLOW_UPS * blow_ups, note), row_header, keep_empty=True)
 
 
-def _cells(row: dict[str, Any], level: float, metric: str, blow_ups: bool) -> tuple[TableCell, ...]:
+def _row(label: str, row: dict[str, Any], blow_ups: bool, alpha: float) -> Row:
     # a flow that is too short has a lower CRE, CREr and RCRE than the sound flow, so only a lower EPE is marked
-    sure = metric == "epe" and row["p_holm"] is not None and row["p_holm"] < 1 - level
-    interval = DASH if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"
-    p_values = (DASH if row[p] is None else p_text(row[p]).removeprefix("= ") for p in ("p", "p_holm"))
-    counts = [f"{row['blow_ups_first']}, {row['blow_ups_second']}"] * blow_ups
-    return (
-        TableCell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
-        TableCell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
-        *map(TableCell, (signed_text(row["difference"]), interval, *p_values, *counts)),
-    )
+    sure = row["metric"] == "epe" and row["p_holm"] is not None and row["p_holm"] < alpha
+    interval = None if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"
+    p_values = (None if row[p] is None else p_text(row[p]).removeprefix("= ") for p in ("p", "p_holm"))
+    counts = f"{row['blow_ups_first']}, {row['blow_ups_second']}"
+    first = TableCell(f"{row['value_first']:.2f}", sure and row["difference"] < 0)
+    second = TableCell(f"{row['value_second']:.2f}", sure and row["difference"] > 0)
+    return Row(label, (first, second, row["difference"], interval, *p_values, counts)[: 6 + blow_ups])
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
     """Tabulate the ranking of models with the range of ranks consistent with the tests, from
     `stats.uncertainty.standings`."""
-    lines = [
-        Line.of(
-            plain(row["model"]),
-            (
-                f"{row['value']:.2f}",
-                str(row["rank"]),
-                str(row["best"]) if row["best"] == row["worst"] else f"{row['best']} to {row['worst']}",
-            ),
-        )
-        for row in standings.iter_rows(named=True)
+    rows = [
+        (plain(model), (value, str(rank), str(best) if best == worst else f"{best} to {worst}"))
+        for model, value, rank, best, worst in standings.iter_rows()
     ]
     remark = (
         "possible ranks: consistent with the significant differences from the other models (paired tests, corrected "
         "for all pairs); models whose ranges overlap may be tied."
     )
     columns = (metric_label(metric), "rank", "possible ranks")
-    return Table.of("standings", "Ranking", columns, {f"Average {METRIC_LABELS[metric]}": lines}, [remark])
+    return Table.of("standings", "Ranking", columns, {f"Average {METRIC_LABELS[metric]}": rows}, [remark])
 
 
 def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:
     """Tabulate the variance of one model's score by source, from `stats.uncertainty.variance_split`; `remark`
     describes omitted data."""
-    lines = []
-    for row in split.iter_rows(named=True):
-        numbers = f"{row['deviation']:.3f}", f"{row['share']:.1f}", number_text(row["error_of_mean"], 3)
-        lines.append(Line.of(row["source"], (str(row["levels"]), *numbers)))
     about = (
         "deviation: standard deviation of the score of one image, averaged over corruptions; error of the mean: "
         "contribution of the source to the standard error of the mean over all images and seeds. Severities are fixed "
         "by the protocol, not sampled."
     )
-    columns = ("levels", "deviation (px)", "share %", "error of the mean (px)")
+    columns = (
+        Column("levels", "{:d}"),
+        Column("deviation (px)", "{:.3f}"),
+        Column("share %", "{:.1f}"),
+        Column("error of the mean (px)", "{:.3f}"),
+    )
+    rows = split.select("levels", "deviation", "share", "error_of_mean").iter_rows()
     title = f"Sources of variance in the {METRIC_LABELS[metric]} of {plain(name)}"
-    remarks = (about, plain(remark, None))
-    return Table.of("variance", title, columns, {METRIC_LABELS[metric]: lines}, remarks, "Source")
+    sections = {METRIC_LABELS[metric]: zip(split["source"], rows, strict=True)}
+    return Table.of("variance", title, columns, sections, (about, plain(remark, None)), "Source")
+
+
+_NEEDED = ("images_needed", "clusters_needed", "clusters_low", "clusters_high")
 
 
 def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
     """Tabulate the output of `stats.uncertainty.power.plan_pairs`: one section per metric, one row per comparison."""
     then = f"for {plan['effect'][0]:g} px"
-    now = ("difference (px)", "detectable now (px)", "pairs now", "groups now")
-    columns = (*now, f"power {then}", f"pairs {then}", "groups (interval)")
-    sections: dict[str, list[Line]] = {}
+    columns = (
+        Column("difference (px)", "{:+.3f}"),
+        Column("detectable now (px)", "{:.3f}"),
+        Column("pairs now", "{:,}"),
+        Column("groups now", "{:,}"),
+        f"power {then}",
+        f"pairs {then}",
+        "groups (interval)",
+    )
+    sections: dict[str, list[Row]] = {}
     for row in plan.iter_rows(named=True):
-        groups = [_count(row[f"clusters_{name}"]) for name in ("needed", "low", "high")]
-        texts = (
-            f"{row['difference']:+.3f}",
-            f"{row['detectable']:.3f}",
-            f"{row['images']:,}",
-            f"{row['clusters']:,}",
-            f"{100 * row['power']:.0f} %",
-            _count(row["images_needed"]),
-            f"{groups[0]} ({groups[1]} to {groups[2]})",
-        )
-        line = Line.of(f"{plain(row['first'])} - {plain(row['second'])}", texts)
-        sections.setdefault(f"Average {METRIC_LABELS[row['metric']]}", []).append(line)
+        pairs, *groups = (_count(row[name]) for name in _NEEDED)
+        now = (row[name] for name in ("difference", "detectable", "images", "clusters"))
+        values = (*now, f"{100 * row['power']:.0f} %", pairs, "{} ({} to {})".format(*groups))
+        made = Row(f"{plain(row['first'])} - {plain(row['second'])}", values)
+        sections.setdefault(f"Average {METRIC_LABELS[row['metric']]}", []).append(made)
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
         f"{100 * power:g} %. A group is a drive or sequence, or a single pair without either. The numbers of pairs "

@@ -64,15 +64,16 @@ _OVERVIEW_COLUMNS = tuple(
         (RANKS["average"], "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", "", OVERVIEW),
     )
 )
-Cells = Mapping[ValueKey, TableCell]
+Cells = dict[ValueKey, TableCell]
 
 
 def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Table]:
     """Build one board per benchmark, named after it, ordered by number of runs, then by number of models. It has one
     section per set of frames, with lines in the order of `by_error`."""
-    of_benchmark: dict[str, dict[ModelResult, Cells]] = {}
-    for line, cells in _cells(results).items():
-        of_benchmark.setdefault(line.benchmark, {})[line] = cells
+    groups, of_benchmark = _groups(results), dict[str, dict[ModelResult, Cells]]()
+    for line, cells in marked_cells(results).items():
+        with_group = cells | {GROUP: TableCell(groups[line])} if line in groups else cells
+        of_benchmark.setdefault(line.benchmark, {})[line] = with_group
 
     def place(lines: Mapping[ModelResult, object]) -> tuple[int, int]:
         return -sum(line.run is not None for line in lines), -len({plain(line.name) for line in lines})
@@ -81,7 +82,7 @@ def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -
     return [_board(name, cells, group_titles) for name, cells in order]
 
 
-def cells_of(board: Table, line: Line) -> dict[ValueKey, TableCell]:
+def cells_of(board: Table, line: Line) -> Cells:
     """Return the cells of a line that contain numbers, by column key."""
     return {column.key: cell for column, cell in zip(board.columns, line.cells, strict=True) if cell.text != DASH}
 
@@ -92,26 +93,25 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
     return bool(line.excluded), value is None, value or 0.0, plain(line.name)
 
 
-def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
-    """Build the cells of each line and mark the best ones (`ModelResult.may_be_best`). Numbers that the paper does not
-    print are not marked."""
-    groups = _groups(results)
+def marked_cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
+    """Return the cells of each line, of which the best are marked (`ModelResult.may_be_best`) among lines of the same
+    setting on the same frames. Numbers that the paper does not print are not marked."""
     values = {line: _values(line) for line in results}
     compared = []
-    for line in results:
+    for line, of_line in values.items():
         texts = {
             key: value.text
-            for key, value in values[line].items()
+            for key, value in of_line.items()
             if key not in (PARAMETERS, FLOPS, COVERAGE) and line.may_be_best(key[0]) and not _is_derived(line, key)
         }
         compared.append(Compared((line.benchmark, line.frames, line.setting), texts, bool(line.excluded)))
-    cells: dict[ModelResult, Cells] = {}
-    for line, best in zip(results, best_of_columns(compared), strict=True):
-        cells[line] = {
+    return {
+        line: {
             key: TableCell(value.text, key in best, interval_text(value.ends), derived=_is_derived(line, key))
-            for key, value in values[line].items()
-        } | ({GROUP: groups[line]} if line in groups else {})
-    return cells
+            for key, value in of_line.items()
+        }
+        for (line, of_line), best in zip(values.items(), best_of_columns(compared), strict=True)
+    }
 
 
 def _values(line: ModelResult) -> dict[ValueKey, Value]:
@@ -126,19 +126,19 @@ def _is_derived(line: ModelResult, key: ValueKey) -> bool:
     return key == CRER and line.source == "published" and line.values[CRER].derived
 
 
-def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, TableCell]:
+def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, str]:
     """Return the group letters of the ranked runs with the lowest EPE under corruption, among those on the same frames
     in all settings: two of them share a letter unless a paired test, corrected for all pairs, tells them apart."""
     same_frames: dict[tuple[str, str], list[ModelResult]] = {}
     for line in results:
         if line.run is not None and not line.excluded and EPE in line.values:
             same_frames.setdefault((line.benchmark, line.frames), []).append(line)
-    cells = {}
+    groups: dict[ModelResult, str] = {}
     for lines in same_frames.values():
         best = sorted(lines, key=by_error)[:MOST_COMPARED]
         letters = _letters(best) if len(best) > 1 else {}
-        cells.update({line: TableCell(letters[line.name]) for line in best if line.name in letters})
-    return cells
+        groups |= {line: letters[line.name] for line in best if line.name in letters}
+    return groups
 
 
 def _letters(best: Sequence[ModelResult]) -> dict[str, str]:

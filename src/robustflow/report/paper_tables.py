@@ -7,14 +7,13 @@ from functools import partial
 
 from ..core.errors import UsageError, unknown_name
 from ..core.text import joined
-from ..corruptions.registry import ordered
+from ..corruptions.registry import MEMBERS, ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
 from ..run.costs import COUNTED_SIZE, RunCost, read_cost
 from ..stats.exclusion import PHANTOM
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey
 from ..stats.published.tables import COUNTED_ITERATIONS, PAPER, published_costs
-from ..stats.ranking import Compared, best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,
@@ -25,19 +24,8 @@ from ..stats.results import (
     short_label,
 )
 from ..stats.seeds import SeedGroup
-from .table import (
-    DASH,
-    Column,
-    Line,
-    Section,
-    Table,
-    TableCell,
-    Wanted,
-    full_note,
-    number_text,
-    seed_line,
-    with_exclusion,
-)
+from .leaderboard import marked_cells
+from .table import Column, Row, Table, TableCell, Wanted, full_note, seed_row, with_exclusion
 
 PAPER_TABLES = {"epe": "epe", "cre": "cre", "rcre": "rcre", "gopro-rcre": "rcre"}
 """The tables of a metric by corruption, with the metric. Two are of RCRE: one for benchmarks without ground truth."""
@@ -65,64 +53,40 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
     if name not in PAPER_TABLES:
         raise unknown_name("table", name, PAPER_TABLES)
     metric = PAPER_TABLES[name]
-    chosen = {
-        line: values
-        for line in results
-        if _published_without_flow(line.benchmark) == (name == "gopro-rcre")
-        and (values := {of: value for (kind, of), value in line.values.items() if kind == metric})
+    on_it = [one for one in results if _published_without_flow(one.benchmark) == (name == "gopro-rcre")]
+    cells = {
+        line: {of: cell for (m, of), cell in of_line.items() if m == metric}
+        for line, of_line in marked_cells(on_it).items()
     }
+    chosen = {line: of_line for line, of_line in cells.items() if of_line}
     if not chosen:
         raise UsageError("--table", f"'{name}' would be empty: these results do not have a {METRIC_LABELS[metric]}")
-    measured = {condition for values in chosen.values() for condition in values}
-    keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE}) + [AVERAGE]
-    columns = [_column(key, metric) for key in keys]
+    measured = {condition for of_line in chosen.values() for condition in of_line}
+    keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE, *MEMBERS}) + [AVERAGE]
     gaps = any((line.coverage or 1) < 1 for line in chosen)
-    if gaps:
-        columns.append(Column("Coverage"))
-    sections = []
+    sections: dict[str, list[Row]] = {}
     for setting in dict.fromkeys(line.setting for line in chosen):
-        here = {line: values for line, values in chosen.items() if line.setting == setting}
-        sections.append(Section(SETTING_LABELS.get(setting, setting), _lines(here, metric, keys, seeds, gaps)))
+        here = [line for line in chosen if line.setting == setting]
+        numbers = {line.key: [*(line.number(metric, of) for of in keys), *[None] * gaps] for line in here}
+        rows = sections.setdefault(SETTING_LABELS.get(setting, setting), [])
+        for line in here:
+            shown = [*map(chosen[line].get, keys), *[line.coverage] * gaps]
+            rows.append(Row(line.name, shown, with_exclusion(line.note, line.excluded)))
+            for group in (group for group in seeds if group.runs[-1] == line.key and numbers.keys() >= {*group.runs}):
+                excluded = next(one.excluded for one in here if one.key == group.runs[0])
+                rows.append(seed_row(group, numbers, excluded))
     title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
-    marked = any(cell.best for section in sections for line in section.lines for cell in line.cells)
     still = any(is_still(line.benchmark) for line in chosen)
+    marked = any(cell.best for of_line in chosen.values() for cell in of_line.values())
     remarks = [_BEST] * marked + [_SHARE] * gaps + [PHANTOM] * still
-    return Table(name, title, tuple(columns), tuple(sections), tuple(remarks))
-
-
-def _lines(
-    chosen: Mapping[ModelResult, Mapping[str, Value]],
-    metric: str,
-    keys: Sequence[str],
-    seeds: Sequence[SeedGroup],
-    gaps: bool,
-) -> tuple[Line, ...]:
-    """Build the lines for one setting."""
-    texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
-    compared = [
-        Compared(line.frames, shown if line.may_be_best(metric) else {}, bool(line.excluded))
-        for line, shown in texts.items()
-    ]
-    numbers = {
-        line.key: [*(values[key].number if key in values else None for key in keys), *[None] * gaps]
-        for line, values in chosen.items()
-    }
-    excluded = {line.key: line.excluded for line in chosen}
-    out = []
-    for (line, shown), best in zip(texts.items(), best_of_columns(compared), strict=True):
-        cells = [TableCell(shown.get(key, DASH), key in best) for key in keys]
-        cells += [TableCell(number_text(line.coverage))] * gaps
-        out.append(Line(line.name, tuple(cells), with_exclusion(line.note, line.excluded)))
-        for group in seeds:
-            if line.key == group.runs[-1] and numbers.keys() >= set(group.runs):
-                out.append(seed_line(group, numbers, excluded[group.runs[0]]))
-    return tuple(out)
+    columns = [*(_column(key, metric) for key in keys), *[Column("Coverage")] * gaps]
+    return Table.of(name, title, columns, sections, remarks, keep_empty=True)
 
 
 def _column(key: str, metric: str) -> Column:
     if key in (CLEAN, AVERAGE):
         return Column("Clean" if key == CLEAN else f"AVG {METRIC_LABELS[metric]}")
-    return Column(short_label(key), family_label(key) or "Others")
+    return Column(short_label(key), group=family_label(key) or "Others")
 
 
 def _published_without_flow(benchmark: str) -> bool:
@@ -140,20 +104,16 @@ def _measured_on(benchmarks: Iterable[str]) -> str:
 _COST_COLUMNS = (
     Column("Param. (M)"),
     Column("FLOPs (G)"),
-    *(Column(setting, "CREr & rank") for setting in ("OOD", "ID", "other")),
-    *(Column(setting, "Avg. rank") for setting in ("OOD", "ID")),
+    *(Column(setting, group="CREr & rank") for setting in ("OOD", "ID", "other")),
+    *(Column(setting, group="Avg. rank") for setting in ("OOD", "ID")),
 )
 
 
 def cost_table(results: Sequence[ModelResult]) -> Table:
     """Tabulate size, computing cost, CREr, and the ranks derived from them."""
-    sections = []
-    if printed := _published_costs(results):
-        sections.append(Section("Published", printed))
-    others = [line for line in results if line.frames != PAPER]
-    if lines := tuple(_cost_line(line) for line in others if CRER in line.values):
-        sections.append(Section("Measured on different frames", lines))
-    if not sections:
+    printed, others = _published_costs(results), [line for line in results if line.frames != PAPER]
+    measured = [_cost_row(line) for line in others if CRER in line.values]
+    if not printed and not measured:
         raise UsageError("--table", "'cost' would be empty: it needs the published costs, or runs with a CREr")
     remarks = [
         "Published FLOPs are ranked over all models, CREr within its setting; lower is better, equal values share a "
@@ -164,38 +124,38 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
             f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted)."
         )
-    table = Table("cost", "Computing cost, CREr and average rank", _COST_COLUMNS, tuple(sections), tuple(remarks))
-    return table.without_empty_columns()
+    rows = {"Published": printed, "Measured on different frames": measured}
+    return Table.of("cost", "Computing cost, CREr and average rank", _COST_COLUMNS, rows, remarks)
 
 
-def _published_costs(results: Sequence[ModelResult]) -> tuple[Line, ...]:
-    lines = []
+def _published_costs(results: Sequence[ModelResult]) -> list[Row]:
+    rows = []
     for name in published_costs():
         printed = (line for line in results if line.name == name and RANKS["flops"] in line.values)
         of_setting = {line.setting: line.values for line in printed}
         if not of_setting:
             continue
         model = next(iter(of_setting.values()))
-        texts = [model[PARAMETERS].text, _with_rank(model, FLOPS, RANKS["flops"])]
+        texts: list[str | None] = [model[PARAMETERS].text, _with_rank(model, FLOPS, RANKS["flops"])]
         texts += [_with_rank(of_setting.get(setting, {}), CRER, RANKS["crer"]) for setting in ("OOD", "ID")]
         ranks = [of_setting.get(setting, {}).get(RANKS["average"]) for setting in ("OOD", "ID")]
-        cells = [*map(TableCell, (*texts, DASH))]
-        cells += [TableCell(DASH) if rank is None else TableCell(rank.text, rank.number == 1) for rank in ranks]
-        lines.append(Line(name, tuple(cells), best=any(cell.best for cell in cells)))
-    return tuple(lines)
+        cells = [TableCell(rank.text, rank.number == 1) if rank else None for rank in ranks]
+        rows.append(Row(name, [*texts, None, *cells], best=any(cell and cell.best for cell in cells)))
+    return rows
 
 
-def _with_rank(values: Mapping[ValueKey, Value], key: ValueKey, rank: ValueKey) -> str:
-    return f"{values[key].text} ({values[rank].text})" if rank in values else DASH
+def _with_rank(values: Mapping[ValueKey, Value], key: ValueKey, rank: ValueKey) -> str | None:
+    return f"{values[key].text} ({values[rank].text})" if rank in values else None
 
 
-def _cost_line(result: ModelResult) -> Line:
-    texts, notes = [DASH] * len(_COST_COLUMNS), [full_note(result)]
+def _cost_row(result: ModelResult) -> Row:
+    texts: list[str | None] = [None] * len(_COST_COLUMNS)
+    notes = [full_note(result)]
     texts[{"OOD": 2, "ID": 3}.get(result.setting, 4)] = result.values[CRER].text
     if result.run is not None and (found := read_cost(result.run)) is not None:
         texts[:2] = result.values[PARAMETERS].text, result.values[FLOPS].text
         notes.append(_counted_note(found))
-    return Line.of(result.name, texts, "; ".join(filter(None, notes)))
+    return Row(result.name, texts, "; ".join(filter(None, notes)))
 
 
 def _counted_note(found: RunCost) -> str:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import RunError, UsageError
 from ..core.text import counted, first_of, plain
+from ..metrics.means import Means
 from ..metrics.measures import CONFIDENCE, UNCOUPLED
 from ..run.comparable import named_runs
 from ..run.run import Run
 from ..stats.anatomy import error_parts, severity_slopes
 from ..stats.effective import effective_robustness
-from ..stats.flat_and_depth import TwinComparison, twin_comparisons
+from ..stats.flat_and_depth import twin_comparisons
 from ..stats.frame import confidence_means, uncoupled_means
 from ..stats.model_result import ModelResult, by_frames, not_ranked, ranked
 from ..stats.published.tables import PAPER
@@ -36,17 +38,14 @@ from ..stats.uncertainty import intervals
 from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .table import (
     DASH,
-    Column,
-    Line,
-    Section,
+    Row,
     Table,
     Wanted,
     differences_remark,
     full_note,
     interval_text,
-    lines_of_models,
     number_text,
-    signed_text,
+    rows_of_models,
 )
 
 MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in RESULT_METRICS}
@@ -60,6 +59,19 @@ _WITHOUT_TRUTH = {
 _MOST_NAMED = 4
 
 
+Cell = tuple[str, int | None]
+"""(measure, severity) of a column or (condition, severity) of a row; None for the mean over severities."""
+
+
+def rows_of_means(means: Means, columns: Iterable[Cell], rows: Mapping[str, Cell]) -> list[Row]:
+    """Return the row of each condition, by label, with the mean of each measure."""
+    columns = list(columns)
+    return [
+        Row(label, [means.get((measure, of, at or level)) for measure, level in columns])
+        for label, (of, at) in rows.items()
+    ]
+
+
 def corruptions_table(run: Run, title: str) -> Table:
     """Tabulate the means of a run for each corruption, and its EPE (RCRE without ground truth) at each severity."""
     corruptions, levels = run.measured.corruptions, run.measured.severities
@@ -67,42 +79,34 @@ def corruptions_table(run: Run, title: str) -> Table:
     at_each = "epe" if "epe" in metrics else "rcre"
     metrics += ["photometric"] * (at_each == "rcre")
     metrics += ["coverage"] * run.averages.has_gaps + ["spread"] * (run.mean("spread") is not None)
-    at_levels = [f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level) for level in levels]
-    lines = []
-    for name in corruptions:
-        values = [*(run.mean(m, name) for m in metrics), *(run.mean(at_each, name, level) for level in levels)]
-        lines.append(Line.of_numbers(name, values))
-    lines.append(Line.of("mean", (*(number_text(run.mean(m)) for m in metrics), *[""] * len(levels))))
-    columns = [*(METRIC_LABELS.get(m, m) for m in metrics), *at_levels]
-    return Table("corruptions", title, tuple(map(Column, columns)), (Section("", tuple(lines)),), (), "Corruption")
+    shown: list[Cell] = [*((metric, None) for metric in metrics), *((at_each, level) for level in levels)]
+    rows = rows_of_means(run.means, shown, {name: (name, None) for name in corruptions})
+    rows.append(Row("mean", ["" if level else run.mean(metric) for metric, level in shown]))
+    labels = [METRIC_LABELS.get(m, m) for m in metrics]
+    labels += [f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level) for level in levels]
+    return Table.of("corruptions", title, labels, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
 def severities_table(run: Run, metric: str, title: str) -> Table:
     """Tabulate a measure of a run, or one of `UNCOUPLED`, by corruption and severity, with the mean over severities."""
-    numbers = uncoupled_means(run.rows) if metric in UNCOUPLED else run.means
-    levels = [
-        level for level in SEVERITIES if any((metric, name, level) in numbers for name in run.measured.corruptions)
-    ]
-    lines = [
-        Line.of_numbers(name, (numbers.get((metric, name, level)) for level in (*levels, None)))
-        for name in run.measured.corruptions
-    ]
-    lines.append(Line.of("mean", (*[""] * len(levels), number_text(numbers.get((metric, AVERAGE, None))))))
-    columns = tuple(map(Column, (*map(str, levels), "mean")))
-    return Table("severities", title, columns, (Section("", tuple(lines)),), row_header="Corruption")
+    numbers, names = uncoupled_means(run.rows) if metric in UNCOUPLED else run.means, run.measured.corruptions
+    levels = [level for level in SEVERITIES if any((metric, name, level) in numbers for name in names)]
+    rows = rows_of_means(numbers, [(metric, at) for at in (*levels, None)], {name: (name, None) for name in names})
+    rows.append(Row("mean", [*[""] * len(levels), numbers.get((metric, AVERAGE, None))]))
+    labels = [*map(str, levels), "mean"]
+    return Table.of("severities", title, labels, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
 def result_table(run: Run) -> Table:
     """Tabulate the means of a run, overall and by corruption class."""
     metrics = [metric for metric in METRIC_LABELS if run.mean(metric) is not None]
     metrics = metrics[:-1] if run.epe is not None else metrics  # the photometric error replaces a missing EPE
-    known = {AVERAGE: "all"} | {
-        name: label for name, label in FAMILY_LABELS.items() if run.mean("rcre", name) is not None
-    }
-    lines = [Line.of_numbers(label, (run.mean(metric, of) for metric in metrics)) for of, label in known.items()]
+    families = {label: name for name, label in FAMILY_LABELS.items() if run.mean("rcre", name) is not None}
+    conditions: dict[str, Cell] = {label: (of, None) for label, of in ({"all": AVERAGE} | families).items()}
+    rows = rows_of_means(run.means, [(metric, None) for metric in metrics], conditions)
     remarks = [f"clean EPE {run.epe_clean:.2f} px" if run.epe_clean is not None else "", comparison_note(run)]
     title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark_words(run.benchmark)}"
-    return Table.of("result", title, map(metric_label, metrics), {"Means": lines}, remarks, "Corruptions")
+    return Table.of("result", title, map(metric_label, metrics), {"Means": rows}, remarks, "Corruptions")
 
 
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
@@ -114,8 +118,8 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
         run = line.run if without_truth else None
         clean = (run.mean(name, CLEAN) if run else None for name in _WITHOUT_TRUTH)
         values[line.key] = [*(line.number(*key) for key in MEANS), *clean]
-    lines = lines_of_models(results, values, seeds)
-    return Table.of("runs", "Means", (*MEANS.values(), *_WITHOUT_TRUTH.values()), {"Runs": lines})
+    columns = (*MEANS.values(), *_WITHOUT_TRUTH.values())
+    return Table.of("runs", "Means", columns, {"Runs": rows_of_models(results, values, seeds)})
 
 
 def row(wanted: Wanted) -> list[Table]:
@@ -132,31 +136,24 @@ def means(wanted: Wanted) -> list[Table]:
     texts, values = {}, {}
     for line in results:
         assert line.run is not None
-        rows = intervals(line.run.rows).to_dicts()
-        estimates = {(one["metric"], one["corruption"]): one for one in rows}
+        estimates = {(one["metric"], one["corruption"]): one for one in intervals(line.run.rows).to_dicts()}
         spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
-        texts[line.key] = [*(_estimate(estimates.get(key)) for key in MEANS), number_text(spread)]
-        values[line.key] = [*(estimates[key]["estimate"] if key in estimates else None for key in MEANS), spread]
-        known += [estimates[key]["low"] is not None for key in MEANS if key in estimates]
+        shown = {key: estimates[key] for key in MEANS if key in estimates}
+        ends = {key: None if one["low"] is None else (one["low"], one["high"]) for key, one in shown.items()}
+        text = {key: f"{one['estimate']:.2f} {interval_text(ends[key])}".rstrip() for key, one in shown.items()}
+        texts[line.key] = [*map(text.get, MEANS), spread]
+        values[line.key] = [*(shown[key]["estimate"] if key in shown else None for key in MEANS), spread]
+        known += [pair is not None for pair in ends.values()]
     least = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
     remarks = [f"No intervals: they need at least {least}."]
+    about = "sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over images or sequences."
     if any(known):
         remarks = [f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if any."]
         remarks += [f"Means without an interval: fewer than {least}, or one decides the mean."] * (not all(known))
-    about = "sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over images or sequences."
-    if any(known):
         about += " Up to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, perhaps in fewer."
     title = "Means with intervals" if any(known) else "Means"
-    lines = lines_of_models(results, values, wanted.seeds, texts)
-    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": lines}, [*remarks, about])]
-
-
-def _estimate(one: dict[str, float | None] | None) -> str:
-    if one is None:
-        return DASH
-    low, high = one["low"], one["high"]
-    ends = None if low is None or high is None else (low, high)
-    return f"{number_text(one['estimate'])} {interval_text(ends)}".rstrip()
+    rows = rows_of_models(results, values, wanted.seeds, texts)
+    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": rows}, [*remarks, about])]
 
 
 _CONFIDENCE_REMARK = (
@@ -172,18 +169,16 @@ _CONDITIONS = {CLEAN: "Clean", AVERAGE: "All corruptions"} | FAMILY_LABELS
 def confidence_table(run: Run) -> Table | None:
     """Tabulate the confidence scores of a run by corruption family and by severity; return None if it has none."""
     numbers = confidence_means(run.rows)
-    at = {(condition, severity) for _, condition, severity in numbers}
-
-    def line(condition: str, severity: int | None) -> Line:
-        label = _CONDITIONS[condition] if severity is None else f"{_CONDITIONS[condition]} {severity}"
-        return Line.of_numbers(label, (numbers.get((measure, condition, severity)) for measure in _CONFIDENCE_SHOWN))
-
-    sections = {
-        "Means": [line(name, None) for name in _CONDITIONS if (name, None) in at],
-        "By severity": [line(name, level) for name in FAMILY_LABELS for level in SEVERITIES if (name, level) in at],
-    }
     if not numbers:
         return None
+    known = {(condition, severity) for _, condition, severity in numbers}
+    wholes: dict[str, Cell] = {label: (name, None) for name, label in _CONDITIONS.items()}
+    levels: dict[str, Cell] = {f"{label} {at}": (of, at) for of, label in FAMILY_LABELS.items() for at in SEVERITIES}
+    columns: list[Cell] = [(measure, None) for measure in _CONFIDENCE_SHOWN]
+    sections = {
+        title: rows_of_means(numbers, columns, {label: at for label, at in rows.items() if at in known})
+        for title, rows in {"Means": wholes, "By severity": levels}.items()
+    }
     title = f"Confidence ({run.manifest.identity.measuring.confidence})"
     labels = map(metric_label, _CONFIDENCE_SHOWN)
     return Table.of("confidence", title, labels, sections, [_CONFIDENCE_REMARK], "Corruptions")
@@ -201,7 +196,7 @@ def uncoupled(wanted: Wanted) -> list[Table]:
     """Tabulate the measures that depend less on accuracy than CRE. With five or more ranked models on the same frames,
     add the rank correlations of CRE and log ratio with the clean EPE."""
     results = wanted.of_runs("uncoupled")
-    lines, same_frames = [], dict[str, list[tuple[float, float, float]]]()
+    rows, same_frames = [], dict[str, list[tuple[float, float, float]]]()
     for result in results:
         assert result.run is not None
         numbers, clean, cre = uncoupled_means(result.run.rows), result.run.epe_clean, result.run.cre
@@ -209,22 +204,22 @@ def uncoupled(wanted: Wanted) -> list[Table]:
         ratio = values["log_ratio"]
         if ratio is None and values["median_cre"] is None:
             continue
-        lines.append(Line.of_numbers(result.name, (clean, cre, *values.values()), full_note(result)))
+        rows.append((result.name, (clean, cre, *values.values()), full_note(result)))
         if clean is not None and cre is not None and ratio is not None and not result.excluded:
             same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
-    if not lines:
+    if not rows:
         raise UsageError("--table", "'uncoupled' needs ground truth, which none of these runs has")
     remarks = [_UNCOUPLED_REMARK]
     for models in same_frames.values():
         if len(models) >= LEAST_MODELS:
             accuracy, *others = map(list, zip(*models, strict=True))
-            of_cre, of_ratio = (signed_text(spearman(accuracy, one)) for one in others)
+            of_cre, of_ratio = (number_text(spearman(accuracy, one), "{:+.2f}") for one in others)
             remarks.append(
                 f"Rank correlation with the clean EPE over {len(models)} models: CRE {of_cre}, log ratio {of_ratio}."
             )
     remarks.append(left_out_remark(results))
     labels = ("clean EPE (px)", "CRE (px)", *map(metric_label, UNCOUPLED), *_CORRELATIONS.values())
-    return [Table.of("uncoupled", "Robustness beside accuracy", labels, {"Runs": lines}, remarks)]
+    return [Table.of("uncoupled", "Robustness beside accuracy", labels, {"Runs": rows}, remarks)]
 
 
 def left_out_remark(results: Sequence[ModelResult]) -> str:
@@ -250,9 +245,7 @@ def effective(wanted: Wanted) -> list[Table]:
         whose = "published models" if frames == PAPER else on_benchmark(models, part[0].benchmark)
         sections = {
             SETTING_LABELS.get(setting, setting): [
-                Line.of_numbers(
-                    one.line.name, (one.clean, one.corrupted, one.expected, one.factor), full_note(one.line)
-                )
+                (one.line.name, (one.clean, one.corrupted, one.expected, one.factor), full_note(one.line))
                 for one in of_setting
             ]
             for setting, of_setting in settings.items()
@@ -270,26 +263,30 @@ def effective(wanted: Wanted) -> list[Table]:
 
 
 def anatomy(wanted: Wanted) -> list[Table]:
-    """Return the error of each run by part."""
+    """Return the error of each run by part, and its slope over severities."""
     wanted.of_runs("anatomy")
-    return [anatomy_table(wanted.runs)]
+    named = named_runs(wanted.runs)
+    slopes = {name: severity_slopes(run.averages, "rcre").items() for name, run in named.items()}
+    sections = {
+        name: [*parts_of(run), *((long_label(corruption), [*[None] * 6, slope]) for corruption, slope in slopes[name])]
+        for name, run in named.items()
+    }
+    return [anatomy_table(sections, differences_remark(named))]
 
 
-def anatomy_table(runs: Sequence[Run]) -> Table:
-    """Tabulate the error of each run by image region and corruption family, and its slope over severities."""
-    named = named_runs(runs)
-    sections = {}
-    for name, run in named.items():
-        lines = [Line.of_numbers(label, (*numbers, None)) for label, *numbers in error_parts(run.averages)]
-        slopes = severity_slopes(run.averages, "rcre").items()
-        lines += [Line.of_numbers(long_label(corruption), [None] * 6 + [slope]) for corruption, slope in slopes]
-        sections[name] = lines
+def parts_of(run: Run) -> list[Row]:
+    """Return the error of a run by image region and corruption family, without slopes."""
+    return [Row(label, (*numbers, None)) for label, *numbers in error_parts(run.averages)]
+
+
+def anatomy_table(sections: Mapping[str, Iterable[Any]], remark: str = "") -> Table:
+    """Tabulate the parts of the error of runs."""
     explained = (
         "share: share of the pixels; adds: contribution of a family to the mean CRE; broken: net share of pixels that "
         "became Fl outliers; slope: RCRE per severity step."
     )
     labels = ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")
-    return Table.of("anatomy", "Anatomy of error", labels, sections, [explained, differences_remark(named)], "Part")
+    return Table.of("anatomy", "Anatomy of error", labels, sections, [explained, remark], "Part")
 
 
 def flat_and_depth(wanted: Wanted) -> list[Table]:
@@ -304,12 +301,19 @@ def flat_and_depth(wanted: Wanted) -> list[Table]:
         raise UsageError(
             "--table", "'flat-and-depth' needs runs with a corruption and its 3D counterpart, for example fog,fog_3d"
         )
-    sections = {"Rank correlation over models": list(map(_correlation_line, found))}
+    sections: dict[str, list[Any]] = {
+        "Rank correlation over models": [
+            (
+                f"{one.flat}, {one.deep} ({counted(one.count, 'model')})",
+                (DASH, DASH, *signed(one.rho, one.interval)),
+                few_note(one.count),
+            )
+            for one in found
+        ]
+    }
     for one in found:
         sections[f"{one.flat} and {one.deep}, severities {', '.join(map(str, one.severities))}"] = [
-            Line.of_numbers(
-                plain(m.model), (m.flat, m.deep, m.difference.estimate, m.difference.low, m.difference.high), m.excluded
-            )
+            (plain(m.model), (m.flat, m.deep, m.difference.estimate, m.difference.low, m.difference.high), m.excluded)
             for m in one.models
         ]
     remarks = [
@@ -323,9 +327,9 @@ def flat_and_depth(wanted: Wanted) -> list[Table]:
     return [Table.of("flat-and-depth", title, labels, sections, remarks, "Corruptions, model", keep_empty=True)]
 
 
-def _correlation_line(one: TwinComparison) -> Line:
-    texts = map(signed_text, (one.rho, *(one.interval or (None, None))))
-    return Line.of(f"{one.flat}, {one.deep} ({counted(one.count, 'model')})", (DASH, DASH, *texts), few_note(one.count))
+def signed(rho: float | None, interval: tuple[float, float] | None) -> list[str]:
+    """Return a correlation and the ends of its interval with their signs."""
+    return [number_text(value, "{:+.2f}") for value in (rho, *(interval or (None, None)))]
 
 
 def few_note(models: int) -> str:

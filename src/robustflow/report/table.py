@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
 from statistics import mean, stdev
+from typing import Any, NamedTuple
 
 from ..core.errors import UsageError
 from ..core.text import plain
 from ..run.comparable import differences
 from ..run.run import Run
-from ..stats.model_result import ModelResult, Value, run_results
+from ..stats.model_result import ModelResult, run_results
 from ..stats.published.tables import published_results
 from ..stats.seeds import SeedGroup, seed_groups
 
@@ -25,10 +26,11 @@ LONGEST_NOTE = 600
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table. Pages use the last five: the measure and condition of the values, an explanation, the unit,
-    the views that show the column, and the value of the strongest shade."""
+    """A column of a table, with the format of its numbers. Pages use the last five: the measure and condition of the
+    values, an explanation, the unit, the views that show the column, and the value of the strongest shade."""
 
     label: str
+    format: str = "{:.2f}"
     group: str = ""
     prose: bool = False
     key: tuple[str, str] = ("", "")
@@ -48,6 +50,16 @@ class TableCell:
     derived: bool = False
 
 
+class Row(NamedTuple):
+    """What a line is made from: numbers to be written in the formats of their columns, texts, cells, and None for what
+    is missing. `best` shades the whole line."""
+
+    label: str
+    values: Iterable[float | str | TableCell | None]
+    note: str = ""
+    best: bool = False
+
+
 @dataclass(frozen=True)
 class Line:
     """A line of a table."""
@@ -59,18 +71,17 @@ class Line:
     result: ModelResult | None = None
 
     @classmethod
-    def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
-        """Make a line from texts, without marking any of them as best."""
-        return cls(label, tuple(map(TableCell, texts)), note)
+    def of(cls, row: Row, columns: Sequence[Column]) -> Line:
+        """Write the values of a row.
 
-    @classmethod
-    def of_numbers(cls, label: str, numbers: Iterable[float | None], note: str = "") -> Line:
-        """Make a line from numbers with two decimals, without marking any of them as best.
-
-        >>> [cell.text for cell in Line.of_numbers("RAFT", [1.23456, None]).cells]
-        ['1.23', '-']
+        >>> [cell.text for cell in Line.of(Row("RAFT", [1.23456, None, "OOD"]), [Column("EPE")] * 3).cells]
+        ['1.23', '-', 'OOD']
         """
-        return cls.of(label, map(number_text, numbers), note)
+        cells = (
+            value if isinstance(value, TableCell) else TableCell(number_text(value, column.format))
+            for value, column in zip(row.values, columns, strict=True)
+        )
+        return cls(row.label, tuple(cells), row.note, row.best)
 
 
 @dataclass(frozen=True)
@@ -97,16 +108,23 @@ class Table:
         cls,
         name: str,
         title: str,
-        columns: Iterable[str],
-        sections: Mapping[str, Iterable[Line]],
+        columns: Iterable[str | Column],
+        rows: Mapping[str, Iterable[Row | tuple[Any, ...]]],
         remarks: Iterable[str] = (),
         row_header: str = "Model",
         keep_empty: bool = False,
     ) -> Table:
-        """Make a table from labels of columns and lines by section title, without empty sections and, unless they are
-        kept, empty columns."""
-        shown = tuple(Section(heading, lines) for heading, of in sections.items() if (lines := tuple(of)))
-        table = cls(name, title, tuple(map(Column, columns)), shown, tuple(filter(None, remarks)), row_header)
+        """Make a table from columns (or their labels) and rows by the title of their section, without empty sections
+        and, unless they are kept, empty columns.
+
+        >>> table = Table.of("means", "Means", ("CRE", "RCRE"), {"Runs": [("dis", [None, 2.92])], "Published": []})
+        >>> [column.label for column in table.columns], [section.title for section in table.sections]
+        (['RCRE'], ['Runs'])
+        """
+        known = tuple(column if isinstance(column, Column) else Column(column) for column in columns)
+        lines = {heading: tuple(Line.of(Row(*row), known) for row in of) for heading, of in rows.items()}
+        sections = tuple(Section(heading, of) for heading, of in lines.items() if of)
+        table = cls(name, title, known, sections, tuple(filter(None, remarks)), row_header)
         return table if keep_empty else table.without_empty_columns()
 
     @property
@@ -123,8 +141,8 @@ class Table:
     def with_shared_notes(self) -> Table:
         """Return the table with what every line's note says as its first remark, and no longer on the lines.
 
-        >>> lines = [Line.of("dis", ["1"], "6 pairs"), Line.of("tiny", ["2"], "6 pairs; not ranked: its weights")]
-        >>> table = Table.of("means", "Means", ("EPE",), {"Runs": lines}).with_shared_notes()
+        >>> rows = [("dis", ["1"], "6 pairs"), ("tiny", ["2"], "6 pairs; not ranked: its weights")]
+        >>> table = Table.of("means", "Means", ("EPE",), {"Runs": rows}).with_shared_notes()
         >>> table.remarks, [line.note for line in table.lines]
         (('6 pairs.',), ['', 'not ranked: its weights'])
         """
@@ -141,12 +159,7 @@ class Table:
         return replace(self, sections=sections, remarks=(remark, *self.remarks))
 
     def without_empty_columns(self) -> Table:
-        """Return the table without columns that contain only dashes.
-
-        >>> lines = [Line.of_numbers("dis", (None, 2.92)), Line.of_numbers("tiny", (None, None))]
-        >>> [column.label for column in Table.of("means", "Means", ("CRE", "RCRE"), {"Runs": lines}).columns]
-        ['RCRE']
-        """
+        """Return the table without columns that contain only dashes."""
         filled = [any(line.cells[place].text != DASH for line in self.lines) for place in range(len(self.columns))]
         sections = tuple(
             replace(
@@ -179,27 +192,26 @@ def differences_remark(runs: Mapping[str, Run]) -> str:
     return f"The runs differ: {words}." if words else ""
 
 
-def lines_of_models(
+def rows_of_models(
     results: Iterable[ModelResult],
     values: Mapping[tuple[str, str], Sequence[float | None]],
     seeds: Sequence[SeedGroup],
-    texts: Mapping[tuple[str, str], Sequence[str]] | None = None,
-) -> list[Line]:
-    """Return a line for each result with values (by `ModelResult.key`), formatted as `texts` if given. The mean and
+    shown: Mapping[tuple[str, str], Sequence[float | str | None]] | None = None,
+) -> list[Row]:
+    """Return a row for each result with values (by `ModelResult.key`), or with what is shown of them. The mean and
     standard deviation over the seeds of a group follow the group's last run."""
-    lines = []
+    rows = []
     for line in results:
         if line.key in values:
-            shown = texts[line.key] if texts else list(map(number_text, values[line.key]))
-            lines.append(Line.of(line.name, shown, full_note(line)))
-        lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
-    return lines
+            rows.append(Row(line.name, (shown or values)[line.key], full_note(line)))
+        rows += [seed_row(group, values) for group in seeds if group.runs[-1] == line.key]
+    return rows
 
 
-def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Line:
-    """Return the line with the means and standard deviations over the seeds of a group."""
+def seed_row(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Row:
+    """Return the row with the means and standard deviations over the seeds of a group."""
     columns = zip(*(values[run] for run in group.runs), strict=True)
-    return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
+    return Row(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
 
 def spread_text(values: Sequence[float | None]) -> str:
@@ -225,14 +237,11 @@ def interval_text(ends: tuple[float, float] | None) -> str:
     return f"[{low}, {high}]"
 
 
-def number_text(value: float | None, decimals: int | None = None) -> str:
-    """Format a number as printed in its source, or with two decimals."""
-    return DASH if value is None else Value(value, decimals).text
-
-
-def signed_text(value: float | None) -> str:
-    """Format a number with its sign and two decimals."""
-    return DASH if value is None else f"{value:+.2f}"
+def number_text(value: float | str | None, format: str = "{:.2f}") -> str:
+    """Format a number, with two decimals by default; a dash if there is none. Texts stay as they are."""
+    if value is None:
+        return DASH
+    return value if isinstance(value, str) else format.format(value)
 
 
 @dataclass(frozen=True)

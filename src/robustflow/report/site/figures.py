@@ -23,7 +23,7 @@ from ..figures.canvas import MarkedFigure
 from ..figures.curves import MOST_LINES, scale_panels, security_figure, sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from ..leaderboard import by_error
-from ..table import DASH, Column, Line, Section, Table
+from ..table import Table
 from .content import Content
 from .svg import inline_svg, key_markup
 
@@ -167,8 +167,8 @@ def _numbers(head: str, figure: MarkedFigure) -> Table | None:
     labels = [
         label for label in dict.fromkeys(key for one in known for key in one) if any(one.get(label) for one in known)
     ]
-    lines = [
-        Line.of(plain(mark.model), (values.get(label) or DASH for label in labels))
+    rows = [
+        (plain(mark.model), [values.get(label) or None for label in labels])
         for mark, values in zip(marks, known, strict=True)
     ]
-    return Table("figure", "", tuple(map(Column, labels)), (Section("", tuple(lines)),), row_header=head)
+    return Table.of("figure", "", labels, {"": rows}, row_header=head)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ...core.text import plain
@@ -25,8 +26,8 @@ from ...stats.results import (
     setting_words,
 )
 from ...stats.run_results import comparison_note
-from ..run_tables import anatomy_table
-from ..table import DASH, Column, Line, Section, Table, TableCell, interval_text, number_text
+from ..run_tables import anatomy_table, parts_of
+from ..table import Column, Table, TableCell, interval_text, number_text
 from .content import Content
 
 if TYPE_CHECKING:
@@ -55,21 +56,21 @@ def _tables(lines: Sequence[ModelResult], content: Content) -> Iterator[Table]:
         for metric in ("epe", "cre", "rcre", "photometric", "spread"):
             if _has_table(lines[0], run, metric):
                 yield _severities(lines[0], run, metric)
-        yield from _parts(run)
+        if parts := parts_of(run):  # the severity tables show the slopes
+            yield replace(anatomy_table({"": parts}), name=PARTS)
         facts = _run_facts(run)
     else:
         for benchmark in dict.fromkeys(line.benchmark for line in lines):
             yield _settings(benchmark, [line for line in lines if line.benchmark == benchmark])
         facts = _published_facts(lines)
-    known = (Line.of(label, (plain(text, _LONGEST),)) for label, text in facts if text)
-    yield Table(FACTS, "About this result", (Column(""),), (Section("", tuple(known)),))
+    rows = [(label, [plain(text, _LONGEST)]) for label, text in facts if text]
+    yield Table.of(FACTS, "About this result", [""], {"": rows}, keep_empty=True)
 
 
 def _scores(line: ModelResult, cells: Mapping[ValueKey, TableCell]) -> Table:
     keys = [key for key in OVERALL if key in cells]
-    columns = tuple(Column(mean_label(*key)) for key in keys)
-    values = Line(plain(line.setting, 40), tuple(cells[key] for key in keys), plain(line.note, 300))
-    return Table(SCORES, benchmark_label(line.benchmark), columns, (Section("", (values,)),))
+    row = (plain(line.setting, 40), [cells[key] for key in keys], plain(line.note, 300))
+    return Table.of(SCORES, benchmark_label(line.benchmark), [mean_label(*key) for key in keys], {"": [row]})
 
 
 def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
@@ -80,45 +81,36 @@ def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
 
 
 def _severities(line: ModelResult, run: Run, metric: str) -> Table:
-    table = run.table(metric)
-    levels = [column for column in table.columns if column.isdigit()]
-    top = scale_top(value for level in levels for value in table[level])
+    levels = run.measured.severities
     slopes = severity_slopes(run.averages, metric)
-    lines = []
-    for row in table.iter_rows(named=True):
-        interval = interval_text(line.intervals.get((metric, row["corruption"])))
-        cells = [TableCell(number_text(row[level])) for level in levels]
-        cells.append(TableCell(number_text(row["mean"]), interval=interval))
-        cells += [TableCell(number_text(slopes.get(row["corruption"])))] * bool(slopes)
-        lines.append(Line(plain(long_label(row["corruption"])), tuple(cells)))
-    columns = [Column(label, strongest=top) for label in (*levels, "mean")] + [Column("slope")] * bool(slopes)
+    rows = []
+    for name in run.measured.corruptions:
+        mean = TableCell(
+            number_text(run.mean(metric, name)), interval=interval_text(line.intervals.get((metric, name)))
+        )
+        values = (run.mean(metric, name, level) for level in levels)
+        rows.append((plain(long_label(name)), [*values, mean, *[slopes.get(name)] * bool(slopes)]))
+    top = scale_top(run.mean(metric, name, level) for level in levels for name in run.measured.corruptions)
+    columns = [Column(label, strongest=top) for label in (*map(str, levels), "mean")] + [Column("slope")] * bool(slopes)
     label = "Standard deviation over draws (px)" if metric == "spread" else metric_label(metric)
-    return Table(SHADED, f"{label} by severity", tuple(columns), (Section("", tuple(lines)),), row_header="Corruption")
+    title = f"{label} by severity"
+    return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
 def _settings(benchmark: str, results: Sequence[ModelResult]) -> Table:
     names = ordered({name for r in results for m, name in r.values if m in _METRICS} - {CLEAN, AVERAGE})
     shown = [(m, r) for m in _METRICS for r in results if any((m, name) in r.values for name in names)]
     tops = {metric: scale_top(r.number(metric, name) for _, r in shown for name in names) for metric in _METRICS}
-    lines = [
-        Line.of(
+    rows = [
+        (
             "Average" if name == AVERAGE else long_label(name),
-            (r.values[m, name].text if (m, name) in r.values else DASH for m, r in shown),
+            [r.values[m, name].text if (m, name) in r.values else None for m, r in shown],
         )
         for name in [*names, AVERAGE]
     ]
-    columns = tuple(Column(f"{METRIC_LABELS[m]} {setting_words(r.setting)}", strongest=tops[m]) for m, r in shown)
+    columns = [Column(f"{METRIC_LABELS[m]} {setting_words(r.setting)}", strongest=tops[m]) for m, r in shown]
     title = f"{benchmark_label(benchmark)} (px)"
-    return Table(SHADED, title, columns, (Section("", tuple(lines)),), row_header="Corruption")
-
-
-def _parts(run: Run) -> Iterator[Table]:
-    """Yield the parts of the anatomy table about regions and families; the severity tables show the slopes."""
-    whole = anatomy_table([run])
-    lines = [line for line in whole.lines if any(cell.text != DASH for cell in line.cells[:2])]
-    if lines:
-        table = Table(PARTS, whole.title, whole.columns, (Section("", tuple(lines)),), whole.remarks, whole.row_header)
-        yield table.without_empty_columns()
+    return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
 def _run_facts(run: Run) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ from ..gallery import slider
 from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table
 from ..run_tables import confidence_table
-from ..table import Column, Line, Section, Table, number_text
+from ..table import Column, Table
 from .content import Content, run_content
 from .data import page_data
 from .examples import Examples, examples_of
@@ -30,7 +30,7 @@ from .headline import headline_of
 
 _PACKAGE = "robustflow.report.site"
 _SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "downloads.js")
-_FINDING_COLUMNS = (Column("Source", prose=True), Column("Setting"), Column("given"), Column("recomputed"))
+_FINDING_COLUMNS = (Column("Source", prose=True), "Setting", "given", "recomputed")
 REPORT = "report.html"
 
 
@@ -91,14 +91,12 @@ def _audits(content: Content, benchmark: str) -> list[tuple[str, str, list[tuple
         audit = audit_results(numbers, audited)
         checks = []
         for check, count in audit.checked.items():
-            found = tuple(
-                Line.of(
-                    plain(one.message, 400), (one.source, one.setting, *map(number_text, (one.given, one.recomputed)))
-                )
+            rows = [
+                (plain(one.message, 400), (one.source, one.setting, one.given, one.recomputed))
                 for one in audit.findings
                 if one.check == check
-            )
-            table = Table("findings", "", _FINDING_COLUMNS, (Section("", found),), row_header="Finding")
+            ]
+            table = Table.of("findings", "", _FINDING_COLUMNS, {"": rows}, row_header="Finding", keep_empty=True)
             checks.append((AUDIT_CHECKS[check], count, table))
         outcome = f"{len(audit.findings)} of {sum(audit.checked.values())} compared numbers are inconsistent"
         out.append((audited, outcome, checks))
