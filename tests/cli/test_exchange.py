@@ -10,17 +10,18 @@ import pytest
 
 from robustflow.api import load_run
 from robustflow.core.errors import RunError
-from robustflow.core.files import digest_of_value, json_bytes
+from robustflow.core.files import digest_of_value, json_bytes, sealed
 from robustflow.corruptions.api import STREAM_VERSION
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.data import page_data
 from robustflow.run.records.collection import add_records, collected
+from robustflow.run.records.format import container_bytes
 from robustflow.run.records.pack import load_any_run, pack, record_bytes
 from robustflow.stats.results_file import read_results, results_csv
 
 from ..refusals import refusal
-from ..run.records.forge import entries_of, sealed
+from ..run.records.forge import entries_of
 
 
 @pytest.fixture(scope="module")
@@ -122,11 +123,10 @@ def test_leaderboard_leaves_out_only_the_record_of_an_earlier_version(robustflow
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     old = Path("old.robustflow")
     entries = entries_of(records[0].read_bytes())
-    manifest, record = (json.loads(entries[name]) for name in ("manifest.json", "record.json"))
+    manifest = json.loads(entries["manifest.json"])
     manifest["identity"]["frames"]["streams"] = STREAM_VERSION - 1
-    manifest["identity_digest"] = record["run"] = digest_of_value(manifest["identity"])
-    changed = {"manifest.json": json_bytes(manifest), "record.json": json_bytes(record)}
-    old.write_bytes(sealed(entries | changed))
+    manifest["identity_digest"] = digest_of_value(manifest["identity"])
+    old.write_bytes(container_bytes(entries | {"manifest.json": json_bytes(sealed(manifest))}))
     reason = robustflow.refuses("report", old, code=1)
     code, out, left_out = robustflow("leaderboard", records[0], old, "--no-published", "-o", "page")
     assert (code, out) == (0, "page/index.html\n")

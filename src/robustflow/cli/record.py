@@ -65,7 +65,7 @@ def verify(
     ] = None,
     **given: Any,
 ) -> None:
-    """Check records: the file, its hashes, the plan and the rows, from which the means are computed.
+    """Check records: the file, the plan and the rows, from which the means are computed.
 
     With --data, everything except the prediction is recomputed for random rows: the input frames, byte for byte, and
     the values that depend on the ground truth. With --model as well, the same rows are predicted again. Exit codes: 0

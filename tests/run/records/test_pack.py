@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from robustflow.api import Result, evaluate
 from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.core.files import digest_of_value
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from robustflow.run.records.format import rows_from_text, rows_to_text, shareable_manifest
 from robustflow.run.records.pack import load_any_run, pack, record_bytes
@@ -24,7 +25,7 @@ from tests.made_rows import changed_identity
 
 from ...refusals import refusal
 from ..edited import edit_rows
-from .forge import entries_of, with_json
+from .forge import entries_of, verified, with_json
 
 _FLOATS = st.floats(0, 1e18, allow_nan=False) | st.sampled_from([5e-324, 0.1, 1e16, 1e-7, 123456789.12345679])
 _WORDS = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=20) | st.sampled_from(
@@ -142,7 +143,13 @@ class Strange(ZeroFlow):
 
 def test_file_of_a_different_kind_is_not_overwritten(run, tmp_path, packed):
     target = tmp_path / "mine.robustflow"
-    other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
+
+    def of_another_seed(manifest):
+        manifest["identity"]["frames"]["seed"] = 1
+        manifest["identity_digest"] = digest_of_value(manifest["identity"])
+
+    other = with_json(packed, "manifest.json", of_another_seed)
+    assert verified(other).ok
     for held in (b"letters", other):
         target.write_bytes(held)
         refusal(lambda: pack(run, target), RunError, target)

@@ -29,7 +29,7 @@ from ...metrics.rows import ROW_KEY, ROW_SCHEMA
 from ..costs import PROFILE
 from ..manifest import Manifest
 
-VERSION = 3
+VERSION = 4
 """Version of a record's contents, incremented when the contents or their meaning change."""
 LIMITS = {"record.json": 1 << 16, "manifest.json": 1 << 24, "rows.csv": 1 << 29, PROFILE: 1 << 16}
 """Entries of a record in order, with the maximum size of each in bytes."""
@@ -46,14 +46,12 @@ _HEADING = (",".join(ROW_SCHEMA) + "\n").encode()
 
 
 class Record(Untrusted):
-    """`record.json`: the version of the file, the digest of the run's identity, the SHA-256 of the other entries, and
-    what the submitter wrote: author, link and description are arbitrary plain text."""
+    """`record.json`: the version of the file, whether all planned rows are in it, and what the submitter wrote: author,
+    link and description are arbitrary plain text."""
 
     format: Literal["robustflow-record"] = "robustflow-record"
-    version: Literal[3] = 3
-    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+    version: Literal[4] = 4
     complete: bool
-    entries: dict[str, Annotated[str, Field(pattern="^[0-9a-f]{64}$")]]
     author: Annotated[str, Field(max_length=200)] = ""
     link: Annotated[str, Field(max_length=500)] = ""
     description: Annotated[str, Field(max_length=2000)] = ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import overload
@@ -53,7 +52,7 @@ def pack(
 def _run_of(path: Path) -> str | None:
     """Return the digest of the run in a record file, or None if the file is not a record."""
     try:
-        return Reader(path).facts.run
+        return Reader(path).plan.identity_digest
     except DataError:
         return None
 
@@ -76,10 +75,8 @@ def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, *
     entries = {"manifest.json": manifest.document(), "rows.csv": rows_to_text(pl.concat([run.rows, attacked]))}
     if (cost := read_cost(run)) is not None:
         entries[PROFILE] = document_bytes(cost.model_dump())
-    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in entries.items()}
     try:
-        facts = {"run": run.manifest.identity_digest, "complete": not missing, "entries": hashes}
-        record = Record.model_validate(facts | stated)
+        record = Record.model_validate({"complete": not missing, **stated})
     except ValidationError as error:
         raise DataError(f"--{error.errors()[0]['loc'][0]}", error.errors()[0]["msg"]) from error
     return container_bytes({"record.json": json_bytes(record.model_dump()), **entries})

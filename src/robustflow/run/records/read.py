@@ -74,8 +74,6 @@ class Reader:
         if (streams := plan.identity.frames.streams) != STREAM_VERSION:
             why = f"has frames of version {streams}, not {STREAM_VERSION}; use the version that packed it"
             raise DataError(name, why)
-        if plan.identity_digest != self.facts.run:
-            raise DataError("record.json", f"states the run {self.facts.run}, but {name} is of {plan.identity_digest}")
         if PROFILE in self.entries:
             cost = parse_cost(self.entries[PROFILE], PROFILE)
             _check_json(PROFILE, self.entries[PROFILE], document_bytes(cost.model_dump()))

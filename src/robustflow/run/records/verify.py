@@ -4,7 +4,6 @@ what no check of the file can prove.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from itertools import chain
 from pathlib import Path
@@ -64,18 +63,6 @@ class Subject(Frozen):
             **{name: getattr(run, name) for name in ("epe_clean", "epe", "cre", "crer", "rcre")},
             sentence=": ".join(str(run).splitlines()[:-1]),  # the last line is its folder
         )
-
-
-def check_hashes(reader: Reader) -> str:
-    """Check that every entry has the hash listed in `record.json`."""
-    found = {name: hashlib.sha256(data).hexdigest() for name, data in reader.entries.items() if name != "record.json"}
-    listed = reader.facts.entries
-    if listed.keys() != found.keys():
-        raise DataError("record.json", f"does not list exactly the entries of the file: {', '.join(found)}")
-    for name, sha256 in found.items():
-        if listed[name] != sha256:
-            raise DataError(name, "does not match its SHA-256 in record.json: it was changed or damaged")
-    return f"{len(found)} entries"
 
 
 def check_training(reader: Reader) -> str:
@@ -146,9 +133,11 @@ def check_measurements(reader: Reader) -> str:
 
 
 CHECKS: dict[str, tuple[str, DataCheck]] = {
-    "container": ("the file contains exactly the entries of a record", lambda reader: f"{len(reader.entries)} entries"),
+    "container": (
+        "the file contains exactly the entries of a record",
+        lambda reader: f"{len(reader.entries)} entries",
+    ),
     "record": ("this version can read the format", lambda reader: f"version {reader.facts.version}"),
-    "hashes": ("every entry matches its SHA-256", check_hashes),
     "manifest": (
         "the description of the run is complete, and matches its digest",
         lambda reader: f"run {reader.plan.identity_digest}",
