@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -74,11 +74,14 @@ class MeanInterval(NamedTuple):
     """Standard error of a mean and its degrees of freedom, the 95 % interval, and the two-sided p-value for the
     hypothesis that the mean is 0."""
 
-    error: float
-    freedom: float
-    low: float
-    high: float
-    p: float
+    error: float | None
+    freedom: float | None
+    low: float | None
+    high: float | None
+    p: float | None
+
+
+_NO_INTERVAL = MeanInterval(None, None, None, None, None)
 
 
 def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | None:
@@ -130,24 +133,9 @@ def _variances(differences: Array, seed_weights: Array, pair_weights: Array) -> 
 Runs = Mapping[tuple[str, str, int], Run]
 
 
-@dataclass(frozen=True)
-class Effect:
-    """A mean difference from the arm without corruptions, in pixels (for `crer`, as a fraction); negative values are
-    improvements.
-    """
-
-    difference: float
-    error: float | None
-    freedom: float | None
-    low: float | None
-    high: float | None
-    p: float | None
-    plain: float
-    value: float
-
-
 def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
-    """Return all effects on a dataset."""
+    """Return all effects on a dataset: mean differences from the arm without corruptions, in pixels (for `crer`, as a
+    fraction); negative values are improvements."""
     names = [arm.name for arm in arms()]
     scores = {name: [_scores(runs[name, dataset, seed]) for seed in seeds] for name in names}
     plain = scores[PLAIN]
@@ -157,12 +145,14 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
             about = {"data": dataset, "arm": name, "under": under, "seen": _trained_on(name, under)}
             for quantity in quantities:
                 before, after = (np.stack([one[under][quantity] for one in scores[which]]) for which in (PLAIN, name))
-                effect = _effect(before, after)
-                lines.append({**about, "quantity": quantity, **asdict(effect)})
+                found = interval(after - before) or _NO_INTERVAL
+                values = {"plain": float(before.mean()), "value": float(after.mean())}
+                difference = {"difference": float((after - before).mean()), **found._asdict()}
+                lines.append({**about, "quantity": quantity, **difference, **values})
             if under != CLEAN:
-                ratios = [_relative(scores[which], under) for which in (PLAIN, name)]
-                effect = Effect(ratios[1] - ratios[0], None, None, None, None, None, *ratios)
-                lines.append({**about, "quantity": "crer", **asdict(effect)})
+                ratios = {"plain": _relative(scores[PLAIN], under), "value": _relative(scores[name], under)}
+                difference = {"difference": ratios["value"] - ratios["plain"], **_NO_INTERVAL._asdict()}
+                lines.append({**about, "quantity": "crer", **difference, **ratios})
     return pl.DataFrame(
         lines,
         schema_overrides=dict.fromkeys(("error", "freedom", "low", "high", "p"), pl.Float64) | {"seen": pl.Boolean},
@@ -186,11 +176,6 @@ def left_out(runs: Runs, dataset: str) -> dict[int, str]:
 def _missed_motion_text(run: Run) -> str | None:
     missed = missed_motion(run.rows)
     return None if missed is None else f"clean EPE {missed[0]:.2f} px, zero flow {missed[1]:.2f} px"
-
-
-def _effect(plain: Array, arm: Array) -> Effect:
-    error, freedom, low, high, p = interval(arm - plain) or (None, None, None, None, None)
-    return Effect(float((arm - plain).mean()), error, freedom, low, high, p, float(plain.mean()), float(arm.mean()))
 
 
 def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:
