@@ -23,7 +23,7 @@ import numpy as np
 
 from ...core.errors import UsageError
 from ...core.rng import Rng
-from .statistic import Array, Estimates, Statistic
+from .statistic import Array, Estimates, Statistic, of_data
 
 RESAMPLES = 4999
 LEVEL = 0.95
@@ -57,7 +57,7 @@ def bootstrap(
 ) -> dict[Key, Interval]:
     """Compute symmetric intervals and p-values for several statistics from the same data and the same resamples."""
     check_options(level, resamples)
-    found = estimates_of(statistics, clusters)
+    found = {key: of_data(statistic, clusters) for key, statistic in statistics.items()}
     tested = {key: one for key, one in statistics.items() if enough_clusters(found[key].clusters, level)}
     pivots = resampled_pivots(tested, clusters, resamples, seed)
     return {
@@ -66,14 +66,9 @@ def bootstrap(
     }
 
 
-def estimates_of(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Estimates]:
-    """Compute statistics of the data themselves, in which each cluster occurs once."""
-    return {key: statistic(np.ones((1, clusters))) for key, statistic in statistics.items()}
-
-
 def resampled_pivots(statistics: Mapping[Key, Statistic], clusters: int, resamples: int, seed: int) -> dict[Key, Array]:
     """Return the pivots of statistics in the same resamples."""
-    centers = {key: float(one.theta[0]) for key, one in estimates_of(statistics, clusters).items()}
+    centers = {key: of_data(statistic, clusters).value for key, statistic in statistics.items()}
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in resampled_weights(clusters, resamples, seed) if statistics else ():
         for key, statistic in statistics.items():
@@ -129,7 +124,7 @@ def pivots_of(estimates: Estimates, center: float) -> Array:
 
 
 def _interval(values: Estimates, pivots: Array, level: float) -> Interval:
-    estimate, error = float(values.theta[0]), float(values.standard_error[0])
+    estimate, error = values.value, values.error
     if not np.isfinite(estimate) or not np.isfinite(error):
         return without_interval(values)
     sizes = np.abs(pivots[~np.isnan(pivots)])
@@ -145,5 +140,4 @@ def _interval(values: Estimates, pivots: Array, level: float) -> Interval:
 
 def without_interval(values: Estimates) -> Interval:
     """Return an estimate and its standard error without ends and p-value."""
-    error = float(values.standard_error[0])
-    return Interval(float(values.theta[0]), error if np.isfinite(error) else None, None, None, None)
+    return Interval(values.value, values.error if np.isfinite(values.error) else None, None, None, None)

@@ -32,11 +32,10 @@ from .bootstrap import (
     Key,
     check_options,
     enough_clusters,
-    estimates_of,
     resampled_pivots,
     without_interval,
 )
-from .statistic import Array, ErrorMean, Estimates, Mean, Statistic
+from .statistic import Array, ErrorMean, Estimates, Mean, Statistic, of_data
 
 FEW = 12
 _TAIL = 30
@@ -56,26 +55,26 @@ def error_intervals(
 ) -> dict[Key, Interval]:
     """Compute intervals, without p-values, for several mean errors of one model from the same resamples."""
     check_options(level, resamples)
-    found = estimates_of(means, clusters)
+    found = {key: of_data(mean, clusters) for key, mean in means.items()}
     logarithms = {
         (key, part): logarithm
         for key, mean in means.items()
         if enough_clusters(found[key].clusters, level)
         for part, logarithm in mean.logarithms().items()
     }
-    centers, errors = estimates_of(logarithms, clusters), _jackknife(logarithms, clusters)
+    errors = _jackknife(logarithms, clusters)
     shifts: dict[Key, dict[str, tuple[float, Array]]] = {key: {} for key in means}
     for (key, part), pivots in resampled_pivots(logarithms, clusters, resamples, seed).items():
         rise = _variance_increase(means[key].mean, found[key]) if part == "size" else 0.0
         error = np.sqrt(errors[key, part] ** 2 + rise)
-        center = float(centers[key, part].theta[0])
+        center = of_data(logarithms[key, part], clusters).value
         shifts[key][part] = center, error * _widened_for_few_clusters(pivots, clusters, level)
     return {key: _interval(one, shifts[key], level) for key, one in found.items()}
 
 
 def _interval(values: Estimates, shifts: Mapping[str, tuple[float, Array]], level: float) -> Interval:
     """Compute the interval from the logarithm of each part and its possible errors."""
-    estimate, error = float(values.theta[0]), float(values.standard_error[0])
+    estimate, error = values.value, values.error
     if error == 0 and shifts:
         return Interval(estimate, error, estimate, estimate, None)
     reaches = [np.quantile(np.abs(shift), level, method="inverted_cdf") for _, shift in shifts.values()]
@@ -125,12 +124,10 @@ def _variance_increase(mean: Mean, values: Estimates) -> float:
     order = np.argsort(errors)
     median = errors[order][np.searchsorted(np.cumsum(weights[order]), 0.5 - 1e-9)]
     upper = errors > median
-    if median <= 0 or not upper.any() or values.theta[0] <= 0:
+    if median <= 0 or not upper.any() or values.value <= 0:
         return 0.0
     square = np.average(np.square(np.log(errors[upper] / median)), weights=weights[upper])
-    rise = (
-        np.expm1(min(square, _LARGEST)) * np.square(weights).sum() - (values.standard_error[0] / values.theta[0]) ** 2
-    )
+    rise = np.expm1(min(square, _LARGEST)) * np.square(weights).sum() - (values.error / values.value) ** 2
     return float(max(0.0, rise) * min(1.0, _TAIL / len(errors)))
 
 

@@ -20,8 +20,8 @@ import polars as pl
 from ...core.errors import RunError, UsageError
 from ...core.text import counted
 from ...run.comparable import common_rows
-from .bootstrap import LEVEL, enough_clusters, estimates_of, fewest_clusters
-from .statistic import difference
+from .bootstrap import LEVEL, enough_clusters, fewest_clusters
+from .statistic import difference, of_data
 from .sums import AVERAGE, ClusterSums
 
 POWER = 0.8
@@ -135,16 +135,14 @@ def plan_pairs(
         for metric in PLANNED_METRICS:
             if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):
                 continue
-            whole = estimates_of({0: difference(*(one.error_mean(metric, AVERAGE) for one in (first, second)))}, count)[
-                0
-            ]
-            error = float(whole.standard_error[0])
-            deviation = error * math.sqrt(count)
+            means = (one.error_mean(metric, AVERAGE) for one in (first, second))
+            whole = of_data(difference(*means), count)
+            deviation = whole.error * math.sqrt(count)
             needed = clusters_needed(effect, deviation, power, level)
             pairs = None if needed is None else math.ceil(needed * first.images / count)
             ratios = chi2.ppf([(1 + level) / 2, (1 - level) / 2], count - 1) / (count - 1)  # of the variance of s
             ends = [clusters_needed(effect, deviation / ratio**0.5, power, level) for ratio in ratios.tolist()]
-            known = (float(whole.theta[0]), error, first.images, count, detectable(deviation, count, power, level))
+            known = (whole.value, whole.error, first.images, count, detectable(deviation, count, power, level))
             planned = (effect, power_of(effect, deviation, count, level), pairs, needed, *ends)
             records.append((*names, metric, *known, *planned))
     if not records:

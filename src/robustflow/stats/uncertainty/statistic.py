@@ -66,6 +66,16 @@ class Estimates:
             return replace(self, theta=np.log(size), slopes=self.slopes / size[:, None])
 
     @property
+    def value(self) -> float:
+        """The value in the first resample."""
+        return float(self.theta[0])
+
+    @property
+    def error(self) -> float:
+        """The standard error in the first resample."""
+        return float(self.standard_error[0])
+
+    @property
     def clusters(self) -> int:
         """The number of clusters with images for every mean."""
         return int(self.seen.sum())
@@ -91,6 +101,11 @@ class Estimates:
 
 Statistic = Callable[[Array], Estimates]
 """A statistic as a function of the weights of the clusters, float64 (B, G)."""
+
+
+def of_data(statistic: Statistic, clusters: int) -> Estimates:
+    """Compute a statistic of the data themselves, in which each cluster occurs once."""
+    return statistic(np.ones((1, clusters)))
 
 
 def difference(first: Statistic, second: Statistic) -> Statistic:

@@ -11,7 +11,7 @@ from ...corruptions.registry import MEMBERS, ordered
 from ...metrics.means import AVERAGE, averaged_corruptions
 from ...metrics.measures import BEFORE, MEASURES
 from ...metrics.rows import CLEAN
-from .statistic import Array, ErrorMean, Mean
+from .statistic import Array, ErrorMean, Mean, of_data
 
 INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
 
@@ -76,7 +76,7 @@ class ClusterSums:
 
     def mean(self, metric: str, corruption: str, severity: int | None = None) -> float:
         """Return the value of an `error_mean`."""
-        return float(self.error_mean(metric, corruption, severity)(np.ones((1, len(self.clusters)))).theta[0])
+        return of_data(self.error_mean(metric, corruption, severity), len(self.clusters)).value
 
     def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
         """Whether any image was measured for this mean."""
