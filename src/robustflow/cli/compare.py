@@ -7,7 +7,6 @@ import typer
 from typer import Argument, Option
 
 from ..core.errors import RunError, UsageError, unknown_name
-from ..core.text import plain
 from .options import refuse_unused, shared
 
 _OF_TESTS = ("level", "resamples", "seed")
@@ -67,7 +66,7 @@ def compare(
         raise UsageError("RUN", "a comparison needs two or more runs")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.epe is None for run in loaded) else "epe")
-    tables, sentences = [], []
+    tables = []
     if effect is not None:
         refuse_unused(context, ("metric", "resamples", "seed"), "with --effect")
         rows = {name: run.rows for name, run in named_runs(loaded).items()}
@@ -95,13 +94,9 @@ def compare(
         if format != "csv" and every_pair:  # a CSV file contains a single table
             tables.append(standings_table(standings(sound, ranked), chosen))
         notes = " ".join(filter(None, [common.remark, *(f"Not ranked: {reason}." for reason in not_ranked(lines))]))
-        if format == "terminal":
-            sentences = [*frame["sentence"], *filter(None, [notes])]
-        else:
-            tables.append(pairs_table(frame, notes))
+        tables.append(pairs_table(frame, notes))
     if given["as_json"]:
         text = frame.write_json() + "\n"
     else:
         text = "\n".join(as_text(table, format, given["output"]) for table in tables)
-        text += "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     write_text(text, given["output"])

@@ -164,7 +164,11 @@ def _open_run(run: AnyRun) -> Run:
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
     pairs = {f"{plain(row['first'])} against {plain(row['second'])}": row for row in frame.to_dicts()}
-    remarks = (f"p is corrected for {len(pairs)} comparisons; a bold EPE is significantly lower.", note)
+    images = " to ".join(map(str, dict.fromkeys((frame["images"].min(), frame["images"].max()))))
+    about = (
+        f"Intervals: {100 * frame['level'][0]:g} %, over {images} images; p is corrected for {len(pairs)} comparisons."
+    )
+    remarks = (f"{about} A bold EPE is significantly lower.", note)
     sections = {f"Average {metric_label(frame['metric'][0])}": pairs}
     return _table("pairs", "Every two models", ("first", "second"), sections, remarks, "Models", frame)
 

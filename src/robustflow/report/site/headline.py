@@ -43,44 +43,27 @@ def headline_of(
 
 
 def _about_run(name: str, run: Run) -> str:
-    """State how much the error of a run grows, and where it is largest."""
-    metric = "epe" if run.epe is not None else "rcre"
-    label, where = METRIC_LABELS[metric], _measured(run)
-    if (whole := run.mean(metric)) is None:
-        return _about_attacks(name, run)
+    """State the error of a run on the clean frames and under corruption, and where it is largest."""
+    with_truth = run.epe is not None or (run.rcre is None and run.epe_clean is not None)
+    metric = "epe" if with_truth else "rcre"
     cells = [
-        (value, of, level)
+        (value, f"{inside(long_label(of))} at severity {level}")
         for of, levels in run.measured.corruptions.items()
         for level in levels
         if (value := run.mean(metric, of, level)) is not None
+    ] or [
+        (one[metric], f"the attack {one['attack']} at severity {one['severity']}")
+        for one in attack_scores(run)
+        if one[metric] is not None
     ]
-    value, corruption, severity = max(cells)
-    over = counted(len(run.measured.averaged_over), "corruption")
-    change = _change(label, run.epe_clean, whole) if metric == "epe" else f"the flow moves by {whole:.2f} px ({label})"
-    most = f"{inside(long_label(corruption))} at severity {severity}: {value:.2f} px"
-    return f"{plain(name)}: {change} under {over} ({where}), most under {most}."
-
-
-def _change(label: str, clean: float | None, whole: float) -> str:
-    if clean is None:
-        return f"the {label} is {whole:.2f} px"
-    verb = "rises" if whole > clean else "falls"
-    return f"the {label} {verb} from {clean:.2f} px on the clean frames to {whole:.2f} px"
-
-
-def _about_attacks(name: str, run: Run) -> str:
-    metric = "epe" if run.epe_clean is not None else "rcre"
-    scores = [one for one in attack_scores(run) if one[metric] is not None]
-    if not scores:
-        return f"{plain(name)}: nothing could be measured."
-    worst = max(scores, key=lambda one: one[metric])
-    label, value = METRIC_LABELS[metric], worst[metric]
-    under = f"under the attack {worst['attack']} at severity {worst['severity']}"
-    return f"{plain(name)}: {_change(label, run.epe_clean, value)} {under} ({_measured(run)})."
-
-
-def _measured(run: Run) -> str:
-    return f"{counted(run.measured.samples, sample_noun(run.benchmark))} of {benchmark_words(run.benchmark)}"
+    where = f"{counted(run.measured.samples, sample_noun(run.benchmark))} of {benchmark_words(run.benchmark)}"
+    if not cells:
+        return f"{plain(name)}: nothing could be measured on {where}."
+    (value, most), clean, whole = max(cells), run.epe_clean if with_truth else None, run.mean(metric)
+    over = {"on the clean frames": clean, f"under {counted(len(run.measured.averaged_over), 'corruption')}": whole}
+    means = " and ".join(f"{mean:.2f} px {condition}" for condition, mean in over.items() if mean is not None)
+    head = f"{plain(name)}: {METRIC_LABELS[metric]} {means}".rstrip()
+    return f"{head} ({where}), most under {most}: {value:.2f} px."
 
 
 def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
