@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import UsageError
+from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
 from robustflow.corruptions.digital import Contrast
 from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
@@ -254,10 +254,14 @@ def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets(part):
             part(depth)[:] = 0
 
     depth = scene(*FRAME.shape[:2])
-    for given in (None, depth):
-        with pytest.raises(UsageError):
-            rf.corrupt(FRAME, FRAME, Changes, 3, depth=given)
+    with pytest.raises(UsageError):
+        rf.corrupt(FRAME, FRAME, Changes, 3, depth=depth)
     assert part(depth).any()
+
+
+@pytest.mark.parametrize(("depth", "error"), [(None, UsageError), ("far", UsageError), (scene(24, 35), DataError)])
+def test_an_own_corruption_in_three_dimensions_needs_depth_of_the_frames_size(depth, error):
+    refusal(lambda: rf.corrupt(FRAME, FRAME, NearGrey, 3, depth=depth), error, "near_grey")
 
 
 def test_check_corruption_tries_depth_with_a_camera_of_known_and_of_unknown_motion():
@@ -278,7 +282,7 @@ import numpy as np
 from robustflow.corruptions import CORRUPTIONS, corrupt, load_corruption
 from robustflow.corruptions.api import user_sources
 from robustflow.corruptions.stack import needs_depth
-from robustflow.core.errors import UsageError
+from robustflow.core.errors import DataError, UsageError
 frame = np.full((24, 36, 3), 9, np.uint8)
 assert "rain" in CORRUPTIONS.names()
 assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()

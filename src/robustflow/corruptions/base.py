@@ -109,9 +109,40 @@ class Corruption(ABC):
         """
         return self.parameter(severity)
 
+    def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
+        """Make all random choices for a pair, and return a state that includes the depth data needed by `apply`; only
+        for a corruption that needs depth.
+        """
+        raise NotImplementedError
+
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Call `draw` for a sample whose depth may be known; used by `corrupt_clip`."""
-        return self.draw(rng, severity, shape)
+        """Call `draw_scene` if the corruption needs depth, else `draw`; used by `corrupt_clip`.
+
+        Raises:
+            UsageError: the depth is missing, or not a `SceneDepth`.
+            DataError: the depth maps have a different size.
+        """
+        if not self.needs_depth:
+            return self.draw(rng, severity, shape)
+        if depth is None:
+            raise UsageError(
+                self.name,
+                "requires the depth of the sample; choose a dataset with depth ('robustflow list datasets'), "
+                "or provide your own with --depth DIR",
+            )
+        if not isinstance(depth, SceneDepth):
+            raise UsageError(
+                self.name,
+                f"depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "
+                "frames and the camera",
+            )
+        if depth.maps[0].shape != shape:
+            height, width = depth.maps[0].shape
+            raise DataError(
+                self.name,
+                f"the depth maps are {height}x{width}, but the frames are {shape[0]}x{shape[1]}; the sizes must match",
+            )
+        return self.draw_scene(rng, severity, depth)
 
     @abstractmethod
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
@@ -121,40 +152,15 @@ class Corruption(ABC):
         """
 
 
-def sample_without_depth(name: str) -> UsageError:
-    """Return the error for a depth corruption applied to a sample without depth."""
-    return UsageError(
-        name,
-        "requires the depth of the sample; choose a dataset with depth ('robustflow list datasets'), "
-        "or provide your own with --depth DIR",
-    )
-
-
 class DepthCorruption(Corruption):
-    """A corruption of the 3D scene, which needs the depth of both frames."""
+    """A corruption of the 3D scene, which needs the depth of both frames: subclasses implement `draw_scene`."""
 
     needs_depth = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """Raise an error because depth is missing."""
-        raise sample_without_depth(self.name)
-
-    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Call `draw_scene` for a sample with depth."""
-        if not isinstance(depth, SceneDepth | None):
-            raise UsageError(
-                self.name,
-                f"depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "
-                "frames and the camera",
-            )
-        if depth is not None and depth.maps[0].shape != shape:
-            height, width = depth.maps[0].shape
-            raise DataError(
-                self.name,
-                f"the depth maps are {height}x{width}, but the frames are {shape[0]}x{shape[1]}; the sizes must match",
-            )
-        return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)
+        return self.draw_with_depth(rng, severity, shape, None)
 
     @abstractmethod
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
-        """Make all random choices for a pair and return a state that includes the depth data needed by `apply`."""
+        """See `Corruption.draw_scene`."""

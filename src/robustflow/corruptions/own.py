@@ -19,7 +19,7 @@ from ..core.errors import UsageError
 from ..core.plugins import called, checked_name, described, own_name, source_digest
 from ..core.rng import Rng
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array
-from .base import BGR, VARIANTS, Corruption, sample_without_depth
+from .base import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, ON_DISK, SHIPPED
 
 Made = Any
@@ -55,16 +55,13 @@ class OwnCorruption(Corruption):
         return source_digest(self.made)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        return self.draw_with_depth(rng, severity, shape, None)
-
-    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
         self.parameter(severity)
-        if self.needs_depth and depth is None:
-            raise sample_without_depth(self.name)
-        if self.needs_depth and depth is not None:
-            scene = _scene_read_only(depth)
-            return self._call("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
         return self._call("draw", lambda: self.made.draw(rng, severity, shape))
+
+    def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
+        self.parameter(severity)
+        scene = _scene_read_only(depth)
+        return self._call("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         copy = _read_only(np.ascontiguousarray(frame))
