@@ -20,9 +20,11 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+PR_SET_CHILD_SUBREAPER = 36
 REPORTS = "FIRST_COMMAND_REPORTS"
 """Environment variable that contains the folder for the processes' reports."""
 
@@ -34,7 +36,7 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.run.stages": {
         "FrameStage.load": "sample",
         "FrameStage._corrupted": "corruption: {2}",
-        "keep_picture": "pictures: slider",
+        "slider_picture": "pictures: slider",
         "PredictStage.predict": "model: predict",
     },
     "robustflow.corruptions.optics.psf_field": {"shipped_field": "lens tables"},
@@ -43,8 +45,8 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.run.store": {"RunFolder.write_rows": "write rows", "RunFolder.pack": "write rows"},
     "robustflow.run.costs": {"keep_cost": "cost of the model"},
     "robustflow.run.displacement": {"keep_displacement": "displacements"},
-    "robustflow.run.panel": {"draw_panel": "pictures: panels"},
-    "robustflow.run.examples": {"write_examples": "pictures: rest"},
+    "robustflow.report.gallery.panel": {"draw_panel": "pictures: panels"},
+    "robustflow.report.gallery.examples": {"write_examples": "pictures: rest"},
     "robustflow.report.site.page": {"write_report": "page"},
     "robustflow.cli.tables": {"print_result": "table"},
 }
@@ -58,7 +60,12 @@ class Probe:
     """CPU seconds of this process's main thread by part, saved to a file repeatedly."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = folder / f"{os.getpid()}.json"
+        self._folder = folder
+        self._begin()
+        os.register_at_fork(after_in_child=self._begin)
+
+    def _begin(self) -> None:
+        self._file = self._folder / f"{os.getpid()}.json"
         self._parts: dict[str, float] = {}
         self._inner = [0.0]
         self._written = 0.0
@@ -74,8 +81,10 @@ class Probe:
             finally:
                 spent = time.thread_time() - start
                 part = name(*arguments)
-                self._parts[part] = self._parts.get(part, 0.0) + spent - self._inner.pop()
-                self._inner[-1] += spent
+                inner = self._inner.pop()
+                if self._inner:  # empty in a process that was forked within this call
+                    self._parts[part] = self._parts.get(part, 0.0) + spent - inner
+                    self._inner[-1] += spent
                 if len(self._inner) == 1:
                     self._write()
 
@@ -112,6 +121,7 @@ class Probe:
 
 def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, float, list[dict[str, Any]]]:
     """Run the command with its caches in `folder`; return wall-clock and CPU seconds, and the processes' reports."""
+    import ctypes
     import resource
     import shutil
     import subprocess
@@ -136,8 +146,12 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
             "use an environment without it"
         )
     command = [sys.executable, "-m", "robustflow", "run", "--model", model, "--output", str(folder / "run")]
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)  # processes that outlive the command are counted, too
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
+    with suppress(ChildProcessError):
+        while os.wait():  # the process from which the workers were forked
+            pass
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         sys.exit(f"the command failed:\n{done.stderr}")

@@ -3,11 +3,9 @@ shared real data.
 """
 
 import gc
-import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from functools import cache
 from pathlib import Path
 
 for _name in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
@@ -21,11 +19,9 @@ import hypothesis
 import numpy as np
 import pytest
 import skimage
-from PIL import Image
 
 from .command_line import CommandLine
 from .corruptions.rain import forget, write_rain
-from .prepared_processes import get_context, prepare
 from .shared_data import shared_folder
 from .small_demo import write_small_demo
 
@@ -78,17 +74,6 @@ def base(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def _prepared_process() -> None:
-    prepare()
-
-
-@pytest.fixture
-def quick_workers(_prepared_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fork the workers of runs from a process that has already imported the package."""
-    monkeypatch.setattr("multiprocessing.get_context", get_context)
-
-
-@pytest.fixture(scope="session")
 def small_demo(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The demo pair at a ninth of its pixels: `patch.setattr(skimage, "__file__", small_demo)`."""
     return write_small_demo(tmp_path_factory.mktemp("skimage"))
@@ -104,16 +89,13 @@ def demo_is_small(small_demo: str) -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Outside `with real_pictures():`, runs draw no `report.html` and only blank example panels, and pages omit the
-    embedded pair. A page and two panels take ten times as long as a small run, and the embedded pair a hundred times as
-    long.
+    """Outside `with real_pictures():`, runs draw no `report.html`, and pages omit the embedded pair. A page takes
+    several times as long as a small run, and the embedded pair a hundred times as long.
     """
     from robustflow import api  # imported late: the process that only distributes tests does not need it
-    from robustflow.report.site import examples as embedded
-    from robustflow.run import panel
+    from robustflow.report.site import examples
 
-    real = {(api, "_write_report"): api._write_report, (panel, "draw_panel"): panel.draw_panel}
-    real[embedded, "embedded_slider"] = embedded.embedded_slider
+    real = {(api, "_write_report"): api._write_report, (examples, "embedded_slider"): examples.embedded_slider}
 
     @contextmanager
     def drawn() -> Iterator[None]:
@@ -124,13 +106,5 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "_write_report", lambda *_: None)
-        patch.setattr(embedded, "embedded_slider", lambda: None)
-        patch.setattr(panel, "draw_panel", lambda view, title, numbers, form="png": _blank(form))
+        patch.setattr(examples, "embedded_slider", lambda: None)
         yield drawn
-
-
-@cache
-def _blank(form: str) -> bytes:
-    out = io.BytesIO()
-    Image.new("RGB", (14, 10)).save(out, form)
-    return out.getvalue()

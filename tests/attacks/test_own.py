@@ -80,7 +80,7 @@ def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):
     assert name in str(refusal(lambda: _run("my_noise:Mine:tries=2:moved=first"), RunError, done.path))
 
 
-def test_an_own_attack_in_processes_gives_the_same_rows(source, quick_workers):
+def test_an_own_attack_in_processes_gives_the_same_rows(source):
     here = _run("my_noise:Mine").attack_rows
     there = _run("my_noise:Mine", "other", "processes", workers=1).attack_rows
     assert there.sort("corruption").equals(here.sort("corruption"))

@@ -63,7 +63,7 @@ def test_attacks_added_later_give_the_rows_of_one_call(both, tmp_path):
     assert every(Run(tmp_path / "run")).equals(every(both))
 
 
-def test_processes_and_this_process_give_the_same_rows(both, tmp_path, quick_workers):
+def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
     spread = run(tmp_path / "run", corruptions=["contrast", "high_light"], engine="processes", workers=2, batch_size=2)
     assert every(spread).equals(every(both))
 

@@ -27,8 +27,6 @@ from ..refusals import refusal
 from . import onnx_graphs as graphs
 from .textures import channel_flow, noise_pair
 
-pytestmark = pytest.mark.usefixtures("quick_workers")
-
 IMAGENET = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])
 RANGES = {
     "0-1": lambda values, channel: values / 255,

@@ -39,9 +39,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path, request):
-    if kind != "pairs":  # whose processes start as a user's do
-        request.getfixturevalue("quick_workers")
+def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path):
     given = {"model": "Sure", "benchmark": "folder", "data": clip_folder, "corruptions": ("contrast", "impulse_noise")}
     given |= {"severities": [1, 4], "limit": 2} | KINDS[kind]
     name = f"{MODELS}:{given.pop('model')}"
@@ -127,7 +125,7 @@ def test_error_is_the_first_in_the_plan_and_earlier_units_are_kept(tmp_path):
     assert RunFolder(tmp_path).rows()["sample"].to_list() == ["0"] * 6
 
 
-def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, quick_workers, monkeypatch):
+def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, monkeypatch):
     """Sample 1 is being predicted while the rows of sample 0 are written."""
     monkeypatch.setenv("PREDICTION_LOG", os.devnull)
     data = TexturePairs(2, (24, 32))

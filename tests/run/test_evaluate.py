@@ -138,7 +138,7 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
         ("dies", "processes", RunError, "17"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, trouble, engine, error, fact):
+def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, trouble, engine, error, fact):
     options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if trouble == "hangs" else None}
     run = partial(rf.evaluate, _trouble(trouble), output=tmp_path / "run", corruptions=FAST, **options)
     assert fact in str(refusal(run, error, "sample 'motorcycle', clean"))

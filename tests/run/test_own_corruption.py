@@ -35,7 +35,7 @@ def test_edited_own_corruption_starts_a_new_run_on_the_command_line(rain_package
     assert rf.load_run("mine.robustflow").means == result.means
 
 
-def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_package, quick_workers):
+def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_package):
     from rain_module import Rain
 
     runs = [

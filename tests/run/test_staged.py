@@ -40,7 +40,7 @@ def _predictions(log):
     return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
 
 
-def test_rows_are_those_of_one_process(whole, tmp_path, quick_workers, monkeypatch):
+def test_rows_are_those_of_one_process(whole, tmp_path, monkeypatch):
     """A run on two devices, one of which has two feeders."""
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(device="cuda:0,cuda:1"), workers=3)
@@ -55,13 +55,13 @@ def test_rows_are_those_of_one_process(whole, tmp_path, quick_workers, monkeypat
     assert staged.manifest.seconds.keys() == whole.manifest.seconds.keys()
 
 
-def test_feeders_that_wait_for_the_clean_flow_of_the_only_sample_help_afterwards(tmp_path, quick_workers):
+def test_feeders_that_wait_for_the_clean_flow_of_the_only_sample_help_afterwards(tmp_path):
     only = Benchmark("drawn", Sizes(3), KEYS[:1], FAST, (1, 2, 3, 4, 5))
     staged = rf.evaluate(_model(), only, output=tmp_path / "run", workers=3)
     assert staged.rows.equals(rf.evaluate(_model(), only, output=tmp_path / "serial", engine="serial").rows)
 
 
-def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, monkeypatch):
+def test_batches_are_filled_across_corruptions(whole, tmp_path, monkeypatch):
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(), workers=1, batch_size=3)
     pairs = [pairs for *_, pairs in _predictions(tmp_path / "log")]
@@ -71,7 +71,7 @@ def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, m
     assert staged.rows.equals(whole.rows)
 
 
-def test_a_model_object_on_a_device_is_sent_there(tmp_path, quick_workers):
+def test_a_model_object_on_a_device_is_sent_there(tmp_path):
     assert _run(tmp_path / "run", Accelerated("gpu:3"), workers=1).rows.height == 27
 
 

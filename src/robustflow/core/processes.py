@@ -3,6 +3,9 @@ and memory.
 
 Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread in
 the child waits for this, so even a child that hangs inside a model exits.
+
+On Linux, children are forked from one process (the fork server of `multiprocessing`) that has imported the modules they
+need and started no thread, so that only one process pays for the imports.
 """
 
 from __future__ import annotations
@@ -99,6 +102,16 @@ def keep_freed_memory() -> None:
             mallopt(setting, value)
 
 
+_METHOD = "forkserver" if sys.platform == "linux" else "spawn"
+_preloaded: list[str] = []
+
+
+def preload(*modules: str) -> None:
+    """Let the process from which children are forked import these modules, once it starts. No import may start a
+    thread."""
+    _preloaded.extend(modules)
+
+
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
 ONE_THREAD = dict.fromkeys(_THREADS, "1")
 """Environment variables with which each library in a new process uses one thread."""
@@ -118,14 +131,16 @@ class Child:
                 "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
                 "concurrent.futures.ProcessPoolExecutor instead"
             )
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context(_METHOD)
         self.pipe, child_end = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
-        # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
-        self._process = context.Process(target=child_main, args=(child_end, watched, target, arguments), daemon=False)
         script = nullcontext() if runs_script else _without_user_script()
         with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
+            context.set_forkserver_preload(_preloaded)
+            given = (dict(os.environ), child_end, watched, target, arguments)
+            # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
+            self._process = context.Process(target=child_main, args=given, daemon=False)
             self._process.start()
         self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
         """Stop the process immediately."""
@@ -217,8 +232,16 @@ def _ignoring_interrupts() -> Iterator[None]:
         handler(came[0], None)
 
 
-def child_main(pipe: Connection, watched: Connection, target: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+def child_main(
+    environment: dict[str, str],
+    pipe: Connection,
+    watched: Connection,
+    target: Callable[..., None],
+    arguments: tuple[Any, ...],
+) -> None:
     """Run `target` in the child, and send any exception to the parent."""
+    os.environ.clear()  # a fork server keeps the environment with which it was started
+    os.environ.update(environment)
     ignore_local_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

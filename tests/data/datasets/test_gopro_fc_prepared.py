@@ -195,7 +195,7 @@ def test_two_images_are_not_enough():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_all_24_corruptions_are_in_the_table(prepared, tmp_path, quick_workers):
+def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
     """Run from a prepared folder; two workers produce the same rows of what depends on the whole clip."""
     few = {"severities": [5], "limit": 1}
     result = evaluate("dis", "gopro-fc", prepared, tmp_path / "run", workers=1, **few)

@@ -27,8 +27,8 @@ MOST_PROCESSES = 8
 """Maximum default number of processes, because each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
-"""Several processes are the default only with at least this many cells per process, because a process takes about two
-seconds to start."""
+"""Several processes are the default only with at least this many cells per process, because the first one takes
+about two seconds to start."""
 
 
 def choose_engine(plan: Plan) -> Engine:

@@ -18,12 +18,14 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ...core.errors import ModelError
-from ...core.processes import Child, one_opencv_thread
+from ...core.processes import Child, one_opencv_thread, preload
 from ...models.base import describe_cell
 from ..plan import NO_MODEL, Job, Unit
 from ..worker import UNITS_AHEAD, FinishedUnit, Worker
 from .base import Engine, FinishedUnits, Schedule, pickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
+
+preload("robustflow.run.engines.preloaded")
 
 
 def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:

@@ -1,0 +1,73 @@
+"""A failing predictor or feeder process ends the run with a clear message; a killed driver leaves no process behind."""
+
+import os
+import signal
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+import robustflow as rf
+from robustflow.core.errors import ModelError, RunError
+from robustflow.data.benchmarks import Benchmark
+from robustflow.models import ModelSpec
+from robustflow.testing import TexturePairs
+
+from ..refusals import refusal
+from .conftest import FAST
+from .models_for_tests import KillsItsReader
+from .processes import descendants, finished, rows_so_far, start_run, wait_until
+
+
+@pytest.mark.parametrize(
+    ("trouble", "error", "fact"),
+    [
+        ("nan", ModelError, " 1 "),
+        ("raises", ModelError, "ValueError: no weights"),
+        ("hangs", ModelError, " 1.5 "),
+        ("dies", RunError, "17"),
+    ],
+)
+def test_failing_prediction_process_ends_the_run(tmp_path, trouble, error, fact):
+    options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
+    model = ModelSpec("tests.run.models_for_tests:Trouble", options)
+    benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), ("contrast",), (4,))
+    timeout = 1.5 if trouble == "hangs" else None
+    run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1, timeout=timeout)
+    assert fact in str(refusal(run, error, "sample '0', contrast severity 4"))
+
+
+def test_a_feeder_that_dies_is_named(tmp_path):
+    benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
+    model = ModelSpec("tests.run.models_for_tests:Accelerated")
+    run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1)
+    assert "18" in str(refusal(run, RunError, "sample '1', clean"))
+
+
+def _start(folder, *options, **environment):
+    fixed = ["-O", "after=1", "--device", "cuda:0", "--corruptions", ",".join(FAST), "--workers", "2", "--no-examples"]
+    return start_run(folder, "Trouble", *fixed, *options, **environment)
+
+
+@pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
+def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
+    """No process is left even if the model hangs and its process never reads from its pipe again."""
+    before = set(os.listdir("/dev/shm"))
+    log = tmp_path / "log"
+    run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))
+    wait_until(lambda: log.exists() and (trouble or len(log.read_text().splitlines()) > 7))
+    children = descendants(run.pid)
+    assert len(children) >= 3
+    made = set(os.listdir("/dev/shm")) - before
+    os.kill(run.pid, signal.SIGKILL)
+    run.wait()
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), within_s=20)
+    # a few may belong to tests that run at the same time
+    wait_until(lambda: not made & set(os.listdir("/dev/shm")), within_s=20)
+    if trouble:
+        return
+    again = _start(tmp_path / "run", "-O", "trouble=none", "-O", "pause=0.1", PREDICTION_LOG=str(log))
+    finished(again)
+    whole = _start(tmp_path / "whole", "-O", "trouble=none", "-O", "pause=0.1", "--engine", "processes")
+    finished(whole)
+    assert rows_so_far(tmp_path / "run").equals(rows_so_far(tmp_path / "whole"))
