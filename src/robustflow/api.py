@@ -206,9 +206,9 @@ def evaluate(
     """
     config = RunConfig.of(locals())
     from .core.processes import refuse_unguarded_script
+    from .report.gallery.examples import capture_slider_pictures
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
-    from .run.examples import capture_slider_pictures
     from .run.progress import Silent, TerminalProgress, shown
     from .run.setup import open_benchmark, set_up
     from .run.source import RunSource, default_folder, warn_of_a_fresh_start
@@ -252,10 +252,9 @@ def evaluate(
 
 def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], None]) -> None:
     """Draw the example pictures and the page after the rows are saved, so that a failure here loses no rows."""
+    from .report.gallery.examples import are_current, drop_examples, write_examples
     from .run.costs import keep_cost
     from .run.displacement import keep_displacement
-    from .run.example_cells import are_current, drop_examples
-    from .run.examples import write_examples
 
     wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks
     try:

@@ -76,7 +76,7 @@ def _renamed(name):
         lambda record: record.update(more=1),
         lambda record: record["panels"][0].update(kind="<b>"),
         lambda record: record["panels"][0].update(epe="1"),
-        lambda record: record["slider"].update(pictures=record["slider"]["pictures"] * 100),
+        lambda record: record["slider"].update(pictures=record["slider"]["pictures"] * 300),
         lambda record: record["slider"]["pictures"][0].update(severity=9),
     ],
 )

@@ -21,6 +21,7 @@ from robustflow.core.errors import DataError, UsageError
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
+from robustflow.report.gallery.panel import picture_of_panel
 from robustflow.report.notebook import json_block
 from robustflow.report.site import page, render_site, run_content, whole_content
 from robustflow.report.site.examples import examples_of
@@ -28,7 +29,6 @@ from robustflow.report.site.figures import page_figures
 from robustflow.report.site.headline import headline_of
 from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
-from robustflow.run.panel import picture_of_panel
 from robustflow.run.run import Run
 from robustflow.run.trust import DERIVED
 from robustflow.stats.published.tables import published_results

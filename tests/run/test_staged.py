@@ -84,7 +84,7 @@ def test_a_model_object_on_a_device_is_sent_there(tmp_path):
         ("dies", RunError, "17"),
     ],
 )
-def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, trouble, error, fact):
+def test_failing_prediction_process_ends_the_run(tmp_path, trouble, error, fact):
     options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
     model = ModelSpec("tests.run.models_for_tests:Trouble", options)
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), ("contrast",), (4,))
@@ -93,7 +93,7 @@ def test_failing_prediction_process_ends_the_run(tmp_path, quick_workers, troubl
     assert fact in str(refusal(run, error, "sample '0', contrast severity 4"))
 
 
-def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
+def test_a_feeder_that_dies_is_named(tmp_path):
     benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
     model = ModelSpec("tests.run.models_for_tests:Accelerated")
     run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1)

@@ -9,8 +9,8 @@ from robustflow.core.errors import RunError
 from robustflow.corruptions.registry import MEMBERS
 from robustflow.metrics import METRICS
 from robustflow.metrics.regions import REGIONS
+from robustflow.report.gallery.examples import example_cells
 from robustflow.report.run_tables import corruptions_table
-from robustflow.run.example_cells import example_cells
 from robustflow.run.recheck import recheck
 from robustflow.run.records.row_rules import broken_rules
 from robustflow.stats.audit import audit_results
@@ -67,7 +67,7 @@ def test_intervals_and_examples_leave_out_corruptions_without_truth(run):
     assert averages["rcre"] == pytest.approx(run.rcre)
     measured = set(table.filter(corruption="elastic_transform")["metric"])
     assert measured == {"rcre"}
-    assert {cell["corruption"] for cell in example_cells(run.rows)} == {"contrast"}
+    assert {cell.corruption for cell in example_cells(run.rows)} == {"contrast"}
 
 
 def test_the_table_shows_only_rcre_for_corruptions_without_truth(run):

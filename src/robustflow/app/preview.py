@@ -23,7 +23,7 @@ from ..metrics.regions import Regions
 from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
-from ..run.example_cells import cell_scores
+from ..report.gallery.examples import cell_scores
 from .pairs import Models, SourceStore
 
 _WIDEST = 1280

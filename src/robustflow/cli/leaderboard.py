@@ -45,10 +45,10 @@ def leaderboard(
       robustflow leaderboard runs/mine benchmark_results/RAFT_ood/results.json
       robustflow leaderboard site --add mine.robustflow --supersede
     """
+    from ..report.gallery.examples import FOLDER as EXAMPLES
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.examples import embedded_slider
-    from ..run.example_cells import FOLDER as EXAMPLES
     from ..run.records.collection import add_records, collected, is_collection
     from ..run.records.pack import load_any_run
     from ..stats.imported import read_imported

@@ -149,9 +149,8 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: dict[str, Any]) -> None:
     """Draw the examples of a run, or only one of its cells: (sample, corruption, severity)."""
     from ..models import ModelSpec
+    from ..report.gallery.examples import FOLDER, draw_example, write_examples
     from ..report.site.page import write_report
-    from ..run.example_cells import FOLDER
-    from ..run.examples import draw_example, write_examples
     from ..run.run import Run
     from ..run.setup import restore_plan
     from ..run.source import RunSource

@@ -102,7 +102,6 @@ def keep_freed_memory() -> None:
             mallopt(setting, value)
 
 
-_METHOD = "forkserver" if sys.platform == "linux" else "spawn"
 _preloaded: list[str] = []
 
 
@@ -131,7 +130,8 @@ class Child:
                 "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
                 "concurrent.futures.ProcessPoolExecutor instead"
             )
-        context = multiprocessing.get_context(_METHOD)
+        get_context = multiprocessing.get_context
+        context = get_context("forkserver") if sys.platform == "linux" else get_context("spawn")
         self.pipe, child_end = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False

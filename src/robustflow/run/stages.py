@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..core.errors import DataError, RunError, UsageError, first_line
-from ..core.files import quick_digest_of_bytes
+from ..core.files import quick_digest_of_bytes, write_bytes
 from ..core.types import Flow, Frame, Sample, SceneDepth
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
@@ -48,7 +48,7 @@ from ..models.confidence import (
     with_spread,
 )
 from .cells import Cell
-from .example_cells import keep_picture
+from .pictures import picture_path, slider_picture
 from .plan import Job
 
 Seconds = dict[str, float]
@@ -161,7 +161,9 @@ class FrameStage:
         """Return the frames of a sample under the first draw of a corruption, in the sample's order."""
         frames = self._corrupted(sample, name, severity, self._job.frames.seed)
         if self._job.pictures is not None:
-            keep_picture(self._job.pictures, frames, sample.frames, name, severity)
+            with suppress(DataError):  # a picture that cannot be written is made later
+                path = picture_path(self._job.pictures, name, severity)
+                write_bytes(path, slider_picture(frames, sample.frames), durable=False)
         return frames
 
     def request(self, sample: Sample, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:

@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from ...core.arguments import SEVERITIES
 from ...core.errors import AssetError, DataError, first_misfit
@@ -30,17 +30,18 @@ from ...core.files import (
     write_json,
 )
 from ...core.text import plain
-from ...core.types import Frame, Untrusted
+from ...core.types import Frame
 from ...data.benchmarks.facts import is_still
 from ...data.benchmarks.paper import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image, shrunk
-from ...run.example_cells import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
-from ...run.panel import picture_of_panel
+from ...run.pictures import SLIDER_WIDTH
 from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label
 from ..gallery.cells import GalleryCell, pair_cells
+from ..gallery.examples import EXAMPLES_FILE, FOLDER, ExampleList, Panel
+from ..gallery.panel import picture_of_panel
 from ..gallery.slider import Slider, make_slider
 
 if TYPE_CHECKING:
@@ -85,36 +86,6 @@ def embedded_slider() -> Slider | None:
     return slider
 
 
-_File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
-_Text = Annotated[str, Field(max_length=500)]
-
-
-class _PictureEntry(Untrusted):
-    corruption: _Text
-    severity: Annotated[int, Field(ge=1, le=5)]
-    file: _File
-
-
-class _SliderEntry(Untrusted):
-    key: _Text
-    clean: _File
-    pictures: Annotated[list[_PictureEntry], Field(max_length=300)]
-
-
-class _PanelEntry(_PictureEntry):
-    kind: Literal["worst", "median"]
-    key: _Text
-    epe: float | None
-    cre: float | None
-    rcre: float | None
-
-
-class _ExampleList(Untrusted):
-    version: Literal[1]
-    slider: _SliderEntry
-    panels: Annotated[list[_PanelEntry], Field(max_length=8)]
-
-
 @dataclass(frozen=True)
 class PanelPicture:
     """A picture of a sample with its predicted flow and the errors; `corruption` is the name used in tables."""
@@ -156,7 +127,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         return None
     data = read_bounded(path, _LARGEST_LIST, "delete the folder, or run the command again")
     try:
-        shown = _ExampleList.model_validate_json(data)
+        shown = ExampleList.model_validate_json(data)
     except ValidationError as error:
         raise DataError(path, f"{first_misfit(error)}; delete the folder, or run the command again") from error
     cells = (GalleryCell(one.corruption, one.severity, [_picture(folder / one.file)]) for one in shown.slider.pictures)
@@ -185,7 +156,7 @@ def worst_strip(run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:
+def _panel(folder: Path, panel: Panel) -> PanelPicture:
     frame = shrunk(_picture(folder / panel.file), _PANEL_WIDTH)
     height, width = frame.shape[:2]
     corruption = plain(long_label(panel.corruption))

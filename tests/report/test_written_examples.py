@@ -20,8 +20,8 @@ from robustflow.core.errors import RunError
 from robustflow.corruptions.digital import Contrast
 from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.run import examples as examples_module
-from robustflow.run.example_cells import are_current
+from robustflow.report.gallery import examples as examples_module
+from robustflow.report.gallery.examples import are_current
 from robustflow.run.progress import DRAWN, TerminalProgress
 from robustflow.run.recheck import recheck
 from robustflow.run.setup import restore_plan
@@ -82,7 +82,7 @@ def test_slider_pictures_are_the_first_frames_that_the_corruption_changed(drawn,
     assert distances[changed] < 6, "what JPEG loses in a noisy frame"
 
 
-def test_examples_are_the_same_with_every_engine(drawn, tmp_path, real_pictures, quick_workers):
+def test_examples_are_the_same_with_every_engine(drawn, tmp_path, real_pictures):
     with real_pictures():
         again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
     assert _files(again) == _files(drawn)
@@ -136,7 +136,7 @@ def test_examples_are_drawn_once_and_deleted_when_the_rows_change(tmp_path, monk
     run = {"output": tmp_path / "run", "severities": [2]}
     first = rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)
     before = _files(first)
-    monkeypatch.setattr(examples_module, "_picture", lambda *_: pytest.fail("drawn again"))
+    monkeypatch.setattr(examples_module, "_panel", lambda *_: pytest.fail("drawn again"))
     assert _files(rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)) == before
     more = rf.evaluate(DIS, corruptions=["contrast", "high_light"], **run)
     assert not (more.path / "examples").exists(), "images of outdated rows are deleted"

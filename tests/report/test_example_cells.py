@@ -7,10 +7,10 @@ from statistics import fmean
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.run.example_cells import example_cells
+from robustflow.report.gallery.examples import example_cells
 from tests.made_rows import rows_frame
 
-from .mean_rows import NO_TRUTH, row
+from ..run.mean_rows import NO_TRUTH, row
 
 CELLS = [("fog", 1), ("fog", 2), ("fog", 3), ("snow", 1)]
 """More severities of one corruption than of the other, so that an average over all cells would differ."""
@@ -45,16 +45,16 @@ errors_of_samples = st.dictionaries(
 @given(errors_of_samples, st.booleans())
 def test_example_cells_are_the_worst_and_the_median(errors, truth):
     worst, median = example_cells(_rows(errors, truth))
-    assert tuple((one["key"], (one["corruption"], one["severity"])) for one in (worst, median)) == _expected(errors)
-    assert (worst["kind"], median["kind"]) == ("worst", "median")
-    value = errors[worst["key"]][CELLS.index((worst["corruption"], worst["severity"]))]
-    scores = (worst["epe"], worst["cre"], worst["rcre"])
+    assert tuple((one.key, (one.corruption, one.severity)) for one in (worst, median)) == _expected(errors)
+    assert (worst.kind, median.kind) == ("worst", "median")
+    value = errors[worst.key][CELLS.index((worst.corruption, worst.severity))]
+    scores = (worst.epe, worst.cre, worst.rcre)
     assert scores == ((value, value - 1, value + 3) if truth else (None, None, value))
 
 
 def test_cre_of_a_cell_is_over_the_pixels_that_both_flows_have():
     rows = rows_frame([row("a", n=4, epe=2.0), row("a", "fog", 1, n=2, epe=3.0, rcre=4.0, clean_epe_sum=1.0)])
-    assert [one["cre"] for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
+    assert [one.cre for one in example_cells(rows)] == [2.5, 2.5], "the clean error at these two pixels is 0.5"
 
 
 def test_empty_rows_have_no_example_cells():

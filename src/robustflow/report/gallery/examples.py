@@ -1,0 +1,275 @@
+"""Example pictures of a run: the worst and the median cell as panels, and one sample under every corruption.
+
+A page shows the worst sample under the worst condition, which is the corruption and severity with the highest mean CRE
+(RCRE if the run has no ground truth), and the median cell of the sample whose mean is the median. The choice follows
+from the rows, so it is the same on every machine. The folder RUN/examples, with the pictures and their list
+`examples.json`, is complete or absent.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+import shutil
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+
+import polars as pl
+from pydantic import Field
+
+from ...core.errors import DataError, RunError, unknown_name
+from ...core.files import TEMPORARY, make_folder, write_bytes, write_json
+from ...core.types import Untrusted
+from ...corruptions.registry import ordered
+from ...media.images import jpeg_bytes, shrunk
+from ...metrics.error_maps import cre as cre_of
+from ...metrics.means import averaged_rows
+from ...metrics.rows import CLEAN, ROW_KEY
+from ...models.base import describe_cell
+from ...run.cells import Cell
+from ...run.pictures import SLIDER_WIDTH, picture_path, slider_picture
+from ...run.plan import Plan
+from ...run.run import Run
+from ...run.store import RunFolder
+from ...run.worker import View, Worker, temporary_worker
+from .panel import draw_panel, numbers_line, panel_title
+
+FOLDER, EXAMPLES_FILE = "examples", "examples.json"
+_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
+_SAME_PX, _SAME_SHARE = 0.01, 0.01
+"""Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
+
+T = TypeVar("T", bound=tuple[Any, ...])
+_File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+_Text = Annotated[str, Field(max_length=4096)]
+
+
+class _Picture(Untrusted):
+    corruption: _Text
+    severity: Annotated[int, Field(ge=1, le=5)]
+    file: _File
+
+
+class _Slider(Untrusted):
+    key: _Text
+    clean: _File
+    pictures: Annotated[list[_Picture], Field(max_length=1000)]
+
+
+class Panel(_Picture):
+    """A cell that is drawn as a panel, with its scores."""
+
+    kind: Literal["worst", "median"]
+    key: _Text
+    epe: float | None
+    cre: float | None
+    rcre: float | None
+
+
+class ExampleList(Untrusted):
+    """The content of `examples.json`."""
+
+    version: Literal[1] = 1
+    slider: _Slider
+    panels: Annotated[list[Panel], Field(max_length=8)]
+
+    @property
+    def files(self) -> list[str]:
+        return [self.slider.clean, *(picture.file for picture in (*self.slider.pictures, *self.panels))]
+
+
+class CellScores(NamedTuple):
+    """The scores of a cell in pixels: only RCRE without ground truth, None if no pixel can be compared."""
+
+    epe: float | None
+    cre: float | None
+    rcre: float | None
+
+
+def cell_scores(row: dict[str, Any]) -> CellScores:
+    n = row["n_valid"]
+    epe, before = _mean(row["epe_sum"], n), _mean(row["clean_epe_sum"], n)
+    rcre = _mean(row["rcre_all_sum"], row["n_all"]) if n is None else _mean(row["rcre_sum"], n)
+    return CellScores(epe, cre_of(epe, before), rcre)
+
+
+def _mean(total: float | None, count: int | None) -> float | None:
+    return total / count if count and total is not None else None
+
+
+def example_cells(rows: pl.DataFrame) -> list[Panel]:
+    """Return the worst cell of the worst condition and the median cell of the median sample; empty if nothing was
+    measured."""
+    cells = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY)
+    scored = {
+        (row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells.iter_rows(named=True)
+    }
+    metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
+    values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
+    if not values:
+        return []
+    of_condition: dict[tuple[str, int], list[float]] = defaultdict(list)
+    of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for (key, corruption, severity), value in values.items():
+        of_condition[corruption, severity].append(value)
+        of_sample[key][corruption].append(value)
+    worst = _worst({condition: fmean(each) for condition, each in of_condition.items()})
+    # as in the paper: over severities, then over corruptions
+    (median,) = _median({(key,): fmean(map(fmean, of_key.values())) for key, of_key in of_sample.items()})
+    drawn: dict[Literal["worst", "median"], Cell] = {
+        "worst": _worst({cell: value for cell, value in values.items() if cell[1:] == worst}),
+        "median": _median({cell: value for cell, value in values.items() if cell[0] == median}),
+    }
+    return [
+        Panel(kind=kind, file=f"{kind}.jpg", key=key, corruption=name, severity=severity, **scores._asdict())
+        for kind, (key, name, severity) in drawn.items()
+        for scores in [scored[key, name, severity]]
+    ]
+
+
+def _worst(values: dict[T, float]) -> T:
+    return min(values, key=lambda name: (-values[name], name))
+
+
+def _median(values: dict[T, float]) -> T:
+    order = sorted(values, key=lambda name: (values[name], name))
+    return order[(len(order) - 1) // 2]
+
+
+def example_list(rows: pl.DataFrame) -> ExampleList | None:
+    """Return the content of `examples.json`, computed from the rows; None if nothing was measured."""
+    panels = example_cells(rows)
+    if not panels:
+        return None
+    median = panels[1].key
+    of_sample = rows.filter((pl.col("sample") == median) & (pl.col("corruption") != CLEAN))
+    pictures = []
+    for index, name in enumerate(ordered(of_sample["corruption"].unique())):
+        # a number for a stack, whose name contains "+" and ":"
+        stem = name if re.fullmatch("[a-z0-9_]{1,40}", name) else f"other-{index}"
+        for severity in sorted(of_sample.filter(corruption=name)["severity"].unique()):
+            pictures.append(_Picture(corruption=name, severity=severity, file=f"{stem}_{severity}.jpg"))
+    return ExampleList(slider=_Slider(key=median, clean="clean.jpg", pictures=pictures), panels=panels)
+
+
+def are_current(run: Run) -> bool:
+    """Return whether the pictures in a run's folder match its rows."""
+    home, listed = run.path / FOLDER, example_list(run.rows)
+    try:
+        on_disk = ExampleList.model_validate_json((home / EXAMPLES_FILE).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return on_disk == listed and all((home / name).is_file() for name in on_disk.files)
+
+
+def drop_examples(run: Path) -> None:
+    home = run / FOLDER
+    if home.is_dir():
+        old = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder
+        home.rename(old)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def capture_slider_pictures(plan: Plan, folder: Path) -> Iterator[Plan]:
+    """Yield a plan whose workers store the slider's pictures until the block ends, if its sample is known. The clean
+    flow of the sample is kept as long."""
+    if len(plan.benchmark.keys) > 1:
+        yield plan
+        return
+    with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
+        yield replace(plan, pictures=Path(pictures))
+        for key in plan.benchmark.keys:
+            RunFolder(folder).clean_path(key).unlink(missing_ok=True)
+
+
+def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda what: None) -> bool:
+    """Draw the examples of a complete run into its folder, unless they already exist; `drawing` is called with each one
+    of `progress.DRAWN` before it is drawn."""
+    if run.measured.missing:
+        raise RunError(run.path, "not complete, so its worst sample is unknown; run its command again first")
+    listed = example_list(run.rows)
+    if listed is None:
+        raise RunError(run.path, "has no measured pixel, so there is no worst sample")
+    if are_current(run):
+        return False
+    home = run.path / FOLDER
+    making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
+    make_folder(making)
+    try:
+        job = plan.job(run=run.manifest.identity_digest, folder=plan.pictures and run.path)
+        with temporary_worker(job) as worker:
+            for panel in listed.panels:
+                drawing(f"{panel.kind} example")
+                cell = (panel.key, panel.corruption, panel.severity)
+                write_bytes(making / panel.file, _panel(run.rows, worker, cell, panel.kind, "jpeg"))
+            drawing("severity slider")
+            _write_slider(making, listed.slider, worker, plan.pictures)
+        write_json(making / EXAMPLES_FILE, listed.model_dump())
+        drop_examples(run.path)
+        try:
+            making.rename(home)
+        except OSError as error:
+            raise DataError(home, f"cannot be written ({error.strerror}); choose a folder with free space") from error
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+    return True
+
+
+def draw_example(run: Run, plan: Plan, key: str, corruption: str, severity: int) -> bytes:
+    """Draw any cell of a run as a PNG, with the scores from the run."""
+    with temporary_worker(plan.job()) as worker:
+        return _panel(run.rows, worker, (key, corruption, severity), "", "png")
+
+
+def _write_slider(folder: Path, slider: _Slider, worker: Worker, pictures: Path | None) -> None:
+    clean = worker.sample(slider.key).frames
+    write_bytes(folder / slider.clean, jpeg_bytes(shrunk(clean[0], SLIDER_WIDTH)))
+    for one in slider.pictures:
+        stored = None if pictures is None else picture_path(pictures, one.corruption, one.severity)
+        if stored is not None and stored.is_file():
+            stored.replace(folder / one.file)
+        else:
+            frames = worker.frames(slider.key, one.corruption, one.severity)
+            write_bytes(folder / one.file, slider_picture(frames, clean), durable=False)
+
+
+def _panel(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: str) -> bytes:
+    row = _row(rows, cell)
+    scores = cell_scores(row)
+    view = worker.inspect_cell(*cell)
+    _check_same(view, row, scores)
+    return draw_panel(view, panel_title(*cell, why), numbers_line(*scores), form)
+
+
+def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
+    for column, value in zip(ROW_KEY, cell, strict=True):
+        known = rows[column].unique().sort()
+        rows = rows.filter(pl.col(column) == value)
+        if rows.is_empty():
+            raise unknown_name(f"{column} of this run", str(value), map(str, known[:100]))
+    return rows.row(0, named=True)
+
+
+def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
+    """Raise unless an image shows the frames and the flow that were measured."""
+    where = describe_cell(row["sample"], row["corruption"], row["severity"])
+    if view.row["frames_digest"] != row["frames_digest"]:
+        raise RunError(where, "the frames differ from those of the run; use the data of the run")
+    again = cell_scores(view.row)
+    for name in ("epe", "rcre"):
+        before, now = getattr(scores, name), getattr(again, name)
+        if before is None and now is None:
+            continue
+        if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
+            raise RunError(
+                where,
+                f"the model predicts a different flow than in the run ({name.upper()} {now} instead of {before}), so "
+                "an image would not show the measured flow; repeat the run in a different folder",
+            )
