@@ -106,9 +106,7 @@ class _Hostile:
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize(
-    "kind", ["garbage", "pickle", "endless", "shape", "dtype", "dictionary", "nan", "large", "bomb", "count"]
-)
+@pytest.mark.parametrize("kind", ["garbage", "pickle", "shape", "dtype", "dictionary", "nan", "large", "count"])
 def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
     import torch
 
@@ -123,15 +121,6 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
             for entry in source.namelist():
                 hostile = entry.endswith("data.pkl")
                 target.writestr(entry, pickle.dumps(_Hostile()) if hostile else source.read(entry))
-    elif kind == "endless":  # a key of 2^60 parts
-        nested = b"".join(b"q" + bytes([i]) + b"h" + bytes([i]) + b"\x86" for i in range(60))
-        with zipfile.ZipFile(path, "w") as target:
-            target.writestr("archive/data.pkl", b"\x80\x02}K\0" + nested + b"K\x01s.")
-            target.writestr("archive/version", "3\n")
-    elif kind == "bomb":  # a file of 64 kB that expands to 64 MB of zeros
-        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("archive/data/1", bytes(64 << 20))
-        assert path.stat().st_size < blur.LARGEST
     elif kind == "count":  # the index declares a storage of 4 TB
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
