@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats as scipy_stats
 from scipy.special import ndtri
 
 from robustflow.core.errors import UsageError
@@ -100,26 +99,6 @@ def test_a_file_name_that_is_not_utf8_names_a_stream():
 @pytest.mark.parametrize("part", [None, 0.5, True])
 def test_stream_name_of_a_wrong_type_is_refused(part):
     refusal(lambda: Rng.of(0, part), UsageError, part)
-
-
-def test_uniforms_have_the_uniform_distribution():
-    values = Rng.of("uniform").uniforms(N)
-    assert ((values >= 0) & (values < 1)).all()
-    assert (values * 2**53 % 1 == 0).all()
-    assert scipy_stats.kstest(values, "uniform").pvalue > 1e-3
-    for power in range(1, 5):
-        moment, variance = 1 / (power + 1), 1 / (2 * power + 1) - 1 / (power + 1) ** 2
-        assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
-
-
-def test_normals_have_the_normal_distribution():
-    values = Rng.of("normal").normals(N)
-    assert scipy_stats.kstest(values, "norm").pvalue > 1e-3
-    for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
-        assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
-    beyond = (np.abs(values) > 3.5).sum()
-    expected = 2 * scipy_stats.norm.sf(3.5) * N
-    assert abs(beyond - expected) < 5 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("keys", ["neighbours", "single bits", "frames", "golden ratio"])
