@@ -150,11 +150,10 @@ class SourceStore:
     'Motorcycle (Middlebury 2014)'
     """
 
-    def __init__(self, kept: int = KEPT) -> None:
+    def __init__(self) -> None:
         demo = Motorcycle()
         pair = demo.load(demo.keys()[0])
         self._demo = one_pair("Motorcycle (Middlebury 2014)", replace(pair, depth=demo.depth(pair)), DEMO_CLASSES)
-        self._kept = kept
         self._sources: OrderedDict[str, PairSource] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -163,7 +162,7 @@ class SourceStore:
         with self._lock:
             number = secrets.token_hex(8)
             self._sources[number] = source
-            removed = [self._sources.popitem(last=False)[1] for _ in range(len(self._sources) - self._kept)]
+            removed = [self._sources.popitem(last=False)[1] for _ in range(len(self._sources) - KEPT)]
         for old in removed:
             old.close()
         return number
@@ -174,7 +173,7 @@ class SourceStore:
             return self._demo
         with self._lock:
             if number not in self._sources:
-                raise UsageError("frames", f"only the last {self._kept} uploads are kept; add them again")
+                raise UsageError("frames", f"only the last {KEPT} uploads are kept; add them again")
             self._sources.move_to_end(number)
             return self._sources[number]
 

@@ -9,10 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..core.errors import RobustFlowError, UsageError
-
-WAITING = 8
-"""Maximum number of waiting jobs, one for each page."""
+from ..core.errors import RobustFlowError
 
 Message = dict[str, Any]
 
@@ -51,8 +48,6 @@ class PredictionQueue:
         """Add a job; earlier jobs of the same page become outdated."""
         with self._change:
             self._dismiss(job.page)
-            if len(self._waiting) >= WAITING:
-                raise UsageError(f"{WAITING} predictions are already waiting; try again when they are done")
             self._waiting[job.page] = job
             self._change.notify()
 
