@@ -247,7 +247,7 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     with real_pictures():
         small_run = evaluate("dis", output=tmp_path, corruptions=["contrast", "fog"], severities=[1, 5], examples=True)
     content = run_content(small_run)
-    headline = headline_of(content.boards[0], examples_of(content.lines).panels, content.pages)
+    headline = headline_of(content, content.boards[0], examples_of(content.lines).panels)
     values = {(c, s): small_run.mean("epe", c, s) for c in ("contrast", "fog") for s in (1, 5)}
     worst = max(values, key=values.get)
     assert f"{small_run.epe_clean:.2f} px on the clean frames and {small_run.epe:.2f} px under" in headline.sentence
@@ -263,10 +263,14 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     assert picture_of_panel(panel[:40], 0, 4) is None
 
 
+def _headline(content) -> str:
+    (board,) = content.boards
+    return headline_of(content, board, {}).sentence
+
+
 def test_headline_of_several_runs_names_the_lowest_and_those_that_may_be_as_low(many_images):
     runs = [many_images("A"), many_images("Bb", 1.22, seed=1), many_images("Ccc", 3.0)]
-    (board,) = whole_content(runs, published=False).boards
-    sentence = headline_of(board, {}, {}).sentence
+    sentence = _headline(whole_content(runs, published=False))
     first, second = sorted(("A", "Bb"), key=lambda name: next(run.epe for run in runs if run.name == name))
     assert sentence.startswith(f"Of 3 ranked results on KITTI-FC, {first} (")
     assert sentence.endswith(f"; {second} cannot be told apart from it.")
@@ -277,14 +281,13 @@ def test_headline_claims_a_difference_only_from_runs_that_were_tested(many_image
     monkeypatch.setattr("robustflow.report.leaderboard.MOST_COMPARED", 3)
     runs = [many_images("A"), *(many_images(f"B{index}", 3.0, seed=index) for index in range(4))]
     for count, others in ((2, "the others"), (5, "the next 2, the only ones tested")):
-        (board,) = whole_content(runs[:count], published=False).boards
-        assert headline_of(board, {}, {}).sentence.endswith(f"this is significantly lower than {others}.")
+        sentence = _headline(whole_content(runs[:count], published=False))
+        assert sentence.endswith(f"this is significantly lower than {others}.")
 
 
 def test_headline_of_one_ranked_result_compares_nothing():
     lines = parse_results("setting,model,metric,corruption,value\nOOD,A,epe,average,2.50\n", "few.csv", "file")
-    (board,) = whole_content([], [("few.csv", lines)], published=False).boards
-    sentence = headline_of(board, {}, {}).sentence
+    sentence = _headline(whole_content([], [("few.csv", lines)], published=False))
     assert "A (OOD)" in sentence
     assert "2.50 px" in sentence
     assert "lowest" not in sentence

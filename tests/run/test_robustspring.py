@@ -15,7 +15,7 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import write_image
 from robustflow.models import load_model
-from robustflow.report.leaderboard import boards_of
+from robustflow.report.leaderboard import board_cells, boards_of
 from robustflow.report.paper_tables import build_table
 from robustflow.run.records.format import container_bytes
 from robustflow.run.records.pack import record_bytes
@@ -118,7 +118,7 @@ def test_run_on_robustspring_is_shown_in_tables_and_pages(run):
     table = build_table("rcre", results)
     headings = [(column.label, column.group) for column in table.columns]
     assert headings == [("RS fog", "Weather"), ("RS zoom blur", "Blur"), ("AVG RCRE", "")]
-    (board,) = boards_of(results, {})
+    (board,) = boards_of(board_cells(results), {})
     assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]
 
 

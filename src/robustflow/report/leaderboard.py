@@ -67,24 +67,25 @@ _OVERVIEW_COLUMNS = tuple(
 Cells = dict[ValueKey, TableCell]
 
 
-def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Table]:
-    """Build one board per benchmark, named after it, ordered by number of runs, then by number of models. It has one
-    section per set of frames, with lines in the order of `by_error`."""
-    groups, of_benchmark = _groups(results), dict[str, dict[ModelResult, Cells]]()
-    for line, cells in marked_cells(results).items():
-        with_group = cells | {GROUP: TableCell(groups[line])} if line in groups else cells
-        of_benchmark.setdefault(line.benchmark, {})[line] = with_group
+def boards_of(cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> list[Table]:
+    """Build one board per benchmark from `board_cells`, named after it, ordered by number of runs, then by number of
+    models. It has one section per set of frames, with lines in the order of `by_error`."""
+    of_benchmark: dict[str, dict[ModelResult, Cells]] = {}
+    for line, of_line in cells.items():
+        of_benchmark.setdefault(line.benchmark, {})[line] = of_line
 
     def place(lines: Mapping[ModelResult, object]) -> tuple[int, int]:
         return -sum(line.run is not None for line in lines), -len({plain(line.name) for line in lines})
 
     order = sorted(of_benchmark.items(), key=lambda item: place(item[1]))
-    return [_board(name, cells, group_titles) for name, cells in order]
+    return [_board(name, of_lines, group_titles) for name, of_lines in order]
 
 
-def cells_of(board: Table, line: Line) -> Cells:
-    """Return the cells of a line that contain numbers, by column key."""
-    return {column.key: cell for column, cell in zip(board.columns, line.cells, strict=True) if cell.text != DASH}
+def board_cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
+    """Return the marked cells of each line and its group."""
+    groups = _groups(results)
+    marked = marked_cells(results).items()
+    return {line: cells | ({GROUP: TableCell(groups[line])} if line in groups else {}) for line, cells in marked}
 
 
 def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:

@@ -17,14 +17,14 @@ from ...core.files import digest_of_bytes
 from ...core.text import plain
 from ...run.comparable import sample_set
 from ...stats.exclusion import exclusion_reasons
-from ...stats.model_result import ModelResult, ValueKey, by_line, lines_of, run_frame
+from ...stats.model_result import ModelResult, by_line, lines_of, run_frame
 from ...stats.published.tables import PAPER, published_frame
 from ...stats.results import benchmark_words
 from ...stats.results_file import FILE, results_csv
 from ...stats.run_results import comparison_notes
 from ...stats.uncertainty.intervals import interval_ends
-from ..leaderboard import boards_of, cells_of
-from ..table import Table, TableCell
+from ..leaderboard import Cells, board_cells, boards_of
+from ..table import Table
 
 if TYPE_CHECKING:
     from ...run.run import Run
@@ -54,13 +54,12 @@ class Content:
     @cached_property
     def boards(self) -> list[Table]:
         """The leaderboards, one per benchmark."""
-        return boards_of(self.lines, self.group_titles)
+        return boards_of(self.cells, self.group_titles)
 
     @cached_property
-    def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
+    def cells(self) -> dict[ModelResult, Cells]:
         """The cells of each line in the leaderboards."""
-        lines = ((board, line) for board in self.boards for line in board.lines)
-        return {line.result: cells_of(board, line) for board, line in lines if line.result}
+        return board_cells(self.lines)
 
     @property
     def focus(self) -> list[ModelResult]:

@@ -11,8 +11,9 @@ from ...run.run import Run
 from ...stats.attacks import attack_scores
 from ...stats.model_result import ModelResult
 from ...stats.results import AVERAGE, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
-from ..leaderboard import GROUP, cells_of
+from ..leaderboard import GROUP
 from ..table import Table, interval_text
+from .content import Content
 from .examples import PanelPicture, worst_strip
 
 _MOST_NAMED = 3
@@ -28,18 +29,18 @@ class Headline:
     page: str = ""
 
 
-def headline_of(
-    board: Table, panels: Mapping[ModelResult, Sequence[PanelPicture]], pages: Mapping[ModelResult, str]
-) -> Headline:
+def headline_of(content: Content, board: Table, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> Headline:
     """Return the headline of a board: about its run, its runs, or the values that have no run."""
     lines = [line.result for line in board.lines if line.result]
     runs = [line for line in lines if line.run]
-    sentence = _about_run(runs[0].name, runs[0].run) if len(runs) == 1 and runs[0].run else _about_lines(board, lines)
+    sentence = (
+        _about_run(runs[0].name, runs[0].run) if len(runs) == 1 and runs[0].run else _about_lines(content, board, lines)
+    )
     pictured = next((line for line in runs if line.run and panels.get(line)), None)
     if pictured is None or pictured.run is None:
         return Headline(sentence)
     panel = panels[pictured][0]
-    return Headline(sentence, worst_strip(pictured.run), panel, pages[pictured])
+    return Headline(sentence, worst_strip(pictured.run), panel, content.pages[pictured])
 
 
 def _about_run(name: str, run: Run) -> str:
@@ -66,7 +67,7 @@ def _about_run(name: str, run: Run) -> str:
     return f"{head} ({where}), most under {most}: {value:.2f} px."
 
 
-def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
+def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -> str:
     """State which result of the first group of the board is the lowest, and which ones may be as low."""
     ranked = [line for line in lines if not line.excluded and (line.run or not any(one.run for one in lines))]
     metric = next((m for m in ("epe", "rcre") if any((m, AVERAGE) in line.values for line in ranked)), None)
@@ -82,7 +83,7 @@ def _about_lines(board: Table, lines: Sequence[ModelResult]) -> str:
         return f"{only}: its {METRIC_LABELS[metric]} under corruption is {number}."
     lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {number}"
     of = f"Of {counted(len(known), 'ranked result')} on {benchmark_words(board.name)}, "
-    groups = {line.result: cells_of(board, line)[GROUP].text for line in board.lines if GROUP in cells_of(board, line)}
+    groups = {line: content.cells[line][GROUP].text for line in known if GROUP in content.cells[line]}
     if first not in groups:
         return f"{of}{lowest}; these differences are not tested."
     tested = [line for line in known[1:] if line in groups]

@@ -49,7 +49,7 @@ def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
             sections=[
                 {
                     "board": board,
-                    "headline": headline_of(board, examples.panels if examples else {}, content.pages),
+                    "headline": headline_of(content, board, examples.panels if examples else {}),
                     "figures": [group for group in figures if group.benchmark == board.name],
                     "audits": _audits(content, board.name),
                 }
