@@ -1,8 +1,8 @@
 """Compute with actors on the nodes of a Ray cluster, or on this machine: one per GPU, or one per CPU.
 
 Only the driver writes rows and tracks which actor computes which unit, so actors and nodes can be lost at any time:
-their units are assigned again. Ray's retries are disabled, because they could run a unit twice when its result is
-merely late.
+another actor gets the unit. Ray's restarts are disabled, because a restarted actor would keep its unit while it waits
+for free resources, forever if its node is lost for good.
 """
 
 from __future__ import annotations
