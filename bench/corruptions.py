@@ -1,4 +1,4 @@
-"""Measure the time per pair of each corruption, compared with `imagecorruptions` and the reference code.
+"""Measure the time per pair of each corruption, compared with other packages and the reference code.
 
     python bench/corruptions.py [--size 375x1242] [--images A.png B.png] [--threads 2]
     python bench/corruptions.py --reference CLONE --reference-python PYTHON
@@ -7,8 +7,11 @@ The script measures CPU time with one thread, in milliseconds. In each round, a 
 frames, and the implementations alternate. Every result is the best time of several rounds, averaged over the five
 severities.
 
-`imagecorruptions-imaug` is timed if it is installed. It depends on a different OpenCV package, which would overwrite
-ours, so install it without its dependencies: `pip install --no-deps imagecorruptions-imaug`. The reference code is a
+Three packages are timed if they are installed. `imagecorruptions-imaug` and albumentations depend on a different OpenCV
+package, which would overwrite ours, so install them without their dependencies: `pip install --no-deps
+imagecorruptions-imaug albumentations albucore==0.0.24 stringzilla simsimd`. albumentations and kornia (with PyTorch)
+get our severity's parameter where they have such a transform. kornia's time includes the conversion of the frames to
+tensors and back. The reference code is a
 clone of the paper authors' repository; PYTHON is the interpreter of an environment with the (older) packages that the
 code needs.
 
@@ -45,7 +48,7 @@ import numpy as np
 
 from robustflow.core.errors import AssetError
 from robustflow.core.types import Camera, SceneDepth
-from robustflow.corruptions import corrupt
+from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.registry import FURTHER, IMAGE_PAIR
 from robustflow.data.datasets.motorcycle import Motorcycle
 from robustflow.media.images import read_image
@@ -110,12 +113,64 @@ def timed(call: Callable[[], Any]) -> Callable[[], float]:
     return job
 
 
-def other_package() -> Any:
-    """The module `imagecorruptions`, or None if it is not installed."""
-    try:
-        return importlib.import_module("imagecorruptions")
-    except ImportError:
+Transforms = dict[str, Callable[[Any, Any], Any]]
+"""Transforms of a package by the name of a corruption: functions of its module and of our severity's parameter."""
+
+ALBUMENTATIONS: Transforms = {
+    "jpeg_compression": lambda a, quality: a.ImageCompression(quality_range=(quality, quality), p=1),
+    "pixelate": lambda a, scale: a.Downscale((scale, scale), p=1),
+    "spatter": lambda a, level: a.Spatter(level.mean, level.deviation, level.sigma, level.threshold, p=1),
+    "gaussian_noise": lambda a, deviation: a.GaussNoise((deviation, deviation), p=1),
+    "impulse_noise": lambda a, share: a.SaltAndPepper((share, share), p=1),
+    "gaussian_blur": lambda a, sigma: a.GaussianBlur(0, (sigma, sigma), p=1),
+    "defocus_blur": lambda a, disk: a.Defocus((disk.radius, disk.radius), (disk.smoothing, disk.smoothing), p=1),
+    "glass_blur": lambda a, glass: a.GlassBlur(glass.sigma, glass.reach, glass.iterations, p=1),
+    "camera_motion_blur": lambda a, shake: a.MotionBlur((2 * shake.radius + 1, 2 * shake.radius + 1), p=1),
+}
+KORNIA: Transforms = {
+    "jpeg_compression": lambda k, quality: k.RandomJPEG((float(quality), float(quality))),
+    "contrast": lambda k, factor: k.RandomContrast((factor, factor)),
+    "gaussian_noise": lambda k, deviation: k.RandomGaussianNoise(std=deviation, p=1),
+    "impulse_noise": lambda k, share: k.RandomSaltAndPepperNoise((share, share), p=1),
+    "gaussian_blur": lambda k, sigma: k.RandomGaussianBlur(2 * int(np.ceil(3 * sigma)) + 1, (sigma, sigma), p=1),
+    "camera_motion_blur": lambda k, shake: k.RandomMotionBlur(2 * shake.radius + 1, (-45.0, 45.0), 0.0, p=1),
+}
+
+
+def of_imagecorruptions(package: Any, name: str, severity: int) -> Callable[[np.ndarray], Any] | None:
+    name = THEIR_NAMES.get(name, name)
+    if name not in package.get_corruption_names("all"):
         return None
+    return lambda frame: package.corrupt(frame, severity, name)
+
+
+def of_albumentations(package: Any, name: str, severity: int) -> Callable[[np.ndarray], Any] | None:
+    if name not in ALBUMENTATIONS:
+        return None
+    transform = ALBUMENTATIONS[name](package, load_corruption(name).parameter(severity))
+    return lambda frame: transform(image=frame)["image"]
+
+
+def of_kornia(package: Any, name: str, severity: int) -> Callable[[np.ndarray], Any] | None:
+    if name not in KORNIA:
+        return None
+    import torch
+
+    torch.set_num_threads(1)
+    transform = KORNIA[name](package, load_corruption(name).parameter(severity))
+
+    def apply(frame: np.ndarray) -> np.ndarray:
+        tensor = torch.from_numpy(frame).permute(2, 0, 1)[None].float() / 255
+        return transform(tensor)[0].mul(255).round().to(torch.uint8).permute(1, 2, 0).numpy()
+
+    return apply
+
+
+PACKAGES = {
+    "imagecorruptions": ("imagecorruptions", of_imagecorruptions),
+    "albumentations": ("albumentations", of_albumentations),
+    "kornia": ("kornia.augmentation", of_kornia),
+}
 
 
 class Reference:
@@ -148,21 +203,21 @@ missing."""
 def rivals(pair: Pair, reference: Reference | None) -> Rivals:
     """Return the alternative implementations that can be measured on this machine."""
     found: Rivals = {}
-    package = other_package()
-    if package is None:
-        print("imagecorruptions is not installed (pip install --no-deps imagecorruptions-imaug): no comparison")
-    else:
-        names = package.get_corruption_names("all")
+    for title, (module, transform_of) in PACKAGES.items():
+        try:
+            package = importlib.import_module(module)
+        except ImportError as error:
+            print(f"{title} is left out: {error}")
+            continue
 
-        def of_package(name: str, severity: int) -> float | None:
-            if name not in names:
-                return None
-            return timed(lambda: [package.corrupt(frame, severity, name) for frame in pair])()
+        def of_package(name: str, severity: int, package: Any = package, of: Any = transform_of) -> float | None:
+            transform = of(package, name, severity)
+            return None if transform is None else timed(lambda: [transform(frame) for frame in pair])()
 
-        found["imagecorruptions"] = of_package
+        found[title] = of_package
     if reference is not None:
-        other_names = {"motion_blur": "camera_motion_blur"}
-        found["reference"] = lambda name, severity: reference.milliseconds(other_names.get(name, name), severity)
+        names = {"high_light": "brightness"}
+        found["reference"] = lambda name, severity: reference.milliseconds(names.get(name, name), severity)
     return found
 
 
@@ -173,7 +228,7 @@ def measure(name: str, pair: Pair, depth: SceneDepth, others: Rivals, seconds: f
     rows = []
     for severity in SEVERITIES:
         jobs: list[Callable[[], float | None]] = [timed(partial(corrupt, *pair, name, severity, depth=depth))]
-        jobs += [partial(other, THEIR_NAMES.get(name, name), severity) for other in others.values()]
+        jobs += [partial(other, name, severity) for other in others.values()]
         rows.append(best_of(jobs, seconds / len(SEVERITIES)))
     columns = zip(*rows, strict=True)
     return [None if None in column else float(np.mean(column)) for column in columns]  # type: ignore[arg-type]

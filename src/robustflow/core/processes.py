@@ -5,7 +5,7 @@ Each child has a pipe for messages (kind, value). When the parent dies for any r
 the child waits for this, so even a child that hangs inside a model exits.
 
 On Linux, children are forked from one process (the fork server of `multiprocessing`) that has imported the modules they
-need and started no thread, so that only one process pays for the imports.
+need and runs nothing else, so that only one process pays for the imports.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ _preloaded: list[str] = []
 
 
 def preload(*modules: str) -> None:
-    """Let the process from which children are forked import these modules, once it starts. No import may start a
-    thread."""
+    """Let the process from which children are forked import these modules when it starts. Their threads, if any, must
+    survive a fork."""
     _preloaded.extend(modules)
 
 
