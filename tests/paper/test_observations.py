@@ -177,6 +177,7 @@ def _with_worst_cost(*names):
     ]
 
 
+@pytest.mark.filterwarnings("ignore:Precision loss")  # all ranks of a group are equal
 def test_observation_about_cost_reverses_with_the_costs():
     assert _verdicts(_with_worst_cost("ARFlow"))[6] == "too little evidence", "one of three unsupervised is last"
     assert _verdicts(_with_worst_cost("ARFlow", "UPFlow", "BrightFlow"))[6] == "does not hold"

@@ -6,14 +6,14 @@ but not to other images.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import polars as pl
+from scipy.stats import binomtest, ttest_1samp, ttest_ind
 
 from ..core.text import counted
 from ..stats.ranking import rank_correlation
@@ -22,8 +22,6 @@ from ..stats.uncertainty.paired import holm, standings
 
 Verdict = Literal["holds", "does not hold", "too little evidence"]
 THIN: Verdict = "too little evidence"
-
-_TAIL = (1 + LEVEL) / 2
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,18 @@ def joint(verdicts: Iterable[Verdict]) -> Verdict:
 
 def of_mean(values: Sequence[float], over: str) -> Margin:
     """Compute the mean of values, one per unit named by `over` ("family", "corruption"), with Student's interval."""
-    return _student(float(np.mean(values)), [values], _units(len(values), over))
+    return _of_test(float(np.mean(values)), ttest_1samp(values, 0), _units(len(values), over))
 
 
 def of_difference(larger: Sequence[float], smaller: Sequence[float]) -> Margin:
     """Compute the difference of two means over families with Welch's interval."""
     words = f"{len(larger)} and {_units(len(smaller), 'family')}"
-    return _student(float(np.mean(larger) - np.mean(smaller)), [larger, smaller], words)
+    return _of_test(float(np.mean(larger) - np.mean(smaller)), ttest_ind(larger, smaller, equal_var=False), words)
+
+
+def _of_test(estimate: float, test: Any, over: str) -> Margin:
+    ends = test.confidence_interval(LEVEL)
+    return Margin(estimate, float(ends.low), float(ends.high), over)
 
 
 def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin:
@@ -75,12 +78,8 @@ def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin:
 
 def of_majority(some: int, count: int, over: str) -> Margin:
     """Compute a share minus one half, with the exact interval of Clopper and Pearson (1934)."""
-    from scipy.special import betaincinv  # imported where it is used, because every page would wait 0.2 s for SciPy
-
-    tail = 1 - _TAIL
-    low = float(betaincinv(some, count - some + 1, tail)) if some else 0.0
-    high = float(betaincinv(some + 1, count - some, 1 - tail)) if some < count else 1.0
-    return Margin(some / count - 0.5, low - 0.5, high - 0.5, _units(count, over))
+    ends = binomtest(some, count).proportion_ci(LEVEL)
+    return Margin(some / count - 0.5, float(ends.low) - 0.5, float(ends.high) - 0.5, _units(count, over))
 
 
 def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
@@ -107,26 +106,8 @@ def among(best: int, ranks: Sequence[tuple[int, int]]) -> Verdict:
 
 
 def _p(gap: np.ndarray) -> float:
-    error = float(gap.std(ddof=1)) / math.sqrt(len(gap))
-    if error == 0:
-        return 1.0 if gap[0] == 0 else 0.0
-    from scipy.special import stdtr
-
-    return 2 * float(stdtr(len(gap) - 1, -abs(float(gap.mean())) / error))
+    return float(ttest_1samp(gap, 0).pvalue) if gap.any() else 1.0
 
 
 def _units(count: int, over: str) -> str:
     return counted(count, over, {"family": "families"}.get(over))
-
-
-def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> Margin:
-    """Compute an estimate from the means of groups of values, with Satterthwaite's degrees of freedom."""
-    parts = [float(np.var(values, ddof=1)) / len(values) for values in groups]
-    variance = sum(parts)
-    if variance == 0:
-        return Margin(estimate, estimate, estimate, over)
-    from scipy.special import stdtrit
-
-    freedom = variance**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, groups, strict=True))
-    reach = float(stdtrit(freedom, _TAIL)) * math.sqrt(variance)
-    return Margin(estimate, estimate - reach, estimate + reach, over)
