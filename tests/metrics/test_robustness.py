@@ -1,12 +1,9 @@
-import math
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.metrics import cre, crer, epe, rcre
 
-from . import naive
 from .strategies import cases
 
 errors = st.floats(0, 1e4)
@@ -36,12 +33,3 @@ def test_rcre_bounds_the_change_of_the_error(case):
         assert change is None
     else:
         assert moved >= abs(change) * (1 - 1e-12) - 1e-9
-
-
-@given(cases(finite=False))
-def test_rcre_equals_the_naive_loop(case):
-    pred, clean, _ = case
-    moved = [naive.distance(pred[p], clean[p]) for p in naive.pixels(pred)]
-    known = [m for m in moved if m is not None]
-    expected = math.fsum(known) / len(known) if known else None
-    assert rcre(pred, clean) == (None if expected is None else pytest.approx(expected, rel=1e-12))

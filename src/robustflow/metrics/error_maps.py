@@ -22,7 +22,7 @@ CRE and CREr are computed from the mean errors over an image, a corruption or th
 CRE is negative if a corruption reduces the error, and RCRE >= |CRE| over the same pixels.
 
 All metrics follow the same pattern: a pure function computes *sums* over one image, a mean is sum / count, and averages
-over images are computed later from the sums (`aggregate`). All arithmetic on the float32 flows is done in float64; sums
+over images are computed later from the sums (`means`). All arithmetic on the float32 flows is done in float64; sums
 add the pixels sequentially in row-major order, so they are bit-identical on every machine and for every memory layout.
 """
 
