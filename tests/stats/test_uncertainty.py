@@ -80,6 +80,8 @@ def test_a_resample_without_an_image_under_a_condition_averages_over_the_others(
     totals, counts = np.array([[2.0, 8], [3, 0], [5, 0]]), np.array([[1.0, 1], [1, 0], [1, 0]])
     found = Mean(totals, counts, np.array([0.5, 0.5]))(np.array([[0.0, 1, 2], [1, 1, 1]]))
     np.testing.assert_allclose(found.theta, [(3 + 2 * 5) / 3, ((2 + 3 + 5) / 3 + 8) / 2])
+    unmeasured = Mean(np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0))
+    assert bootstrap({0: unmeasured}, 3)[0].low is None
 
 
 @pytest.mark.parametrize("clusters", [24, 6], ids=["independent images", "equal clusters"])

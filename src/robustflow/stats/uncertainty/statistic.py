@@ -130,7 +130,7 @@ class Mean:
             columns.setdefault(images.tobytes(), []).append(condition)
         alike = list(columns.values())
         counts = count[:, [conditions[0] for conditions in alike]]
-        totals = np.stack([total[:, some] @ share[some] for some in alike], axis=1)
+        totals = np.array([total[:, some] @ share[some] for some in alike]).reshape(len(alike), len(total)).T
         self._columns = np.concatenate([totals, counts], axis=1)
         self._shares = np.array([share[some].sum() for some in alike])
         self._seen = counts.sum(axis=1) > 0
