@@ -52,21 +52,14 @@ def gallery(
     from ..run.predict import frames_of
 
     model, attacks = given["model"], given["attacks"]
-    if clip is not None:
-        for flag, value in {
-            "--frames": frames,
-            "--depth": given["depth"],
-            "--focal": given["focal"],
-            "--model": model,
-        }.items():
-            if value is not None:
-                raise UsageError(flag, "applies to two frames; omit it, or --clip")
-    elif not (start is None and stop is None and length is None):
-        raise UsageError("--clip", "--start, --stop and --length need a clip")
-    if model is None and (attacks is not None or given["still"]):
-        raise UsageError("--model", "--attacks and --still need a model")
-    if given["still"] and attacks is not None:
-        raise UsageError("--still", "shows phantom motion under corruptions; omit --attacks")
+    if clip is None:
+        refuse_unused(context, ("start", "stop", "length"), "without --clip")
+    else:
+        refuse_unused(context, ("frames", "depth", "focal", "model"), "with --clip")
+    if model is None:
+        refuse_unused(context, ("attacks", "still"), "without --model")
+    if attacks is not None:
+        refuse_unused(context, ("still",), "with --attacks")
     wanted = names(given["corruptions"])
     if attacks is not None and wanted is None:
         refuse_unused(context, {"severity_scale", "psf_dir", "depth", "focal"}, "with --attacks alone")

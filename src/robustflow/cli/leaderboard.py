@@ -9,11 +9,12 @@ from typer import Argument, Option
 from ..core.errors import RobustFlowError, UsageError
 from ..core.files import make_folder, write_bytes
 from ..core.text import plain
-from .options import shared
+from .options import refuse_unused, shared
 
 
 @shared(output="Output folder; 'leaderboard' by default.")
 def leaderboard(
+    context: typer.Context,
     sources: Annotated[
         list[Path] | None, Argument(metavar="SOURCE", help="Folders or records of runs, and results files (CSV, JSON).")
     ] = None,
@@ -62,8 +63,7 @@ def leaderboard(
         for earlier in add_records(output, add, supersede).earlier:
             then = "removed" if supersede else "is an earlier record of the same model; --supersede removes it"
             typer.echo(f"{earlier}: {then}", err=True)
-    elif supersede:
-        raise UsageError("--supersede", "requires --add; leave it out")
+    refuse_unused(context, () if add else ("supersede",), "without --add")
     sources = [path for source in sources for path in (collected(source) if is_collection(source) else [source])]
     output = output or Path("leaderboard")
     if not sources and not published:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ..core.arguments import SEVERITIES
@@ -279,14 +280,24 @@ def parts_of(run: Run) -> list[Row]:
     return [Row(label, (*numbers, None)) for label, *numbers in error_parts(run.averages)]
 
 
+_ANATOMY = {
+    "share %": "share of the pixels",
+    "adds (px)": "contribution of a family to the mean CRE",
+    "CRE (px)": "",
+    "CREr": "",
+    "RCRE (px)": "",
+    "broken %": "net share of pixels that became Fl outliers",
+    "slope (px)": "RCRE per severity step",
+}
+"""Columns of the anatomy table, and what is not named elsewhere."""
+
+
 def anatomy_table(sections: Mapping[str, Iterable[Any]], remark: str = "") -> Table:
-    """Tabulate the parts of the error of runs."""
-    explained = (
-        "share: share of the pixels; adds: contribution of a family to the mean CRE; broken: net share of pixels that "
-        "became Fl outliers; slope: RCRE per severity step."
-    )
-    labels = ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")
-    return Table.of("anatomy", "Anatomy of error", labels, sections, [explained, remark], "Part")
+    """Tabulate the parts of the error of runs, with an explanation of the columns that have a value."""
+    table = Table.of("anatomy", "Anatomy of error", _ANATOMY, sections, row_header="Part")
+    meant = [f"{name.split()[0]}: {_ANATOMY[name]}" for name in (one.label for one in table.columns) if _ANATOMY[name]]
+    about = [f"{'; '.join(meant)}."] if meant else []
+    return replace(table, remarks=(*about, *filter(None, [remark])))
 
 
 def flat_and_depth(wanted: Wanted) -> list[Table]:
