@@ -129,13 +129,6 @@ def test_ground_truth_takes_precedence_over_a_model_and_equal_displacements_are_
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 
-def test_coinciding_lines_are_both_visible():
-    table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.5, 0.5]})
-    (axes,) = displacement_figure({"a": table, "b": table, "c": table}).axes
-    widths = [patch.get_linewidth() for patch in axes.patches]
-    assert widths == sorted(set(widths), reverse=True)
-
-
 @pytest.mark.parametrize(
     "change",
     [

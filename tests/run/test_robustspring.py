@@ -23,7 +23,6 @@ from robustflow.run.source import RunSource
 from robustflow.run.submission import Robustness, Submitted
 from robustflow.stats.model_result import lines_of, run_results
 from robustflow.stats.robustspring import robustspring_results
-from robustflow.testing import ZeroClipFlow
 from tests.run.records.forge import entries_of as entries_of_record
 from tests.run.records.forge import failure, verified
 
@@ -136,25 +135,6 @@ def test_path_of_springs_frames_is_not_part_of_the_identity(run, root, tmp_path,
     source = RunSource.read(moved.path)
     again = load_benchmark("robustspring", source.data, options=source.data_options)
     assert set(moved.manifest.samples) < set(again.keys)
-
-
-def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption(root, tmp_path):
-    seen = []
-
-    class Recorder(ZeroClipFlow):
-        def predict_clip(self, frames, index):
-            seen.append(tuple(frame.copy() for frame in frames))
-            return super().predict_clip(frames, index)
-
-    split = tmp_path / "split.txt"
-    split.write_text("0003/flow_BW_left/flow_BW_left_0003")
-    options = {"split": split, "corruptions": ["robustspring_fog"], "examples": False}
-    evaluate(Recorder((0, 1)), "robustspring", root, tmp_path / "run", **options)
-    clean = [_clean("0003", "left", number) for number in (3, 2, 1)]
-    assert len(seen) == 2
-    for frames, expected in zip(seen, (clean, list(map(_fog, clean))), strict=True):
-        assert len(frames) == 3
-        assert all(np.array_equal(one, other) for one, other in zip(frames, expected, strict=True))
 
 
 def test_names_of_robustspring_are_valid_only_in_records_of_this_benchmark(run):

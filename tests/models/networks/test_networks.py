@@ -3,7 +3,6 @@ nor batches affect the result rows.
 """
 
 import hashlib
-import inspect
 from functools import cache
 
 import numpy as np
@@ -13,7 +12,6 @@ from robustflow import load_model
 from robustflow.core.errors import ModelError
 from robustflow.models import ModelSpec
 from robustflow.models.networks.table import NETWORKS
-from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
 
 from ...refusals import refusal
@@ -65,15 +63,6 @@ def test_without_a_checkpoint_the_message_names_the_file(name, tmp_path):
         assert "https://github.com/" in str(error)
 
 
-@pytest.mark.parametrize("name", ["samflow_t", "samflow_b", "samflow_h"])
-def test_every_size_is_offered_with_the_same_options(name):
-    parameters = inspect.signature(MODELS.get(name)).parameters
-    assert [option for option in parameters if option != "finetuned"] == [
-        *("checkpoint", "iterations", "tile", "sha256", "device", "precision", "compile", "threads")
-    ]
-    assert ("finetuned" in parameters) == (name == "samflow_h")
-
-
 @pytest.mark.torch
 @pytest.mark.parametrize("name", SMALL)
 def test_loaded_checkpoint_is_stated_in_the_identity(name, checkpoint, load):
@@ -108,15 +97,6 @@ def test_only_an_option_changes_the_flow_and_the_identity(name, option, one, oth
 
 
 @pytest.mark.torch
-def test_samflow_in_bf16_is_close_to_fp32(load):
-    full, low = (
-        load("samflow_t", precision=precision, **FEW["samflow_t"]).predict(*noise_pair(30, 45))
-        for precision in ("fp32", "bf16")
-    )
-    assert 0 < np.abs(low - full).max() < 0.1 * np.abs(full).max() + 0.1
-
-
-@pytest.mark.torch
 def test_tiles_of_the_authors_size_are_the_default_of_samflow(load):
     model = load("samflow_t")
     assert isinstance(model, TiledModel)
@@ -130,16 +110,6 @@ def test_the_place_of_a_checkpoint_is_not_part_of_a_runs_identity(checkpoint):
     assert one == other
     spec = ModelSpec("upflow", (*specs[0].options, ("mask_threshold", 1.0)))
     assert spec.identity(spec.load()) != one
-
-
-@pytest.mark.torch
-def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
-    import torch
-
-    content = torch.load(checkpoint("arflow"), weights_only=True)
-    content["state_dict"] = {key: value.half() for key, value in content["state_dict"].items()}
-    torch.save(content, tmp_path / "half.pth")
-    assert load_model("arflow", checkpoint=tmp_path / "half.pth").identity()["weights_cast_from"] == "float16"
 
 
 @pytest.mark.torch
