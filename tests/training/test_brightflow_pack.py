@@ -204,37 +204,6 @@ def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
         assert (gradient - mean).abs().max() <= 1e-4 * gradient.abs().max(), name
 
 
-@EACH_CASE
-def test_masks_kept_offsets_and_corrector_input_equal_the_originals(given, case, monkeypatch):
-    expected, visible, kept = given.cases["cases"][case], [], []
-    _spy(monkeypatch, "visibility", visible)
-    _spy(monkeypatch, "kept_offsets", kept)
-    number = next(int(number) for number, stated in CASES[case]["steps"].items() if "kept" in stated)
-    found, count = step(given, case, number), len(expected["mean_visible"])
-    ways = [torch.stack(visible[:count], 1), torch.stack(visible[count:], 1)]  # pair, iteration
-    means = torch.stack(ways, 1).mean((0, 1, 3, 4, 5)).flip(0).tolist()
-    assert means == pytest.approx(expected["mean_visible"], rel=1e-5)
-    last = torch.stack(ways, 1)[:, :, -1, :, ::2, ::2].numpy()
-    assert (np.abs(last - given.arrays[f"{case}/visible_last"]) > 1e-4).mean() <= 1e-4
-    offsets = torch.stack(kept, 1)
-    wanted = np.unpackbits(given.arrays[f"{case}/kept"]).reshape(offsets.shape)
-    assert wanted.mean() == pytest.approx(expected["steps"][str(number)]["kept"], rel=1e-5)
-    assert (offsets.numpy() != wanted).mean() <= 1e-4
-    assert [(kind, frame) for kind, frame, _ in found.asked] == [(k, f) for k in ("augmented", "plain") for f in (0, 1)]
-    images = torch.stack([images[..., ::8, ::8] for _, _, images in found.asked[:2]], 1).numpy()
-    np.testing.assert_allclose(images, given.arrays[f"{case}/corrector_input"], atol=1e-4)
-
-
-def _spy(monkeypatch: pytest.MonkeyPatch, name: str, seen: list[Tensor]) -> None:
-    real = getattr(objective, name)
-
-    def watched(*args: Any) -> Tensor:
-        seen.append(real(*args).detach())
-        return seen[-1]
-
-    monkeypatch.setattr(objective, name, watched)
-
-
 def test_corrector_gives_the_originals_offsets_and_gradients(given, shared):
     expected, made = given.cases["corrector"], weights(shared(PACK) / "keys.json")
     assert digest(made) == given.cases["digest"]

@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.training.losses import terms as loss_terms  # noqa: E402
 from robustflow.training.losses import unsupervised as brightflow  # noqa: E402
-from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
+from robustflow.training.losses.terms import (  # noqa: E402
     charbonnier,
     coverage,
     robust_smoothness,
@@ -16,7 +16,7 @@ from robustflow.training.losses.terms import (  # noqa: E402  # noqa: E402
     seen_by_splat,
     smoothness,
 )
-from robustflow.training.losses.unsupervised import (  # noqa: E402  # noqa: E402
+from robustflow.training.losses.unsupervised import (  # noqa: E402
     OneWay,
     UnsupervisedLoss,
     distillation,

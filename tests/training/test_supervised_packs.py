@@ -5,6 +5,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -34,20 +35,24 @@ EACH_STEP = pytest.mark.parametrize(
     ("name", "case", "number"),
     [(*case, number) for case, stated in CASES.items() for number in range(len(stated.get("loss", "-")))],
 )
-_LOSS = {"flowdiffuser": (2e-6, 1e-3)}
-"""Relative tolerance of the loss in the first step and in later ones, for networks that do not use the default (1e-6,
-1e-4).
-"""
-_NORM = {"flowdiffuser": (1e-4, 1e-3), "flowformer": (1e-4, 2e-4), "flowformer_pp": (1e-4, 1e-3)}
-"""Relative tolerance of the norm of all gradients in the first step and in later ones, for networks that do not use
-the default 1e-4.
-"""
-_GRADIENT = {"flowdiffuser": 5e-4, "flowformer": 6e-3, "flowformer_pp": 6e-3}
-"""Tolerance of a gradient relative to its largest value, for networks that do not use the default 1e-3."""
-_GRADIENT_NORM = {"flowdiffuser": 1e-2, "flowformer": 3e-3, "flowformer_pp": 8e-3}
-"""Relative tolerance of a gradient's norm, for networks that do not use the default 1e-3."""
-_FLOW = {"flowformer_pp": 2e-5}
-"""Tolerance of a flow relative to its largest value, for networks that do not use the default 1e-5."""
+
+
+class Tolerances(NamedTuple):
+    """Relative tolerances; those of a gradient and of a flow are relative to its largest value."""
+
+    loss: tuple[float, float] = (1e-6, 1e-4)  # in the first step and in later ones
+    norm: tuple[float, float] = (1e-4, 1e-4)  # of all gradients
+    gradient: float = 1e-3
+    gradient_norm: float = 1e-3
+    flow: float = 1e-5
+
+
+TOLERANCES = {
+    "gmflownet": Tolerances(),
+    "flowformer": Tolerances(norm=(1e-4, 2e-4), gradient=6e-3, gradient_norm=3e-3),
+    "flowformer_pp": Tolerances(norm=(1e-4, 1e-3), gradient=6e-3, gradient_norm=8e-3, flow=2e-5),
+    "flowdiffuser": Tolerances((2e-6, 1e-3), (1e-4, 1e-3), gradient=5e-4, gradient_norm=1e-2),
+}
 DOUBLE = ("flowformer", "flowformer_pp")
 """Networks that amplify rounding so much that processors differ. Their steps are computed here in double precision,
 where they do not; the tolerances are for the rounding in the packs, which are in single precision.
@@ -129,10 +134,10 @@ def test_recipe_of_a_case_has_its_settings_and_rates(name, case):
 @EACH_STEP
 def test_losses_and_gradient_norms_of_a_step_equal_the_originals(name, case, number):
     expected, step = pack_of(name).header["cases"][case], made(name, case)[0][number]
-    tolerance = _LOSS.get(name, (1e-6, 1e-4))[number > 0]
+    tolerance = TOLERANCES[name].loss[number > 0]
     assert step.loss == pytest.approx(expected["loss"][number], rel=tolerance)
     assert step.numbers["epe"] == pytest.approx(expected["epe_last"][number], rel=max(tolerance, 1e-5), abs=0)
-    assert step.norm == pytest.approx(expected["grad_norm"][number], rel=_NORM.get(name, (1e-4, 1e-4))[number > 0])
+    assert step.norm == pytest.approx(expected["grad_norm"][number], rel=TOLERANCES[name].norm[number > 0])
     assert abs(step.rate - expected["rate"][number]) < 1e-9
     if "matching" in step.numbers:
         off = expected["loss"][number] - expected["sequence"][number]
@@ -153,16 +158,16 @@ def test_flows_and_gradients_of_the_first_step_equal_the_originals(name, case):
     for key in compared:
         index, stride = (-1, 2) if key.endswith("_last") else (int(key.rpartition("flow")[2]), 4)
         off = np.abs(step.flows[index][..., ::stride, ::stride].numpy() - pack.arrays[key]).max()
-        assert off <= _FLOW.get(name, 1e-5) * np.abs(pack.arrays[key]).max()
+        assert off <= TOLERANCES[name].flow * np.abs(pack.arrays[key]).max()
     norms = expected["gradient_norms"]
     assert {key for key, norm in norms.items() if norm} == {key for key, value in step.gradients.items() if value.any()}
     for key, norm in norms.items():
         if norm and norm > ROUNDING:
-            assert step.gradients[key].norm().item() == pytest.approx(norm, rel=_GRADIENT_NORM.get(name, 1e-3)), key
+            assert step.gradients[key].norm().item() == pytest.approx(norm, rel=TOLERANCES[name].gradient_norm), key
     for key in [key for key in pack.arrays if key.startswith(f"{case}/gradient/")]:
         if norms[parameter := key.rpartition("/")[2]] > ROUNDING:
             off = np.abs(step.gradients[parameter].numpy() - pack.arrays[key]).max()
-            assert off <= _GRADIENT.get(name, 1e-3) * np.abs(pack.arrays[key]).max(), key
+            assert off <= TOLERANCES[name].gradient * np.abs(pack.arrays[key]).max(), key
 
 
 @EACH_CASE
