@@ -66,7 +66,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
     again = sum(asked.values()) - len(asked)
     in_flight = 5  # each worker has one unit in flight, with this many severities
     drawn = 3  # the clean, worst and median cells are predicted again for the images
-    compared = 1  # a clean row is measured again before a run is resumed
+    compared = 1 + WORKERS  # clean rows are measured again: the first one, and those of the samples in progress
     assert again <= kills * (WORKERS * in_flight + drawn + compared) + drawn
     pictures = {path.name: path.read_bytes() for path in (tmp_path / "killed/examples").iterdir()}
     assert pictures == {path.name: path.read_bytes() for path in (tmp_path / "whole/examples").iterdir()}
@@ -103,7 +103,7 @@ def test_run_killed_at_every_write_resumes_to_the_same_rows(tmp_path):
         assert run.rows.equals(whole), folder.name
         assert run.measured.complete
         assert [shard_name(path) for path in list_shards(folder / "rows")] == ["pack"], folder.name
-        assert not list((folder / "clean").iterdir()), folder.name
+        assert not (folder / "clean").exists(), folder.name
         assert not list(folder.rglob(".partial-*")), folder.name
         assert RunFolder(folder).tidy() == set(whole.select("sample", "corruption", "severity").iter_rows())
     assert undone > len(killed) / 2

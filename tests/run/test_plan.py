@@ -12,7 +12,7 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.cells import Cells
 from robustflow.run.config import FrameOptions, MeasuringOptions, RunConfig
 from robustflow.run.manifest import Manifest
-from robustflow.run.plan import Plan, Unit, unfinished_samples
+from robustflow.run.plan import Plan, Unit
 from robustflow.testing import ZeroFlow
 
 pytestmark = pytest.mark.usefixtures("demo_is_small")
@@ -90,14 +90,6 @@ def test_cells_of_a_plan_are_listed_without_and_with_attacks(benchmark):
     assert list(cells.corrupted()) == CELLS
     assert list(cells.attacked()) == ATTACKED
     assert cells.count() == len([*CELLS, *ATTACKED])
-
-
-def test_a_sample_is_unfinished_while_any_row_of_it_is_missing():
-    manifest = Manifest.model_construct(planned=(PLANNED,))
-    assert unfinished_samples(manifest, {*CELLS, *ATTACKED}) == set()
-    assert unfinished_samples(manifest, set()) == {"a", "b"}
-    for cell in (*CELLS, *ATTACKED):
-        assert unfinished_samples(manifest, {*CELLS, *ATTACKED} - {cell}) == {cell[0]}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
-from .processes import wait_until
 
 
 @pytest.fixture
@@ -121,17 +120,14 @@ def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, requ
 
     def dies(frame1, frame2):
         if not alive and not np.array_equal(frame1, clean):
-            wait_until(lambda: any((tmp_path / "run/clean").iterdir()))
             raise KeyboardInterrupt
         return _brightness(frame1, frame2)
 
     with pytest.raises(KeyboardInterrupt):
         _run(tmp_path, frames, [1], dies)
-    (flow,) = (tmp_path / "run/clean").iterdir()
-    assert flow.stat().st_size > 40 * 48 * 8
     alive.append(True)
     assert _run(tmp_path, frames, [1], dies).rows.height == 4
-    assert not list((tmp_path / "run/clean").iterdir())
+    assert not (tmp_path / "run/clean").exists()
 
 
 def test_a_model_whose_flow_depends_on_opencvs_threads_is_resumed_with_one_thread(tmp_path, frames):

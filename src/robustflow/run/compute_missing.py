@@ -33,7 +33,7 @@ from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Engine
 from .identity import difference, environment
 from .manifest import Manifest, clips_of
-from .plan import Plan, unfinished_samples
+from .plan import Plan
 from .progress import Progress, TerminalProgress
 from .store import RunFolder
 from .trust import COMPARED
@@ -50,11 +50,9 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     cells = folder.tidy()
     _check_first_sample(folder, plan)
     folder.write_manifest(manifest)
-    folder.keep_clean(key for key in unfinished_samples(manifest, cells) if (key, CLEAN, 0) in cells)
     units = plan.missing(cells)
     job = plan.job(
         folder=folder.path,
-        run=manifest.identity_digest,
         kept=_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}),
         first=next((unit.key for unit in units if unit.corruption == CLEAN), None),
     )

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,6 @@ from ..models.provenance import DECLARED, Training, training_of
 from .cells import Cell, Cells, lacking_levels
 from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity, recorded_scale
-from .manifest import Manifest
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,6 @@ class Job:
     learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
     """Trained perturbations by attack and severity."""
     batch_size: int = 1
-    run: str = ""
-    """Digest of the run's identity, by which clean flows of a different run in the same folder are recognized."""
     folder: Path | None = None
     """The run's folder, in which clean flows are stored between units; None to store none."""
     pictures: Path | None = None
@@ -245,12 +241,6 @@ class Plan:
             ),
             measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, **dict(self.config.measuring)),
         )
-
-
-def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
-    """Return the samples for which a run lacks a row, including rows of attacks."""
-    parts = manifest.planned
-    return {cell[0] for part in parts for cell in chain(part.corrupted(), part.attacked()) if cell not in cells}
 
 
 def _json_types(value: Mapping[str, Any]) -> dict[str, Any]:

@@ -108,7 +108,6 @@ class OpenSample:
 
     sample: Sample
     regions: Regions | None
-    clean_flow_key: str
     clean: Answer | None = None
     """The answer to the clean frames, once it is known."""
 
@@ -155,7 +154,7 @@ class FrameStage:
                     "or restore the flow file",
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
-            return OpenSample(sample, regions, f"{self._job.run} {key} {frames_digest(sample.frames)}")
+            return OpenSample(sample, regions)
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         """Return the frames of a sample under the first draw of a corruption, in the sample's order."""

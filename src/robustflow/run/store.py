@@ -2,7 +2,7 @@
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
-clean/*.npy        clean flows of samples that are not finished yet (`trust.write_array`)
+clean/*.npy        during a run: clean flows of samples in progress (`trust.write_array`)
 attacks/*.npy      perturbations that attacks were trained to make (`trust.write_array`)
 summary.json, report.html
 examples/          pictures of the worst and the median sample
@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -49,7 +49,6 @@ _SMALL_SHARD = 2**20
 """Size in bytes below which shards are merged: about 10,000 rows."""
 _INSIDE = ("rows", "clean", "attacks", "examples")
 """Subfolders of a run's folder."""
-_CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _UNUSABLE = "restore it from a backup, use the version that wrote it, or choose another folder with --output"
 _RETRIES = 1000
 """Maximum number of times that a reader lists the shards again while another process writes."""
@@ -63,6 +62,7 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = user_path(path)
         self.rows_folder = self.path / "rows"
+        self.clean_folder = self.path / "clean"
         self.manifest_path = self.path / "manifest.json"
         self.lock_path = self.path / ".lock"
         self._lock: FileLock | None = None
@@ -71,7 +71,7 @@ class RunFolder:
     def lock(self) -> None:
         """Create the folder, lock it until this process ends, and remove half-written files of a killed run."""
         refuse_links(self.path, *_INSIDE)
-        for folder in (self.path, self.rows_folder, self.path / "clean"):
+        for folder in (self.path, self.rows_folder):
             make_folder(folder)
         # The operating system releases this lock; a simple lock file would remain after a killed run.
         lock = FileLock(self.lock_path, fallback_to_soft=False)
@@ -84,14 +84,16 @@ class RunFolder:
             why = f"cannot be written ({error.strerror or error}); choose another folder with --output"
             raise RunError(self.path, why) from error
         self._lock, self._lock_inode = lock, _inode(self.lock_path)
-        for path in (*self.path.glob(f"{TEMPORARY}*"), *self.path.glob(f"*/{TEMPORARY}*")):
+        for path in (self.clean_folder, *self.path.glob(f"{TEMPORARY}*"), *self.path.glob(f"*/{TEMPORARY}*")):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
+        make_folder(self.clean_folder)
 
     def unlock(self) -> None:
         if self._lock is not None:
+            shutil.rmtree(self.clean_folder, ignore_errors=True)
             self._lock.release()
             self._lock = None
 
@@ -135,8 +137,6 @@ class RunFolder:
                 if remaining.height:
                     write_shard(self.rows_folder, shard_name(path), remaining)
                 path.unlink()
-        for key in keys:
-            self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
         """Merge small shards into one, if there are `at_least` of them."""
@@ -151,13 +151,6 @@ class RunFolder:
         if twice:
             merge_shards(twice)
         return cells
-
-    def keep_clean(self, keys: Iterable[str]) -> None:
-        """Remove all clean flows except those of the given samples; keep other files."""
-        paths = {self.clean_path(key) for key in keys}
-        for path in (self.path / "clean").iterdir():
-            if _CLEAN_FLOW.fullmatch(path.name) and path not in paths:
-                path.unlink(missing_ok=True)
 
     def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
         """Read all rows, sorted by sample, corruption and severity; empty if no unit is finished."""
@@ -181,7 +174,7 @@ class RunFolder:
 
     def clean_path(self, key: str) -> Path:
         """Return the path at which the clean flow of a sample is stored until the sample is finished."""
-        return self.path / "clean" / f"{_slug(key)}.npy"
+        return self.clean_folder / f"{_slug(key)}.npy"
 
     def pattern_path(self, attack: str, severity: int) -> Path:
         """Return the path at which the perturbation of a trained attack is stored."""

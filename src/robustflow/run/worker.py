@@ -139,12 +139,12 @@ class Computation:
         if key not in self._samples:
             opened = self._samples[key] = self.frames.load(key)
             path = None if self._folder is None else self._folder.clean_path(key)
-            opened.clean = None if path is None else read_array(path, opened.clean_flow_key)
+            opened.clean = None if path is None else read_array(path, key)
             cell = (key, CLEAN, 0)
             if opened.clean is None:
                 (opened.clean,) = yield [self.frames.request(opened.sample, cell, opened.sample.frames)]
                 if path is not None:
-                    write_array(path, opened.clean, opened.clean_flow_key)
+                    write_array(path, opened.clean, key)
             if key in self._kept:
                 check_same(self._kept[key], self.row(opened, opened.clean, self.digest(opened.sample.frames), cell))
         return self._samples[key]

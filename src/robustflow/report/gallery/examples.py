@@ -36,7 +36,6 @@ from ...run.cells import Cell
 from ...run.pictures import SLIDER_WIDTH, picture_path, slider_picture
 from ...run.plan import Plan
 from ...run.run import Run
-from ...run.store import RunFolder
 from ...run.worker import View, Worker, temporary_worker
 from .panel import draw_panel, numbers_line, panel_title
 
@@ -178,15 +177,12 @@ def drop_examples(run: Path) -> None:
 
 @contextmanager
 def capture_slider_pictures(plan: Plan, folder: Path) -> Iterator[Plan]:
-    """Yield a plan whose workers store the slider's pictures until the block ends, if its sample is known. The clean
-    flow of the sample is kept as long."""
+    """Yield a plan whose workers store the slider's pictures until the block ends, if its sample is known."""
     if len(plan.benchmark.keys) > 1:
         yield plan
         return
     with TemporaryDirectory(prefix=TEMPORARY, dir=folder, ignore_cleanup_errors=True) as pictures:
         yield replace(plan, pictures=Path(pictures))
-        for key in plan.benchmark.keys:
-            RunFolder(folder).clean_path(key).unlink(missing_ok=True)
 
 
 def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda what: None) -> bool:
@@ -203,8 +199,7 @@ def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        job = plan.job(run=run.manifest.identity_digest, folder=plan.pictures and run.path)
-        with temporary_worker(job) as worker:
+        with temporary_worker(plan.job(folder=plan.pictures and run.path)) as worker:
             for panel in listed.panels:
                 drawing(f"{panel.kind} example")
                 cell = (panel.key, panel.corruption, panel.severity)
