@@ -44,9 +44,9 @@ class Result(Run):
     @property
     def cost(self) -> RunCost | None:
         """Return the cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
-        from .run.costs import read_cost
+        from .run.costs import RunCost
 
-        return read_cost(self)
+        return RunCost.read(self)
 
     def compare(
         self, other: Run | str | Path, *, level: float = 0.95, resamples: int = 4999, seed: int = 0

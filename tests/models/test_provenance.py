@@ -7,6 +7,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import UsageError
+from robustflow.data.benchmarks.setting import Provenance, provenance_of
 from robustflow.data.benchmarks.setting import setting_of as setting_on
 from robustflow.data.datasets import DATASETS, dataset_facts
 from robustflow.data.datasets.split import drive_disjoint_split, kitti_split
@@ -14,7 +15,6 @@ from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
 from robustflow.models.provenance import TRAINING_SETS, Training, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
-from robustflow.run.identity import Provenance
 from robustflow.stats.published.tables import published_methods
 from robustflow.stats.run_results import run_setting
 from robustflow.testing import BrightnessFlow
@@ -70,7 +70,7 @@ def test_checkpoint_with_a_backbone_of_unchecked_pre_training_is_never_ood():
     settings = {setting_on(training_of_entry(entry), "kitti-fc") for entry in unchecked}
     assert settings == {"UNKNOWN", "LEAKED"}
     (things,) = (entry for entry in unchecked if (entry.model, entry.checkpoint) == ("flowseek_t", "things"))
-    provenance = Provenance.of(training_of_entry(things), "kitti-fc")
+    provenance = provenance_of(training_of_entry(things), "kitti-fc")
     assert (provenance.trained_on, provenance.backbone) == (("flyingchairs", "flyingthings3d"), "depth-anything-v2?")
     assert provenance.note.count("depth-anything-v2") == 1
     (flowformer,) = (one for one in checkpoints() if (one.model, one.checkpoint) == ("flowformer", "things"))
@@ -122,7 +122,7 @@ def test_setting_follows_from_training_sets_and_benchmark(sets, benchmark, setti
 def _on(benchmark: str, sets: str, keys: list[str], **protocol: str) -> tuple[str, list[int]]:
     """The setting of a model trained on these sets, and the numbers in its note."""
     training = training_of({"name": "mine", "checkpoint": "ab" * 32}, sets)
-    provenance = Provenance.of(training, benchmark, keys, protocol)
+    provenance = provenance_of(training, benchmark, keys, protocol)
     return provenance.setting, [int(number) for number in re.findall(r"\b\d+\b", provenance.note)]
 
 
@@ -160,9 +160,9 @@ def test_a_video_of_the_user_is_not_of_gopros_domain_because_gopro_fc_reads_it(s
 
 def test_run_is_leaked_after_a_call_with_training_pairs():
     by_hand = Training(sets=("kitti2015:train",), basis="declared", note="by hand")
-    first = Provenance.of(by_hand, "kitti-fc", ["000000"])
+    first = provenance_of(by_hand, "kitti-fc", ["000000"])
     assert (first.setting, first.note) == ("ID", "by hand")
-    later = Provenance.of(by_hand, "kitti-fc", ["000000", "000002"])
+    later = provenance_of(by_hand, "kitti-fc", ["000000", "000002"])
     assert later.setting == "LEAKED"
     assert later.note.startswith("by hand; ")
 

@@ -11,7 +11,7 @@ from robustflow.core.errors import RunError, UsageError
 from robustflow.core.files import sealed
 from robustflow.report.site.content import whole_content
 from robustflow.report.tables import tables_of
-from robustflow.run.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
+from robustflow.run.costs import PROFILE, RunCost, check_profiled_model
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.testing import ConstantFlow
 
@@ -75,7 +75,7 @@ def test_costs_of_runs_are_shown_without_ranks(runs):
     """A flow that is too short has a low CREr, which must not give it a good rank."""
     costs = (30.0, 20.04, 20.01, 5.0)
     for run, flops in zip(runs, costs, strict=True):
-        write_cost(run, _cost(run, flops))
+        _cost(run, flops).write(run.path)
     found = {
         name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on different frames"
     }
@@ -93,14 +93,14 @@ def test_costs_of_runs_are_shown_without_ranks(runs):
 def test_costs_of_runs_leave_published_lines_unchanged(runs):
     alone = {key: cells for key, (cells, _) in _lines([]).items()}
     for run in runs:
-        write_cost(run, _cost(run, 0.1))
+        _cost(run, 0.1).write(run.path)
     beside = {key: cells for key, (cells, _) in _lines(runs).items() if key[0] == "Published"}
     assert {key: {k: v for k, v in cells.items() if "other" not in k} for key, cells in beside.items()} == alone
 
 
 def test_counts_at_another_size_are_noted(runs):
-    write_cost(runs[0], _cost(runs[0], 30.0))
-    write_cost(runs[1], _cost(runs[1], 20.0, height=64, width=64, iterations=24))
+    _cost(runs[0], 30.0).write(runs[0].path)
+    _cost(runs[1], 20.0, height=64, width=64, iterations=24).write(runs[1].path)
     found = _lines(runs, published=False)
     cells, note = found["Measured on different frames", "two"]
     assert cells["FLOPs (G)"] == "20.0"
@@ -111,10 +111,10 @@ def test_counts_at_another_size_are_noted(runs):
 
 def test_cost_is_packed_with_the_record(runs, tmp_path):
     cost = _cost(runs[0], 30.0, seconds=0.25, peak_bytes=10, device="cuda:0", iterations=12)
-    write_cost(runs[0], cost)
-    assert read_cost(runs[0]) == cost
-    assert read_cost(load_any_run(pack(runs[0], tmp_path / "a.robustflow"))) == cost
-    assert read_cost(runs[1]) is None
+    cost.write(runs[0].path)
+    assert RunCost.read(runs[0]) == cost
+    assert RunCost.read(load_any_run(pack(runs[0], tmp_path / "a.robustflow"))) == cost
+    assert RunCost.read(runs[1]) is None
 
 
 @pytest.mark.parametrize(
@@ -139,12 +139,12 @@ def test_damaged_cost_file_is_refused(runs, change):
     if isinstance(change, dict):
         change = json.dumps(sealed(_cost(runs[0], 1.0).model_dump() | change))
     path.write_text(change)
-    refusal(lambda: read_cost(runs[0]), RunError, path)
+    refusal(lambda: RunCost.read(runs[0]), RunError, path)
 
 
 def test_pipe_as_cost_file_is_refused_at_once(runs):
     os.mkfifo(runs[0].path / PROFILE)
-    assert read_cost(runs[0]) is None
+    assert RunCost.read(runs[0]) is None
 
 
 @pytest.mark.parametrize(("key", "value"), [("name", "two"), ("iterations", 24), ("tile", [432, 960])])

@@ -16,7 +16,7 @@ from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.tiling import TiledModel
 from robustflow.report.site.content import whole_content
-from robustflow.run.costs import COUNTED_SIZE, read_cost
+from robustflow.run.costs import COUNTED_SIZE, RunCost
 from robustflow.run.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
 from robustflow.run.run import Run
 from robustflow.stats.published.tables import published_costs
@@ -169,14 +169,14 @@ def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     content = whole_content([Run(run.path)])
-    counted, known = read_cost(run), content.cells[content.lines[0]]
+    counted, known = RunCost.read(run), content.cells[content.lines[0]]
     assert (counted.height, counted.width, counted.seconds) == (432, 720, None)
     assert known["parameters", ""].text == f"{counted.parameters_m:.2f}"
     assert known["flops", ""].text == f"{counted.flops_g:.1f}"
     code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 0, err
     assert "written to" in out
-    cost = read_cost(run)
+    cost = RunCost.read(run)
     model = network_of(spec.load())
     counts = count(model.net, *model.convention.fitted_size(128, 192))
     assert (cost.parameters, cost.macs, cost.thop_macs) == (counts.parameters, counts.macs, counts.thop_macs)
@@ -184,7 +184,7 @@ def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
     code, _, err = profile("upflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 2
     assert "has a different model" in err
-    assert read_cost(run) == cost
+    assert RunCost.read(run) == cost
     assert profile("--paper", "--into", run.path)[0] == 2
 
 
@@ -194,7 +194,7 @@ def test_profile_of_tiny_is_stored_in_a_run_of_either_runtime(profile, tmp_path,
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     code, _, err = profile("tiny", "--size", "64x96", "--repeat", 0, "--into", run.path)
     assert code == 0, err
-    assert (read_cost(run).height, read_cost(run).width) == (64, 96)
+    assert (RunCost.read(run).height, RunCost.read(run).width) == (64, 96)
 
 
 @pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])

@@ -70,7 +70,7 @@ def _print_model(
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel
     from ..models.torch.network import RANDOM
-    from ..run.costs import RunCost, check_profiled_model, write_cost
+    from ..run.costs import RunCost, check_profiled_model
     from ..run.profile import count_prediction, measure_prediction, network_of
     from ..run.run import Run
 
@@ -101,7 +101,7 @@ def _print_model(
     if run is not None:
         facts = asdict(counts) | (asdict(measured) if measured is not None else {})
         cost = RunCost(run=run.manifest.identity_digest, height=height, width=width, iterations=rounds, **facts)
-        typer.echo(f"written to   {write_cost(run, cost)}")
+        typer.echo(f"written to   {cost.write(run.path)}")
     return counts, measured
 
 

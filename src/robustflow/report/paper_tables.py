@@ -10,7 +10,7 @@ from ..core.text import joined
 from ..corruptions.registry import MEMBERS, ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
-from ..run.costs import COUNTED_SIZE, RunCost, read_cost
+from ..run.costs import COUNTED_SIZE, RunCost
 from ..stats.exclusion import PHANTOM
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey
 from ..stats.published.tables import COUNTED_ITERATIONS, PAPER, published_costs
@@ -152,7 +152,7 @@ def _cost_row(result: ModelResult) -> Row:
     texts: list[str | None] = [None] * len(_COST_COLUMNS)
     notes = [full_note(result)]
     texts[{"OOD": 2, "ID": 3}.get(result.setting, 4)] = result.values[CRER].text
-    if result.run is not None and (found := read_cost(result.run)) is not None:
+    if result.run is not None and (found := RunCost.read(result.run)) is not None:
         texts[:2] = result.values[PARAMETERS].text, result.values[FLOPS].text
         notes.append(_counted_note(found))
     return Row(result.name, texts, "; ".join(filter(None, notes)))

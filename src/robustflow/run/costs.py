@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import polars as pl
 from pydantic import Field, model_validator
@@ -21,17 +21,16 @@ from ..core.files import write_bytes
 from ..core.text import plain
 from ..core.types import Untrusted
 from ..metrics.rows import CLEAN
-from .trust import document_bytes, parse_document, read_document
+from .trust import document_bytes, read_document
 
 if TYPE_CHECKING:
     from .run import Run
 
-PROFILE, DISPLACEMENT = "profile.json", "displacement.json"
+PROFILE = "profile.json"
 COUNTED_SIZE = (432, 720)
 """Height and width of the frames for which the paper reports costs, in pixels."""
 GROUND_TRUTH = "ground truth"
 """Value of `source` for a histogram of the ground truth."""
-_COMMANDS = {PROFILE: "profile MODEL --into RUN", DISPLACEMENT: "reproduce displacement --into RUN"}
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
@@ -42,36 +41,39 @@ _Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
 class RunAttachment(Untrusted):
-    """The fields that every such file contains."""
+    """Base of the files; each contains the digest of its run's identity."""
+
+    FILE: ClassVar[str]
+    COMMAND: ClassVar[str]
+    """The command that writes the file."""
 
     version: Annotated[int, Field(ge=1, le=1)] = 1
     run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
+    @classmethod
+    def remedy(cls) -> str:
+        return f"delete it, or recreate it with robustflow {cls.COMMAND} --into RUN"
 
-Attachment = TypeVar("Attachment", bound=RunAttachment)
+    @classmethod
+    def read(cls, run: Run) -> Self | None:
+        """Read the file from a run's folder; None if it does not exist."""
+        path = run.path / cls.FILE
+        content = read_document(cls, path, _LARGEST, cls.remedy())
+        if content is not None and content.run != run.manifest.identity_digest:
+            raise RunError(path, f"belongs to a different run ({content.run}); {cls.remedy()}")
+        return content
 
-
-def _remedy(file: str) -> str:
-    return f"delete it, or recreate it with robustflow {_COMMANDS[file]}"
-
-
-def _read(kind: type[Attachment], run: Run, file: str) -> Attachment | None:
-    """Read such a file from a run's folder; None if it does not exist."""
-    path = run.path / file
-    content = read_document(kind, path, _LARGEST, _remedy(file))
-    if content is not None and content.run != run.manifest.identity_digest:
-        raise RunError(path, f"belongs to a different run ({content.run}); {_remedy(file)}")
-    return content
-
-
-def _write(run: Run, file: str, content: RunAttachment) -> Path:
-    path: Path = run.path / file
-    write_bytes(path, document_bytes(content.model_dump()))
-    return path
+    def write(self, folder: Path) -> Path:
+        """Write the file into a run's folder."""
+        write_bytes(folder / self.FILE, document_bytes(self.model_dump()))
+        return folder / self.FILE
 
 
 class RunCost(RunAttachment):
     """The cost of one prediction of a run's model."""
+
+    FILE = PROFILE
+    COMMAND = "profile MODEL"
 
     height: Annotated[int, Field(ge=1, le=10**5)]
     width: Annotated[int, Field(ge=1, le=10**5)]
@@ -95,20 +97,6 @@ class RunCost(RunAttachment):
         return self.thop_macs / 1e9
 
 
-def parse_cost(data: bytes, name: str) -> RunCost:
-    """Parse a cost from its file."""
-    return parse_document(RunCost, data, name, _remedy(PROFILE))
-
-
-def read_cost(run: Run) -> RunCost | None:
-    """Return the cost stored in a run's folder; None if it was not measured."""
-    return _read(RunCost, run, PROFILE)
-
-
-def write_cost(run: Run, cost: RunCost) -> Path:
-    return _write(run, PROFILE, cost)
-
-
 def keep_cost(run: Run, model: Any) -> None:
     """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored."""
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
@@ -123,7 +111,7 @@ def keep_cost(run: Run, model: Any) -> None:
         return  # not a network, or its cost cannot be determined at this size
     rounds = network_of(model).identity().get("iterations")
     identity = run.manifest.identity_digest
-    write_cost(run, RunCost(run=identity, height=height, width=width, iterations=rounds, **asdict(counts)))
+    RunCost(run=identity, height=height, width=width, iterations=rounds, **asdict(counts)).write(run.path)
 
 
 def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
@@ -140,7 +128,10 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
 
 
 class DisplacementFile(RunAttachment):
-    """The contents of `RUN/displacement.json`."""
+    """The histogram of a run's displacements."""
+
+    FILE = "displacement.json"
+    COMMAND = "reproduce displacement"
 
     samples: Annotated[int, Field(ge=1)]
     source: Annotated[str, Field(min_length=1, max_length=500)]
@@ -163,7 +154,7 @@ class DisplacementFile(RunAttachment):
 
 def read_displacement(run: Run) -> DisplacementFile | None:
     """Return the histogram of a run; None if there is none, or if the run now has different samples."""
-    displacement = _read(DisplacementFile, run, DISPLACEMENT)
+    displacement = DisplacementFile.read(run)
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
@@ -176,7 +167,7 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
         low=table["low"].to_list(),
         pixels=table["pixels"].to_list(),
     )
-    return _write(run, DISPLACEMENT, content)
+    return content.write(run.path)
 
 
 def clean_digests(run: Run) -> dict[str, str]:

@@ -1,5 +1,4 @@
-"""What a manifest says about a run: its identity, which is everything that determines its results, and its environment;
-and what follows from the training data of its model.
+"""What a manifest says about a run: its identity, which is everything that determines its results, and its environment.
 
 A plan makes an `Identity`; manifests and records store it; it is used to resume, compare, group and repeat runs.
 """
@@ -9,7 +8,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
@@ -18,11 +17,9 @@ from pydantic import Field, JsonValue
 
 from ..core.errors import UsageError
 from ..core.files import digest_of_value
-from ..core.types import Frozen, Untrusted
+from ..core.types import Untrusted
 from ..corruptions.scale import calibration_digest
 from ..data.benchmarks.facts import EXPORTED
-from ..data.benchmarks.setting import judge
-from ..models.provenance import Setting, Training
 from .config import FrameOptions, MeasuringOptions
 
 IDENTITY_VERSION = 2
@@ -158,30 +155,6 @@ def checked_name(name: str) -> str:
     if not name or len(name) > LONGEST_NAME or not name.isprintable():
         raise UsageError(f"{name[:100]!r}", f"the name of a model must be 1 to {LONGEST_NAME} printable characters")
     return name
-
-
-class Provenance(Frozen):
-    """The training data of a model, and what they mean for its results on some samples of a benchmark."""
-
-    setting: Setting
-    trained_on: tuple[str, ...] | None
-    basis: str
-    note: str = ""
-    backbone: str = ""
-
-    @classmethod
-    def of(
-        cls,
-        training: Training,
-        benchmark: str,
-        keys: Collection[str] | None = None,
-        protocol: Mapping[str, Any] | None = None,
-    ) -> Provenance:
-        """Return the provenance of a model on a benchmark; arguments as for `setting_of`."""
-        setting, notes = judge(training, benchmark, keys, protocol or {})
-        note = "; ".join(filter(None, (training.note, *notes)))
-        backbone = training.backbone
-        return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
 
 
 _PACKAGES = ["robustflow", "numpy", "opencv-python-headless", "opencv-python", "scipy", "numba", "polars", "av"]

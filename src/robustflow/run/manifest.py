@@ -11,10 +11,11 @@ from pydantic import ConfigDict, Field, JsonValue, model_validator
 from ..attacks.registry import SHIPPED, split_name
 from ..core.types import Untrusted
 from ..corruptions.stack import levels_of
+from ..data.benchmarks.setting import Provenance, provenance_of
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..models.provenance import Training
 from .cells import Cells, Levels, union
-from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Provenance, Text
+from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Text
 from .trust import document_bytes
 
 LARGEST_MANIFEST = 2**30
@@ -131,7 +132,7 @@ class Manifest(Untrusted):
 
     def provenance_on(self, benchmark: str) -> Provenance:
         """Return what the training data of the model mean for results on a benchmark with the same samples."""
-        return Provenance.of(self.training, benchmark, list(self.samples), self.identity.frames.protocol)
+        return provenance_of(self.training, benchmark, list(self.samples), self.identity.frames.protocol)
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:

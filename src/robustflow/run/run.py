@@ -17,12 +17,12 @@ from ..core.text import counted, plain, text_cell
 from ..corruptions.registry import family_of, ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import sample_noun, truth_remark
+from ..data.benchmarks.setting import Provenance
 from ..metrics.means import AVERAGE, Averaging, Means
 from ..metrics.measures import METRICS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.catalog import methods
 from .cells import UNEVEN, Cell
-from .identity import Provenance
 from .manifest import Manifest
 from .store import RunFolder
 from .summary import Averages, Measured, summarize

@@ -15,7 +15,7 @@ from ..metrics.means import AVERAGE, PAPER, MeanKey, Means, means
 from ..metrics.measures import CONFIDENCE, METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.comparable import named_runs, sample_set
-from ..run.costs import read_cost
+from ..run.costs import RunCost
 from ..run.run import Run
 from .attacks import attack_scores
 from .exclusion import exclusions
@@ -190,7 +190,7 @@ def attack_means(run: Run) -> Means:
 
 def _facts(run: Run) -> Means:
     """Return the cost of the model, and `covered`."""
-    cost, share = read_cost(run), covered(run)
+    cost, share = RunCost.read(run), covered(run)
     known: Means = {} if share is None else {("coverage", "", None): share}
     if cost is not None:
         known |= {("parameters", "", None): cost.parameters_m, ("flops", "", None): cost.flops_g}

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from ...core.types import Frozen
 from ...models.provenance import RANDOM, Setting, Training
 from ..datasets import DATASETS
 from ..datasets.kitti import drives, related
@@ -29,6 +30,31 @@ _GOPRO = "gopro"
 _RELEASED = "released"
 
 
+class Provenance(Frozen):
+    """The training data of a model, and what they mean for its results on some samples of a benchmark."""
+
+    setting: Setting
+    trained_on: tuple[str, ...] | None
+    basis: str
+    note: str = ""
+    backbone: str = ""
+
+
+def provenance_of(
+    training: Training,
+    benchmark: str,
+    keys: Collection[str] | None = None,
+    protocol: Mapping[str, Any] | None = None,
+) -> Provenance:
+    """Return what the training sets of a model mean for its results on a benchmark, or on some of its samples."""
+    setting, notes = _of_flow_training(training, benchmark, keys, protocol or {})
+    backbone = training.backbone
+    if backbone.endswith("?") and setting in ("OOD", "ID"):
+        setting, notes = "UNKNOWN", [f"backbone: the pre-training data of {backbone[:-1]} were not checked", *notes]
+    note = "; ".join(filter(None, (training.note, *notes)))
+    return Provenance(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
+
+
 def setting_of(
     training: Training,
     benchmark: str,
@@ -36,17 +62,7 @@ def setting_of(
     protocol: Mapping[str, Any] | None = None,
 ) -> Setting:
     """Return the setting of a model on a benchmark, which is needed to interpret its results."""
-    return judge(training, benchmark, keys, protocol or {})[0]
-
-
-def judge(
-    training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
-) -> tuple[Setting, list[str]]:
-    setting, notes = _of_flow_training(training, benchmark, keys, protocol)
-    if training.backbone.endswith("?") and setting in ("OOD", "ID"):
-        of_backbone = f"backbone: the pre-training data of {training.backbone[:-1]} were not checked"
-        return "UNKNOWN", [of_backbone, *notes]
-    return setting, notes
+    return provenance_of(training, benchmark, keys, protocol).setting
 
 
 def _of_flow_training(

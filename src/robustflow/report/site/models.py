@@ -10,7 +10,7 @@ from ...core.text import plain
 from ...corruptions.registry import ordered
 from ...data.benchmarks import benchmark_facts
 from ...run.cells import left_out_sentence
-from ...run.costs import read_cost
+from ...run.costs import RunCost
 from ...stats.anatomy import severity_slopes
 from ...stats.model_result import ModelResult, ValueKey
 from ...stats.published.tables import method_of
@@ -159,7 +159,7 @@ def _trained_on(setting: str, names: Sequence[str] | None) -> str:
 
 
 def _cost(run: Run) -> str:
-    cost = read_cost(run)
+    cost = RunCost.read(run)
     if cost is None:
         return ""
     size = f"{cost.parameters_m:.2f} M parameters, {cost.flops_g:.1f} G FLOPs for {cost.width} x {cost.height} frames"

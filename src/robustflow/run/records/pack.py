@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from ...core.errors import DataError, RunError, UsageError
 from ...core.files import json_bytes, write_bytes
 from ...core.paths import user_path
-from ..costs import PROFILE, read_cost
+from ..costs import PROFILE, RunCost
 from ..run import Run
 from ..trust import document_bytes
 from .format import Record, check_text, container_bytes, rows_to_text, shareable_manifest
@@ -73,7 +73,7 @@ def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, *
             "run with --partial",
         )
     entries = {"manifest.json": manifest.document(), "rows.csv": rows_to_text(pl.concat([run.rows, attacked]))}
-    if (cost := read_cost(run)) is not None:
+    if (cost := RunCost.read(run)) is not None:
         entries[PROFILE] = document_bytes(cost.model_dump())
     try:
         record = Record.model_validate({"complete": not missing, **stated})

@@ -18,7 +18,7 @@ from ...core.errors import DataError, first_misfit
 from ...core.files import json_bytes, write_bytes
 from ...core.text import plain
 from ...corruptions.api import STREAM_VERSION
-from ..costs import PROFILE, parse_cost
+from ..costs import PROFILE, RunCost
 from ..manifest import Manifest
 from ..run import Run
 from ..shards import PACK, write_shard
@@ -75,7 +75,7 @@ class Reader:
             why = f"has frames of version {streams}, not {STREAM_VERSION}; use the version that packed it"
             raise DataError(name, why)
         if PROFILE in self.entries:
-            cost = parse_cost(self.entries[PROFILE], PROFILE)
+            cost = parse_document(RunCost, self.entries[PROFILE], PROFILE, RunCost.remedy())
             _check_json(PROFILE, self.entries[PROFILE], document_bytes(cost.model_dump()))
             if cost.run != plan.identity_digest:
                 raise DataError(PROFILE, "belongs to a different run")
