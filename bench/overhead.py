@@ -46,7 +46,7 @@ if __name__ == "__main__":
     from robustflow.run.engines.choose import choose_engine
     from robustflow.run.plan import Job, name_model
     from robustflow.run.setup import set_up
-    from robustflow.run.stages import no_seconds
+    from robustflow.run.stages import Seconds
     from robustflow.run.store import RunFolder
     from robustflow.run.worker import Computation
     from robustflow.testing import TexturePairs
@@ -135,7 +135,7 @@ def run(benchmark: Benchmark, milliseconds: float, computes: bool, engine: str, 
 
 def cells(benchmark: Benchmark) -> None:
     """Measure the CPU time by stage and corruption for the first pair, and print it as a table."""
-    seconds = no_seconds()
+    seconds = Seconds(float)
     key = benchmark.keys[0]
     computation = Computation(Job(benchmark.dataset, name_model(Sleeper())), seconds)
     frame_stage = computation.frames

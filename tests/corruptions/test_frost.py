@@ -34,7 +34,7 @@ from robustflow.data.benchmarks.export import export
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.media.images import read_image, write_image
 from robustflow.run.setup import recorded_plan
-from robustflow.run.stages import FrameStage, frames_digest, no_seconds
+from robustflow.run.stages import FrameStage, Seconds, frames_digest
 from robustflow.testing import ZeroFlow
 
 from ..refusals import refusal
@@ -256,7 +256,7 @@ def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photogra
     run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions="frost", severities=2)
     plan = recorded_plan(run.manifest.identity, None, {})
     sample = plan.benchmark.dataset.load("motorcycle")
-    frames = FrameStage(plan.job(), no_seconds()).corrupt(sample, "frost", 2)
+    frames = FrameStage(plan.job(), Seconds(float)).corrupt(sample, "frost", 2)
     (row,) = run.rows.filter(corruption="frost").to_dicts()
     assert frames_digest(frames) == row["frames_digest"]
 

@@ -6,7 +6,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.run.stages import PredictionRequest, PredictStage, no_seconds
+from robustflow.run.stages import PredictionRequest, PredictStage
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -89,7 +89,7 @@ def test_time_limit_applies_to_each_call_of_the_model(confidence, draws, batch, 
 
     frames = np.random.default_rng(0).integers(0, 255, (2 * draws, 16, 24, 3)).astype(np.uint8)
     requests = [PredictionRequest((f"{number}", "fog", 3), tuple(frames), draws=draws) for number in range(batch)]
-    stage = PredictStage(Confident(), confidence, no_seconds(), lambda what: events.append(what or "end"))
+    stage = PredictStage(Confident(), confidence, lambda what: events.append(what or "end"))
     stage.predict(requests)
     assert events.count("call") == calls
     assert [event if event in ("call", "end") else "start" for event in events] == ["start", "call", "end"] * calls

@@ -5,6 +5,7 @@ which runs all of them in sequence; with a model on an accelerator, the stages r
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -51,34 +52,16 @@ from .cells import Cell
 from .pictures import picture_path, slider_picture
 from .plan import Job
 
-Seconds = dict[str, float]
+Seconds = defaultdict[str, float]
 """Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and one entry per attack, such as "attack
 pgd", whose time is included in "attack"."""
-
-
-def no_seconds() -> Seconds:
-    return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
 
 
 @contextmanager
 def timed(seconds: Seconds, kind: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
-    seconds[kind] = seconds.get(kind, 0.0) + time.perf_counter() - start
-
-
-def pop_timings(seconds: Seconds) -> Seconds:
-    """Return the seconds spent since the last call, and reset all counters.
-
-    >>> seconds = no_seconds()
-    >>> seconds["load"] = 2.0
-    >>> pop_timings(seconds)["load"], seconds["load"]
-    (2.0, 0.0)
-    """
-    so_far = dict(seconds)
-    seconds.clear()
-    seconds.update(no_seconds())
-    return so_far
+    seconds[kind] += time.perf_counter() - start
 
 
 @contextmanager
@@ -223,26 +206,24 @@ class FrameStage:
 class PredictStage:
     """Call a model, and check that it returns flows."""
 
-    def __init__(
-        self, model: AnyModel, confidence: str | None, seconds: Seconds, on_predict: Callable[[str | None], None]
-    ) -> None:
+    def __init__(self, model: AnyModel, confidence: str | None, on_predict: Callable[[str | None], None]) -> None:
         self._model = model
         self._confidence = confidence
-        self._seconds = seconds
         self._on_predict = on_predict
 
-    def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
-        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`."""
-        with timed(self._seconds, "predict"):
-            if requests[0].draws > 1:
-                answers = list(map(self._predict_draws, requests))
-            elif self._confidence == OF_MODEL:
-                answers = list(map(self._predict_with_confidence, requests))
-            else:
-                answers = self._flows(requests)
-            if self._confidence == FORWARD_BACKWARD:
-                answers = list(map(with_back, answers, self._flows_back(requests, answers)))
-            return answers
+    def predict(self, requests: Sequence[PredictionRequest]) -> tuple[list[Answer], float]:
+        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`.
+        Return also the seconds that it took."""
+        start = time.perf_counter()
+        if requests[0].draws > 1:
+            answers = list(map(self._predict_draws, requests))
+        elif self._confidence == OF_MODEL:
+            answers = list(map(self._predict_with_confidence, requests))
+        else:
+            answers = self._flows(requests)
+        if self._confidence == FORWARD_BACKWARD:
+            answers = list(map(with_back, answers, self._flows_back(requests, answers)))
+        return answers, time.perf_counter() - start
 
     @contextmanager
     def _announced(self, *requests: PredictionRequest) -> Iterator[None]:

@@ -33,8 +33,6 @@ from .stages import (
     Seconds,
     frames_digest,
     memory_errors_named,
-    no_seconds,
-    pop_timings,
     timed,
 )
 from .store import RunFolder
@@ -169,7 +167,9 @@ class Computation:
     def finished(self, unit: Unit, rows: list[dict[str, Any]]) -> FinishedUnit:
         """Return a unit with the seconds since the previous one was finished."""
         wrong, self._misread = self._misread, None
-        return FinishedUnit(unit, rows, pop_timings(self._seconds), wrong)
+        seconds = dict(self._seconds)
+        self._seconds.clear()
+        return FinishedUnit(unit, rows, seconds, wrong)
 
     def _request(self, opened: OpenSample, cell: Cell, digests: list[str]) -> PredictionRequest:
         """Return the request for a cell, and add the digest of its frames to a list."""
@@ -222,15 +222,14 @@ class Worker:
 
     def __init__(self, job: Job, on_predict: Callable[[str | None], None] = lambda what: None) -> None:
         model = job.model.load()
-        self.seconds = no_seconds()
-        self._computation = Computation(job, self.seconds)
-        self._predicting = no_seconds()
-        self._model = PredictStage(model, job.measuring.confidence, self._predicting, on_predict)
+        self._seconds = Seconds(float)
+        self._computation = Computation(job, self._seconds)
+        self._model = PredictStage(model, job.measuring.confidence, on_predict)
         self._attacks = None
         if job.attacks:
             from .attack_stage import AttackStage
 
-            self._attacks = AttackStage(model, job, self.seconds, on_predict)
+            self._attacks = AttackStage(model, job, self._seconds, on_predict)
         self._batch_size = job.batch_size
         self.batches_attacks = job.batch_size > 1 and getattr(model, "batched_gradients", False) is True
 
@@ -262,7 +261,7 @@ class Worker:
                 try:
                     result = advanced.result()
                     if not isinstance(result, FinishedUnit):
-                        advanced = thread.submit(self._advance_unit, unit, steps, *self._predicted(result))
+                        advanced = thread.submit(self._advance_unit, unit, steps, *self._model.predict(result))
                         running.append((number, unit, steps, advanced))
                 except Exception as first_so_far:
                     error = first_so_far
@@ -292,7 +291,7 @@ class Worker:
         """Compute one cell and return its frames, flows and row."""
         opened, clean = self._open(key)
         cell, frames = (key, corruption, severity), self.frames(key, corruption, severity)
-        (flow,) = self._model.predict([self._computation.frames.request(opened.sample, cell, frames)])
+        ((flow,), _) = self._model.predict([self._computation.frames.request(opened.sample, cell, frames)])
         row = self._computation.row(opened, flow, self._computation.digest(frames), cell)
         sample = opened.sample if row["truth"] == "unchanged" else opened.sample.without_truth()
         return View(sample, frames, flow_of(flow), flow_of(clean), row)
@@ -316,18 +315,14 @@ class Worker:
         """Take all steps of a computation, with the flows of this process's model."""
         requests, result = self._advance(steps)
         while requests:
-            requests, result = self._advance(steps, *self._predicted(requests))
+            requests, result = self._advance(steps, *self._model.predict(requests))
         return cast(T, result)
-
-    def _predicted(self, requests: Sequence[PredictionRequest]) -> tuple[list[Answer], float]:
-        """Return the answers to requests, and the seconds that they took."""
-        return self._model.predict(requests), pop_timings(self._predicting)["predict"]
 
     def _advance(
         self, steps: Steps[T], answers: list[Answer] | None = None, predicting: float = 0.0
     ) -> tuple[list[PredictionRequest], T | None]:
         """Continue a computation up to its next requests, or to its result."""
-        self.seconds["predict"] += predicting
+        self._seconds["predict"] += predicting
         try:
             requests = next(steps) if answers is None else steps.send(answers)
             if answers:

@@ -25,7 +25,7 @@ from ...models.base import describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
 from ..plan import Job, NamedModel, Unit
-from ..stages import PredictionRequest, PredictStage, no_seconds, pop_timings, timed
+from ..stages import PredictionRequest, PredictStage, Seconds, timed
 from ..worker import Computation, Steps
 
 BATCHES_PER_FEEDER = 4
@@ -87,8 +87,7 @@ that the prediction took, in the same order."""
 
 def predict_forever(driver: Connection, model: NamedModel, confidence: str | None, links: list[Link]) -> None:
     """Predict batches in the order in which they arrive; the main function of a predicting process."""
-    seconds = no_seconds()
-    stage = PredictStage(model.load(), confidence, seconds, lambda what: driver.send(("doing", what)))
+    stage = PredictStage(model.load(), confidence, lambda what: driver.send(("doing", what)))
     batches = dict(links)
     waiting: deque[tuple[Connection, int, list[SharedRequest]]] = deque()
     while True:
@@ -105,17 +104,19 @@ def predict_forever(driver: Connection, model: NamedModel, confidence: str | Non
             link, index, requests = waiting.popleft()
             if link not in batches:
                 continue
-            _answer(stage, batches[link][index], requests)
+            seconds = _answer(stage, batches[link][index], requests)
             try:
-                link.send(pop_timings(seconds)["predict"])
+                link.send(seconds)
             except OSError:
                 del batches[link]
 
 
-def _answer(stage: PredictStage, batch: SharedBatch, requests: list[SharedRequest]) -> None:
+def _answer(stage: PredictStage, batch: SharedBatch, requests: list[SharedRequest]) -> float:
     given = [replace(one.request, frames=tuple(batch.array(one.begin, one.shape, np.uint8))) for one in requests]
-    for one, flow in zip(requests, stage.predict(given), strict=True):
+    flows, seconds = stage.predict(given)
+    for one, flow in zip(requests, flows, strict=True):
         batch.array(one.begin, flow.shape, np.float32)[:] = flow
+    return seconds
 
 
 @dataclass(eq=False)
@@ -144,7 +145,7 @@ class Feeder:
         self._driver, self._device, self._batches = driver, device, batches
         self._batch_size = job.batch_size
         self._channels = 3 if job.measuring.draws > 1 else CHANNELS[job.measuring.confidence]
-        self._seconds = no_seconds()
+        self._seconds = Seconds(float)
         self._computation = Computation(job, self._seconds)
         self._units: list[_Running] = []
         self._free = deque(range(len(batches)))
