@@ -67,21 +67,12 @@ def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
     """Return the rows that several runs have in common on the same data, and a remark about omitted rows (or "")."""
-    parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
-    shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
     every = joined(list(names))
-    if shared.is_empty():
+    cells = pl.concat(one.select(*ROW_KEY, *_DIGESTS) for one in rows).group_by(ROW_KEY)
+    equal = [pl.col(name).n_unique() == 1 for name in _DIGESTS]
+    same = cells.agg(*equal, runs=pl.len()).filter(runs=len(rows))
+    if same.is_empty():
         raise RunError(every, "no sample, corruption and severity in common")
-    same = shared.select(
-        *ROW_KEY,
-        *(
-            pl.all_horizontal(
-                pl.col("_0").struct.field(name).eq_missing(pl.col(f"_{index}").struct.field(name))
-                for index in range(len(parts))
-            ).alias(name)
-            for name in _DIGESTS
-        ),
-    )
     differ = ~(pl.col("frames_digest") & pl.col("truth_digest"))
     pairs = same.filter(differ, corruption=CLEAN)["sample"].unique().sort().to_list()
     common = same.filter(~pl.col("sample").is_in(pairs))
