@@ -27,7 +27,6 @@ from torch.utils import data  # noqa: E402
 import robustflow as rf  # noqa: E402
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
 from robustflow.data.benchmarks.setting import setting_of  # noqa: E402
-from robustflow.models.provenance import training_of  # noqa: E402
 from robustflow.models.torch.model import TorchvisionRaft  # noqa: E402
 from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.run.run import Run  # noqa: E402
@@ -128,9 +127,9 @@ def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):
     model = rf.load_model("raft_small", checkpoint=str(path), device="cpu", iterations=2)
     state = weights(path)
     assert all(torch.equal(value, state[key.removeprefix("model.")]) for key, value in model.net.state_dict().items())
-    named = name_model(model)
-    assert named.declared == "flyingchairs"
-    assert setting_of(training_of(named.identity, named.declared), "kitti-fc") == "OOD"
+    training = name_model(model).training
+    assert training.sets == ("flyingchairs",)
+    assert setting_of(training, "kitti-fc") == "OOD"
 
 
 def test_training_sets_of_the_start_weights_are_kept_or_unknown_if_undeclared(request_for):

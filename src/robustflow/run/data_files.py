@@ -58,17 +58,14 @@ def check_listed(known: Mapping[Path, str], more: Iterable[Path] = ()) -> None:
 
     @cache
     def nearest(folder: Path) -> Path | None:
-        if (folder / DIGEST_LIST).is_file():
-            return folder
-        return None if folder == folder.parent else nearest(folder.parent)
+        return next((each for each in (folder, *folder.parents) if (each / DIGEST_LIST).is_file()), None)
 
     if not any(nearest(path.absolute().parent) for path in known):
         return
     wanted: dict[Path, str] = {}
     unlisted: dict[Path, list[Path]] = {}
-    for path in {**known, **dict.fromkeys(more)}:
-        folder = nearest(path.absolute().parent)
-        if folder is None:
+    for path in dict.fromkeys((*known, *more)):
+        if (folder := nearest(path.absolute().parent)) is None:
             continue
         if digest := listed(folder).get(path.absolute().relative_to(folder).as_posix()):
             wanted[path] = digest

@@ -27,7 +27,7 @@ from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup, Window, given_name, model_identity
 from ..models.loading import as_model
-from ..models.provenance import DECLARED, Training, training_of
+from ..models.provenance import DECLARED, UNDECLARED, Training, training_of
 from .cells import Cell, Cells, lacking_levels
 from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity, recorded_scale
@@ -40,7 +40,7 @@ class NamedModel:
     spec: ModelSpec | None
     model: AnyModel
     identity: dict[str, Any]
-    declared: str | None = None
+    training: Training = UNDECLARED
     name: str | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -54,23 +54,16 @@ class NamedModel:
         """Return the model on one device, if it is loaded by a spec."""
         return self if self.spec is None else replace(self, spec=self.spec.on(device))
 
-    @property
-    def training(self) -> Training:
-        """Return the model's training sets; raise a UsageError if a declared set is unknown."""
-        return training_of(self.identity, self.declared)
-
 
 def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
-    """Load a model by name, path or spec, or wrap a model object."""
-    if isinstance(model, str | Path):
-        model = ModelSpec(str(model))
-    if isinstance(model, ModelSpec):
-        loaded = model.load()
-        declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
-        own_name = given_name(loaded) if model.is_own else None
-        return NamedModel(model, loaded, model.identity(loaded), declared, own_name)
-    given = as_model(model, f"the model {model!r}")
-    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), given_name(given))
+    """Load a model by name, path or spec, or wrap a model object; raise a UsageError if it declares an unknown training
+    set."""
+    spec = ModelSpec(str(model)) if isinstance(model, str | Path) else model if isinstance(model, ModelSpec) else None
+    loaded = as_model(model, f"the model {model!r}") if spec is None else spec.load()
+    identity = model_identity(loaded) if spec is None else spec.identity(loaded)
+    declared = dict(spec.options if spec else ()).get(DECLARED, getattr(loaded, DECLARED, None))
+    own_name = given_name(loaded) if spec is None or spec.is_own else None
+    return NamedModel(spec, loaded, identity, training_of(identity, declared), own_name)
 
 
 def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
