@@ -123,11 +123,10 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
     run = load_any_run(path)
     recorded = given["model"] is None
     spec = RunSource.read(run.path).model_to_reuse(dict(options)) if recorded else ModelSpec(given["model"], options)
-    conditions = condition_pairs(given["data"], names(given["corruptions"]) or CORRUPTIONS, given["limit"])
-    total = sum(len(condition.keys) for condition in conditions)
+    conditions, keys = condition_pairs(given["data"], names(given["corruptions"]) or CORRUPTIONS, given["limit"])
     with ProgressBar() as progress:
-        written = write_submission(run, model_of(run, spec), conditions, output)
-        flows = list(progress.track(written, f"{output}: predicting", total))
+        written = write_submission(run, model_of(run, spec), conditions, keys, output)
+        flows = list(progress.track(written, f"{output}: predicting", len(conditions) * len(keys)))
     moved: dict[str, list[Robustness]] = {}
     for one in flows:
         if one.moved is not None:

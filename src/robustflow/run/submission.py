@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,15 +27,6 @@ from .run import Run
 MODEL_FILE = "model.json"
 """Name of the file in a submission's folder that records the model of its flows."""
 _LARGEST = 1 << 20
-
-
-@dataclass(frozen=True)
-class ConditionPairs:
-    """The pairs of one condition, in both temporal directions."""
-
-    condition: str
-    pairs: Condition
-    keys: tuple[str, ...]
 
 
 class Robustness(NamedTuple):
@@ -68,44 +59,43 @@ def model_of(run: Run, spec: ModelSpec | None) -> NamedModel:
     return named
 
 
-def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
-    """Return the conditions of a submission, clean first; every condition has the same pairs."""
+def condition_pairs(
+    root: Path, corruptions: Sequence[str], limit: int | None = None
+) -> tuple[dict[str, Condition], tuple[str, ...]]:
+    """Return the conditions of a submission, clean first, and their pairs, which are the same in all."""
     if limit is not None and limit < 1:
         raise UsageError("--limit", f"must be at least 1; got {limit}")
-    clean = Condition(root)
-    wanted = tuple(spread(clean.keys(), limit))
-    conditions = []
-    for condition in dict.fromkeys((CLEAN, *corruptions)):
-        pairs = clean if condition == CLEAN else Condition(root, condition)
-        if gone := set(wanted) - set(pairs.keys()):
-            raise DataError(
-                root, f"{condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
-            )
-        conditions.append(ConditionPairs(condition, pairs, wanted))
-    return conditions
+    conditions = {name: Condition(root, name) for name in dict.fromkeys((CLEAN, *corruptions))}
+    keys = spread(conditions[CLEAN].keys(), limit)
+    for name, pairs in conditions.items():
+        if gone := set(keys) - set(pairs.keys()):
+            raise DataError(root, f"{name} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive")
+    return conditions, keys
 
 
 def write_submission(
-    run: Run, model: NamedModel, conditions: Sequence[ConditionPairs], folder: Path
+    run: Run, model: NamedModel, conditions: Mapping[str, Condition], keys: Sequence[str], folder: Path
 ) -> Iterator[Submitted]:
     """Write FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc., except existing files."""
     _claim(folder, run.manifest.identity.model.settings)
-    for each in conditions:
-        targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
-        written = {key for key in each.keys if targets[key].exists()}
-        frames = file_digests({key: each.pairs.files(key) for key in each.keys})
-        for key in sorted(written, key=each.keys.index):
-            moved = _flow_change(read_flow(targets[key])[0], folder, each.condition, key)
-            yield Submitted(each.condition, key, False, digest_of_value(frames[key]), moved)
-        for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
-            if not np.isfinite(flow).all():
-                raise ModelError(
-                    f"{each.condition}, '{key}'", "some vectors are not finite; every pixel needs a finite vector"
-                )
-            make_folder(targets[key].parent)
-            write_flow(targets[key], flow)
-            moved = _flow_change(flow, folder, each.condition, key)
-            yield Submitted(each.condition, key, True, digest_of_value(frames[key]), moved)
+    for condition, pairs in conditions.items():
+        targets = {key: folder / condition / "test" / f"{key}.flo5" for key in keys}
+        missing = dict.fromkeys(key for key in keys if not targets[key].exists())
+        frames = file_digests({key: pairs.files(key) for key in keys})
+        predicted = flows_of(model, pairs, list(missing))
+        for key, target in targets.items():
+            if key in missing:
+                _, flow = next(predicted)
+                if not np.isfinite(flow).all():
+                    raise ModelError(
+                        f"{condition}, '{key}'", "some vectors are not finite; every pixel needs a finite vector"
+                    )
+                make_folder(target.parent)
+                write_flow(target, flow)
+            else:
+                flow, _ = read_flow(target)
+            moved = _flow_change(flow, folder, condition, key)
+            yield Submitted(condition, key, key in missing, digest_of_value(frames[key]), moved)
 
 
 def _claim(folder: Path, settings: dict[str, Any]) -> None:
