@@ -20,8 +20,7 @@ import polars as pl
 from synthetic_runs import synthetic_runs
 
 from robustflow.run.run import Run
-from robustflow.run.shards import list_shards, read_shard, write_shard
-from robustflow.run.store import RunFolder
+from robustflow.run.store import RunFolder, list_shards, read_shard, write_shard
 
 SHARD = 100
 """Number of pairs in a shard."""

@@ -34,9 +34,8 @@ from robustflow.run.engines.base import Engine, Schedule
 from robustflow.run.plan import Job, Unit
 from robustflow.run.run import Run
 from robustflow.run.setup import set_up
-from robustflow.run.shards import list_shards
 from robustflow.run.stages import frames_digest
-from robustflow.run.store import RunFolder
+from robustflow.run.store import RunFolder, list_shards
 from robustflow.run.worker import FinishedUnit
 
 CORRUPTIONS = PAPER_ORDER[:20]

@@ -8,7 +8,7 @@ from typing import Any
 import polars as pl
 
 from robustflow.core.files import digest_of_value, sealed
-from robustflow.run.shards import list_shards, read_shard, shard_name, write_shard
+from robustflow.run.store import list_shards, read_shard, shard_name, write_shard
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
 

@@ -12,8 +12,7 @@ from robustflow.core.errors import DataError, RunError
 from robustflow.core.files import sealed
 from robustflow.run import run as run_module
 from robustflow.run.comparable import run_facts, sample_set
-from robustflow.run.shards import list_shards
-from robustflow.run.store import RunFolder
+from robustflow.run.store import RunFolder, list_shards
 from robustflow.run.trust import DERIVED
 from robustflow.stats.exclusion import exclusion_reasons
 from robustflow.stats.uncertainty.intervals import interval_ends

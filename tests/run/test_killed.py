@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.run.shards import list_shards, shard_name
-from robustflow.run.store import RunFolder
+from robustflow.run.store import RunFolder, list_shards, shard_name
 
 from . import killed_at_each_write as script
 from .conftest import FAST

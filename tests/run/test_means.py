@@ -19,7 +19,7 @@ from robustflow.metrics.measures import METRICS
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.run.run import Run
-from robustflow.run.shards import list_shards, read_shards, write_shard
+from robustflow.run.store import list_shards, read_shards, write_shard
 from robustflow.run.summary import summarize
 from robustflow.testing import ZeroFlow
 from tests.made_rows import rows_frame

@@ -12,8 +12,7 @@ from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, ROW_KEY, measure
 from robustflow.run.plan import Unit
-from robustflow.run.shards import list_shards, read_shard, shard_name, write_shard
-from robustflow.run.store import RunFolder
+from robustflow.run.store import RunFolder, list_shards, read_shard, shard_name, write_shard
 from robustflow.run.trust import read_array, write_array
 
 from ..refusals import refusal

@@ -5,7 +5,7 @@ A document is JSON that contains the digest of its content. An array is followed
 it was computed from; one that does not match counts as missing. Files and values computed from a run's rows are listed
 in `.derived.json`, with digests of their bytes and of everything from which they were computed: rows, manifest, code.
 One that does not match is computed again, so an unchanged run is shown without decoding a row. (The digest of a shard
-is in its name, see `shards`.)
+is in its name, see `store`.)
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from robustflow.run.records.format import rows_from_text, rows_to_text, shareable_manifest
 from robustflow.run.records.pack import load_any_run, pack, record_bytes
 from robustflow.run.records.verify import verify
-from robustflow.run.shards import write_shard
+from robustflow.run.store import write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import changed_identity
 

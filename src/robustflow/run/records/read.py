@@ -21,7 +21,7 @@ from ...corruptions.api import STREAM_VERSION
 from ..costs import PROFILE, RunCost
 from ..manifest import Manifest
 from ..run import Run
-from ..shards import PACK, write_shard
+from ..store import PACK, write_shard
 from ..trust import document_bytes, parse_document
 from .format import MOST_ROWS, Record, check_text, read_container, read_file, rows_from_text, texts
 from .row_rules import SINGLE_ROW_RULES, check_rules
