@@ -42,7 +42,6 @@ class Registry(Generic[T]):
     def __init__(self, kind: str, entry_point_group: str | None = None) -> None:
         self.kind = kind
         self._targets: dict[str, str] = {}
-        self._loaded: dict[str, T] = {}
         self._group = entry_point_group
 
     def add(self, name: str, target: str) -> None:
@@ -69,13 +68,11 @@ class Registry(Generic[T]):
 
     def get(self, name: str) -> T:
         """Return the object registered under a name, imported on first use."""
-        if name not in self._loaded:
-            if name not in self._targets:
-                self._discover()
-            if name not in self._targets:
-                raise unknown_name(self.kind, name, self._targets)
-            self._loaded[name] = cast(T, self._imported(name))
-        return self._loaded[name]
+        if name not in self._targets:
+            self._discover()
+        if name not in self._targets:
+            raise unknown_name(self.kind, name, self._targets)
+        return cast(T, self._imported(name))
 
     def _imported(self, name: str) -> Any:
         target = self._targets[name]
