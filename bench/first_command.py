@@ -113,8 +113,9 @@ class Probe:
             timed(loader, module)
             for path, name in PARTS.get(module.__name__, {}).items():
                 *owner, attribute = path.split(".")
-                holder = getattr(module, owner[0]) if owner else module
-                setattr(holder, attribute, self.timed(getattr(holder, attribute), name.format))
+                holder = getattr(module, owner[0], None) if owner else module
+                if hasattr(holder, attribute):  # a different version may lack it
+                    setattr(holder, attribute, self.timed(getattr(holder, attribute), name.format))
 
         return load_counted
 

@@ -96,9 +96,13 @@ class Clock:
 
 
 def cpu_seconds() -> float:
-    """CPU seconds of this process and its finished children."""
+    """CPU seconds of this process, its finished children, and its running children with theirs: workers are children of
+    the process from which they are forked."""
     usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in usage)
+    ticks = 0
+    for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split():
+        ticks += sum(map(int, Path("/proc", child, "stat").read_text().rpartition(")")[2].split()[11:15]))
+    return sum(each.ru_utime + each.ru_stime for each in usage) + ticks / os.sysconf("SC_CLK_TCK")
 
 
 def kitti(folder: Path | None, pairs: int, few: bool = False) -> Benchmark:

@@ -49,19 +49,19 @@ _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=4096)]
 
 
-class _Picture(Untrusted):
+class _ListedPicture(Untrusted):
     corruption: _Text
     severity: Annotated[int, Field(ge=1, le=5)]
     file: _File
 
 
-class _Slider(Untrusted):
+class _ListedSlider(Untrusted):
     key: _Text
     clean: _File
-    pictures: Annotated[list[_Picture], Field(max_length=1000)]
+    pictures: Annotated[list[_ListedPicture], Field(max_length=1000)]
 
 
-class Panel(_Picture):
+class Panel(_ListedPicture):
     """A cell that is drawn as a panel, with its scores."""
 
     kind: Literal["worst", "median"]
@@ -75,7 +75,7 @@ class ExampleList(Untrusted):
     """The content of `examples.json`."""
 
     version: Literal[1] = 1
-    slider: _Slider
+    slider: _ListedSlider
     panels: Annotated[list[Panel], Field(max_length=8)]
 
     @property
@@ -153,8 +153,8 @@ def example_list(rows: pl.DataFrame) -> ExampleList | None:
         # a number for a stack, whose name contains "+" and ":"
         stem = name if re.fullmatch("[a-z0-9_]{1,40}", name) else f"other-{index}"
         for severity in sorted(of_sample.filter(corruption=name)["severity"].unique()):
-            pictures.append(_Picture(corruption=name, severity=severity, file=f"{stem}_{severity}.jpg"))
-    return ExampleList(slider=_Slider(key=median, clean="clean.jpg", pictures=pictures), panels=panels)
+            pictures.append(_ListedPicture(corruption=name, severity=severity, file=f"{stem}_{severity}.jpg"))
+    return ExampleList(slider=_ListedSlider(key=median, clean="clean.jpg", pictures=pictures), panels=panels)
 
 
 def are_current(run: Run) -> bool:
@@ -223,7 +223,7 @@ def draw_example(run: Run, plan: Plan, key: str, corruption: str, severity: int)
         return _panel(run.rows, worker, (key, corruption, severity), "", "png")
 
 
-def _write_slider(folder: Path, slider: _Slider, worker: Worker, pictures: Path | None) -> None:
+def _write_slider(folder: Path, slider: _ListedSlider, worker: Worker, pictures: Path | None) -> None:
     clean = worker.sample(slider.key).frames
     write_bytes(folder / slider.clean, jpeg_bytes(shrunk(clean[0], SLIDER_WIDTH)))
     for one in slider.pictures:
