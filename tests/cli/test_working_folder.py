@@ -156,7 +156,7 @@ def test_run_and_prepare_on_ray_in_a_folder_of_decoys_run_none(place, tmp_path):
 
 def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts but finds nothing
-    fetch = f"from robustflow.corruptions.weather import frost_photographs as f; f._install({str(tmp_path)!r})"
+    fetch = f"from robustflow.corruptions.weather import frost_photographs as f; f._download({str(tmp_path)!r})"
     done = place.python("-P", "-c", fetch)
     assert done.returncode == 1
     assert "AssetError: " in done.stderr

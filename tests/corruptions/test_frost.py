@@ -2,9 +2,9 @@
 
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -70,20 +70,21 @@ def clear_caches():
 
 @pytest.fixture
 def pip(monkeypatch, invented):
-    """Replaces pip: installs a package with fake textures."""
+    """Replaces pip: writes a wheel with fake textures to the download folder."""
     calls = []
 
-    def install(command, **_):
+    def download(command, **_):
         calls.append(command)
-        package = Path(command[command.index("--target") + 1]) / "imagecorruptions"
-        shutil.copytree(invented, package / "frost")
-        (package / "__init__.py").write_text("raise SystemExit('imported')")
-        if pip.tamper:
-            (package / "frost" / pip.tamper).write_bytes(b"something else")
+        with zipfile.ZipFile(Path(command[command.index("--dest") + 1]) / "it.whl", "w") as wheel:
+            for file in invented.iterdir():
+                content = b"something else" if file.name == pip.tamper else file.read_bytes()
+                wheel.writestr(f"imagecorruptions/frost/{file.name}", content)
+            wheel.writestr("imagecorruptions/__init__.py", "raise SystemExit('imported')")
+            wheel.writestr("../outside.txt", "escaped")
         return subprocess.CompletedProcess(command, 0, "", "")
 
     pip = type("Pip", (), {"calls": calls, "tamper": None})()
-    monkeypatch.setattr(frost_assets.subprocess, "run", install)
+    monkeypatch.setattr(frost_assets.subprocess, "run", download)
     return pip
 
 
@@ -111,7 +112,7 @@ def test_an_installed_package_is_found_but_not_imported(invented, monkeypatch, t
     assert "imagecorruptions" not in sys.modules
 
 
-def test_textures_are_fetched_once_and_again_when_the_cache_is_damaged(invented, pip, capsys):
+def test_textures_are_fetched_once_and_again_when_the_cache_is_damaged(invented, pip, capsys, tmp_path):
     first = (invented / "frost1.png").read_bytes()
     assert frost_assets.read_texture(0) == first
     assert capsys.readouterr().err
@@ -119,6 +120,7 @@ def test_textures_are_fetched_once_and_again_when_the_cache_is_damaged(invented,
     assert len(pip.calls) == 1
     assert "--no-deps" in pip.calls[0]
     assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
+    assert not list(tmp_path.rglob("outside.txt"))
     (cache_folder("frost") / "frost1.png").write_bytes(b"half")
     assert frost_assets.read_texture(0) == first
     assert capsys.readouterr().err

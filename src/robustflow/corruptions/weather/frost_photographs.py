@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -82,13 +83,12 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> dict[str, bytes]:
-    """Install the package below a temporary folder, move each of the five files to `folder` atomically, and return
-    them."""
+    """Unpack the wheel in a temporary folder, move each of the five files to `folder` atomically, and return them."""
     _say(f"frost requires the photographs from {WHEEL}; downloading them with pip to {folder}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
-            _install(temporary)
+            _download(temporary)
             found = {name: Path(temporary, "imagecorruptions", "frost", name) for name in TEXTURES}
             contents = {name: _read(path) or b"" for name, path in found.items()}
             if wrong := [name for name, content in contents.items() if not _is_genuine(name, content)]:
@@ -100,10 +100,10 @@ def _fetch(folder: Path) -> dict[str, bytes]:
         raise AssetError(folder, f"cannot store frost textures ({error.strerror or error}); {_REMEDY}") from error
 
 
-def _install(folder: str) -> None:
-    """Install the wheel below a folder, from which nothing is imported."""
-    command = [sys.executable, "-I", "-m", "pip", "--no-input", "--disable-pip-version-check", "install", "--quiet"]
-    command += ["--no-deps", "--only-binary=:all:", "--no-compile", "--retries", "1", "--target", folder, WHEEL]
+def _download(folder: str) -> None:
+    """Download the wheel and unpack it in a folder, from which nothing is imported."""
+    command = [sys.executable, "-I", "-m", "pip", "--no-input", "--disable-pip-version-check", "download", "--quiet"]
+    command += ["--no-deps", "--only-binary=:all:", "--retries", "1", "--dest", folder, WHEEL]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
@@ -111,4 +111,6 @@ def _install(folder: str) -> None:
     if done.returncode != 0:
         reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
         reason = reasons[-1].strip() if reasons else f"exit status {done.returncode}"
-        raise AssetError(WHEEL, f"pip could not install it ({reason}); {_REMEDY}")
+        raise AssetError(WHEEL, f"pip could not download it ({reason}); {_REMEDY}")
+    for wheel in Path(folder).glob("*.whl"):
+        shutil.unpack_archive(wheel, folder, "zip")
