@@ -4,6 +4,7 @@ attack's budget, and the rank correlation with robustness to corruptions."""
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,29 +41,27 @@ measures of `ATTACK` without their prefix, `gain` over noise, `seconds` per pair
 
 def attack_scores(run: Run) -> list[AttackScore]:
     """Score every attack of a run at every severity, starting with the controls."""
-    rows = run.attack_rows
-    names = [name for name in run.attacks if not rows.filter(corruption=name).is_empty()]
-    if not names:
-        return []
-    known = means(rows, {}, MEASURES | ATTACK)
-    scores = []
-    for name in names:
+    rows, scores = run.attack_rows, []
+    known = means(rows, {}, MEASURES | ATTACK) if run.attacks else {}
+    for name in run.attacks:
         norm, spent = norm_of(name), _seconds(run, name)
-        for severity in rows.filter(corruption=name)["severity"].unique().sort():
-            of_attack = rows.filter(corruption=name, severity=severity)
-            warnings = pl.Series(of_attack["attack_warnings"]).str.split(",").explode().drop_nulls()
+        for (severity,), part in (
+            rows.filter(corruption=name).sort("severity").group_by("severity", maintain_order=True)
+        ):
+            at = name, severity
+            warnings = Counter(",".join(part["attack_warnings"].drop_nulls()).split(","))
             scores.append(
                 {
-                    **{metric: known.get((metric, name, severity)) for metric in METRICS},
+                    **{metric: known.get((metric, *at)) for metric in METRICS},
                     "attack": name,
                     "severity": severity,
                     "norm": norm,
                     "budget": GREY_LEVELS[norm][severity - 1],
-                    "samples": of_attack.height,
-                    **{one.removeprefix("attack_"): known.get((one, name, severity)) for one in ATTACK},
+                    "samples": part.height,
+                    **{one.removeprefix("attack_"): known.get((one, *at)) for one in ATTACK},
                     "gain": None,
                     "seconds": spent,
-                    "warnings": {text: int((warnings == text).sum()) for text in warnings.unique().sort() if text},
+                    "warnings": {text: count for text, count in sorted(warnings.items()) if text},
                 }
             )
     return compared(scores)
@@ -207,10 +206,9 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         for name, keys in warnings.items():
             if serious := sorted(keys - set(LOWER_BOUND)):
                 left_out.setdefault(name, "; ".join(EXPLAINED.get(key, key) for key in serious))
+        known = {name: means(rows, {}, measure) for name, rows in attacked.items() if name not in left_out}
         after = {
-            name: _sum_over(means(rows, {}, measure), metric, attack, shared)
-            for name, rows in attacked.items()
-            if name not in left_out
+            name: math.fsum(of.get((metric, attack, level), 0.0) for level in shared) for name, of in known.items()
         }
         rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
         lower = tuple(name for name in after if warnings[name])
@@ -218,10 +216,6 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
             Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends, common.remark)
         )
     return predicted
-
-
-def _sum_over(known: Mapping[Any, float], metric: str, attack: str, severities: Sequence[int]) -> float:
-    return math.fsum(known.get((metric, attack, severity), 0.0) for severity in severities)
 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
