@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from robustflow.core.errors import DataError, UsageError
+from robustflow.core.errors import DataError
 from robustflow.core.types import Sample
 from robustflow.metrics import ause, epe, error_at, forward_backward, measure
 from robustflow.metrics.error_maps import epe_map
@@ -48,11 +48,6 @@ CASES = [
 @pytest.mark.parametrize(("call", "culprit"), CASES)
 def test_wrong_array_is_refused(call, culprit):
     refusal(call, DataError, culprit)
-
-
-@pytest.mark.parametrize("region", ["s10_4", "occ"])
-def test_region_that_a_sample_does_not_have_is_refused(region):
-    refusal(lambda: REGIONS.mask(region), UsageError, region)
 
 
 def test_ground_truth_that_is_not_finite_is_allowed_where_it_is_invalid():

@@ -12,6 +12,7 @@ import polars as pl
 from robustflow.data.datasets.kitti import drive_groups
 from robustflow.data.datasets.split import kitti_split
 from robustflow.metrics.rows import CLEAN
+from robustflow.stats.uncertainty.statistic import Mean
 from tests.made_rows import rows_frame
 from tests.run.mean_rows import row
 
@@ -35,6 +36,13 @@ def rows_of(
             own = {"frames_digest": f"{digest}{index}{cell[0]}{cell[1]}", "rcre_all_sum": PIXELS * float(change)}
             rows.append(row(name, *cell, PIXELS, float(epe), float(change), **same, **own))
     return rows_frame(rows)
+
+
+def mean_of(values: np.ndarray, groups: np.ndarray | None = None) -> Mean:
+    """The mean of values, one per image; the images of a group are one cluster."""
+    groups = np.arange(len(values)) if groups is None else groups
+    totals, counts = (np.bincount(groups, each)[:, None] for each in (values, np.ones(len(values))))
+    return Mean(totals, counts, np.ones(1))
 
 
 @dataclass(frozen=True)

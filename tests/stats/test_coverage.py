@@ -14,9 +14,9 @@ import pytest
 from robustflow.stats.uncertainty import compare_rows, intervals
 from robustflow.stats.uncertainty.bootstrap import bootstrap
 from robustflow.stats.uncertainty.log_scale import error_intervals
-from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
+from robustflow.stats.uncertainty.statistic import ErrorMean
 
-from .simulated import KITTI_DRIVES, Truth, coverage, rows_of
+from .simulated import KITTI_DRIVES, Truth, coverage, mean_of, rows_of
 
 LOW, HIGH = 93.0, 97.0
 REAL_DEVIATION = 1.35
@@ -79,18 +79,14 @@ def error_coverage(deviation: float, sizes: np.ndarray, within: float, repeats: 
         repeats: number of samples.
         seed: seed of the samples.
     """
-    truth, groups, count = Truth(deviation, within), np.repeat(np.arange(len(sizes)), sizes), sizes[:, None] * 1.0
-
-    def mean(values: np.ndarray) -> Mean:
-        return Mean(np.bincount(groups, values, len(sizes))[:, None], count, np.ones(1))
+    truth, groups = Truth(deviation, within), np.repeat(np.arange(len(sizes)), sizes)
 
     def once(rng: np.random.Generator) -> dict[object, bool]:
         clean, corrupted = truth.draw(rng, sizes)
         epe = corrupted @ np.array([0.25, 0.25, 0.5])
-        before, increase = mean(clean), mean(epe - clean)
-        means = {
-            "epe": ErrorMean(mean(epe)), "cre": ErrorMean(increase, before), "crer": ErrorMean(increase, before, True)
-        }  # fmt: skip
+        before, increase = mean_of(clean, groups), mean_of(epe - clean, groups)
+        means = {"epe": ErrorMean(mean_of(epe, groups)), "cre": ErrorMean(increase, before)}
+        means["crer"] = ErrorMean(increase, before, relative=True)
         found = error_intervals(means, len(sizes), resamples=399, seed=int(rng.integers(2**31)))
         given = {key: one for key, one in found.items() if one.low is not None}
         inside = {key: one.low <= truth.means[key, "average"] <= one.high for key, one in given.items()}
@@ -177,8 +173,7 @@ def difference_rejections(images: int, deviation: float, blow_ups: float, repeat
         hard = Truth(deviation).difficulty(rng, np.ones(images, int))
         first, second = hard * rng.gamma(8, 1 / 8, images), hard * rng.gamma(3, 1 / 3, images)
         second *= np.where(rng.random(images) < blow_ups, 10, 1) / (1 + 9 * blow_ups)
-        mean = Mean((first - second)[:, None], np.ones((images, 1)), np.ones(1))
-        found = bootstrap({0: mean}, images, resamples=399, seed=int(rng.integers(2**31)))[0]
+        found = bootstrap({0: mean_of(first - second)}, images, resamples=399, seed=int(rng.integers(2**31)))[0]
         return {0: found.p < 0.05}
 
     return coverage(once, repeats, seed)[0]
@@ -206,15 +201,11 @@ def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -
     """
     sequences = np.repeat(np.arange(len(_UNEQUAL)), _UNEQUAL)
 
-    def sums(values: np.ndarray) -> np.ndarray:
-        return np.bincount(sequences, values, len(_UNEQUAL))[:, None]
-
     def once(rng: np.random.Generator) -> dict[object, bool]:
         hard = Truth(spread, within=0.4).difficulty(rng, _UNEQUAL)
         factor = np.exp(rng.normal(0, of_sequence, len(_UNEQUAL)) - of_sequence**2 / 2)[sequences]
         clean, corrupted = (mean * hard * rng.gamma(8, 1 / 8, len(hard)) for mean in (2, 7))
-        count = sums(np.ones(len(hard)))
-        means = (Mean(sums(errors), count, np.ones(1)) for errors in (factor * corrupted - clean, clean))
+        means = (mean_of(errors, sequences) for errors in (factor * corrupted - clean, clean))
         crer = ErrorMean(*means, relative=True)
         options = {"clusters": len(_UNEQUAL), "resamples": 599, "seed": int(rng.integers(2**31))}
         made = error_intervals({"log": crer}, **options) | bootstrap({"plain": crer}, **options)

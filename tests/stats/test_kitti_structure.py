@@ -14,7 +14,9 @@ from robustflow.data.datasets.kitti import drive_groups, drives
 from robustflow.data.datasets.split import kitti_split
 from robustflow.stats.uncertainty.bootstrap import bootstrap
 from robustflow.stats.uncertainty.log_scale import error_intervals
-from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
+from robustflow.stats.uncertainty.statistic import ErrorMean
+
+from .simulated import mean_of
 
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
 GROUPS = {"pairs": KEYS, "drives": [drive_groups("kitti2015")[key] for key in KEYS]}
@@ -38,12 +40,6 @@ def _numbers(names: list[str]) -> np.ndarray:
     return np.array([order[name] for name in names])
 
 
-def _mean(values: np.ndarray, groups: np.ndarray) -> Mean:
-    clusters = int(groups.max()) + 1
-    totals, counts = (np.bincount(groups, each, clusters)[:, None] for each in (values, np.ones(len(values))))
-    return Mean(totals, counts, np.ones(1))
-
-
 def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
     """For each grouping ("pairs", "drives"), the percentage of 95 % intervals of a mean that contain the true mean, and
     of tests at the 5 % level that call two equally good models different.
@@ -63,8 +59,8 @@ def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[
         difference = difficulty() - difficulty()
         for name, groups in given.items():
             options = {"clusters": int(groups.max()) + 1, "resamples": 599, "seed": repeat}
-            interval = error_intervals({0: ErrorMean(_mean(errors, groups))}, **options)[0]
-            test = bootstrap({0: _mean(difference, groups)}, **options)[0]
+            interval = error_intervals({0: ErrorMean(mean_of(errors, groups))}, **options)[0]
+            test = bootstrap({0: mean_of(difference, groups)}, **options)[0]
             assert interval.low is not None
             assert interval.high is not None
             assert test.p is not None

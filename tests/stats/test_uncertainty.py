@@ -20,7 +20,7 @@ from robustflow.stats.uncertainty.paired import difference_sentence, holm
 from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
 
 from ..refusals import refusal
-from .simulated import Truth, rows_of
+from .simulated import Truth, mean_of, rows_of
 
 
 def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: float = 0.0, digest: str = "d"):
@@ -96,8 +96,8 @@ def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
 
 def test_the_interval_is_nearly_students_for_normal_numbers():
     """For many symmetric values, bootstrap-t and Student's t agree."""
-    values = np.random.default_rng(5).normal(10, 2, (400, 1))
-    one = bootstrap({0: Mean(values, np.ones((400, 1)), np.ones(1))}, 400)[0]
+    values = np.random.default_rng(5).normal(10, 2, 400)
+    one = bootstrap({0: mean_of(values)}, 400)[0]
     half = 1.966 * values.std(ddof=1) / 20
     assert one.high - one.low == pytest.approx(2 * half, rel=0.05)
     assert one.estimate == pytest.approx(values.mean())
@@ -200,9 +200,9 @@ def test_mean_that_one_image_decides_has_no_interval():
 def test_interval_of_errors_that_are_0_on_most_images_is_finite():
     """The logarithm of the median does not exist, so no log-normal upper half is assumed."""
     errors = np.array([0.0] * 12 + [1.0, 1.1, 0.9, 1.2, 1.0, 0.8])
-    one = error_intervals({0: ErrorMean(Mean(errors[:, None], np.ones((18, 1)), np.ones(1)))}, 18)[0]
+    one = error_intervals({0: ErrorMean(mean_of(errors))}, 18)[0]
     assert 0.1 < one.low < errors.mean() < one.high < 1.0
-    none = error_intervals({0: ErrorMean(Mean(np.zeros((18, 1)), np.ones((18, 1)), np.ones(1)))}, 18)[0]
+    none = error_intervals({0: ErrorMean(mean_of(np.zeros(18)))}, 18)[0]
     assert (none.estimate, none.low, none.high) == (0.0, 0.0, 0.0)
 
 
@@ -380,8 +380,7 @@ def test_blow_ups_are_counted_per_image_and_condition():
 def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_errors():
     rng = np.random.default_rng(13)
     differences = rng.normal(0.4, 1, 9)
-    mean = Mean(differences[:, None], np.ones((9, 1)), np.ones(1))
-    found = bootstrap({0: mean}, 9, resamples=399, seed=2)[0]
+    found = bootstrap({0: mean_of(differences)}, 9, resamples=399, seed=2)[0]
     observed, extreme = abs(differences.mean()) / differences.std(ddof=1) * 3, 0
     for weights in (drawn for block in resampled_weights(9, 399, 2) for drawn in block):
         drawn = np.repeat(differences, weights.astype(int))
@@ -391,8 +390,7 @@ def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_
 
 
 def test_differences_that_cancel_have_a_p_value_of_1():
-    mean = Mean(np.array([[1.0], [-1.0]] * 5), np.ones((10, 1)), np.ones(1))
-    assert bootstrap({0: mean}, 10)[0].p == 1
+    assert bootstrap({0: mean_of(np.array([1.0, -1.0] * 5))}, 10)[0].p == 1
 
 
 def test_lines_without_a_test_are_not_counted_as_comparisons():

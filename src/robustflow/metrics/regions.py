@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.compiled import inner, njit_late
-from ..core.errors import DataError, unknown_name
+from ..core.errors import DataError
 from ..core.files import quick_digest_of_bytes
 from ..core.types import Flow, Mask, Sample
 from .error_maps import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
@@ -124,12 +124,6 @@ class Regions:
         label[~valid] = OUTSIDE
         names = REGIONS if sample.occluded is not None else REGIONS[2:]
         return cls(names, valid, magnitude, label, _truth_digest(sample.flow, valid))
-
-    def mask(self, name: str) -> Mask:
-        """Return the mask of one region: bool (H, W), a subset of `valid`."""
-        if name not in self.names:
-            raise unknown_name("region of this sample", name, self.names)
-        return np.isin(self.labels, MEMBERS[name])
 
 
 def _truth_digest(flow: Flow, valid: Mask) -> str:
