@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from robustflow.stats.uncertainty import compare_rows, intervals
-from robustflow.stats.uncertainty.bootstrap import bootstrap
-from robustflow.stats.uncertainty.log_scale import error_intervals
+from robustflow.stats.uncertainty.bootstrap import bootstrap, error_intervals
 from robustflow.stats.uncertainty.statistic import ErrorMean
 
 from .simulated import KITTI_DRIVES, Truth, coverage, mean_of, rows_of

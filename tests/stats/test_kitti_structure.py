@@ -12,8 +12,7 @@ import pytest
 
 from robustflow.data.datasets.kitti import drive_groups, drives
 from robustflow.data.datasets.split import kitti_split
-from robustflow.stats.uncertainty.bootstrap import bootstrap
-from robustflow.stats.uncertainty.log_scale import error_intervals
+from robustflow.stats.uncertainty.bootstrap import bootstrap, error_intervals
 from robustflow.stats.uncertainty.statistic import ErrorMean
 
 from .simulated import mean_of

@@ -14,8 +14,7 @@ from scipy.stats import binom, false_discovery_control, t
 from robustflow.core.errors import RunError, UsageError
 from robustflow.run.summary import summarize
 from robustflow.stats.uncertainty import compare_all, compare_rows, intervals
-from robustflow.stats.uncertainty.bootstrap import bootstrap, resampled_weights
-from robustflow.stats.uncertainty.log_scale import FEW, error_intervals
+from robustflow.stats.uncertainty.bootstrap import FEW, bootstrap, error_intervals, resampled_weights
 from robustflow.stats.uncertainty.paired import difference_sentence, holm
 from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
 

@@ -10,8 +10,7 @@ import polars as pl
 
 from ...corruptions.registry import MEMBERS
 from ...run.run import Run
-from .bootstrap import LEVEL, RESAMPLES
-from .log_scale import error_intervals, log_deviation
+from .bootstrap import LEVEL, RESAMPLES, error_intervals, log_deviation
 from .sums import AVERAGE, CLEAN, INTERVAL_METRICS, ClusterSums
 
 _SCHEMA: dict[str, Any] = {
