@@ -93,20 +93,6 @@ def test_rest_of_pure_noise_is_its_deviation_at_any_number_of_severities(severit
     assert np.mean(rests) == pytest.approx(1, abs=3 * standard_error)
 
 
-def test_rest_is_the_variance_of_one_score_around_image_seed_and_severity():
-    """Scores with interactions of known variance: image and seed 0.5, image and severity 1, noise 0.25."""
-    rng = np.random.default_rng(7)
-    found = []
-    for _ in range(60):
-        of_image_and_severity = rng.normal(0, 1, (40, 1, 1)) * np.array([1, -1])  # adds up to 0 over severities
-        y = rng.normal(0, 2, (40, 1, 1)) + rng.normal(0, 0.5**0.5, (40, 3, 1)) + of_image_and_severity
-        y = y + rng.normal(0, 0.5, (40, 3, 2)) + np.array([0.0, 4.0])
-        split = variance_split(_runs_with_scores(y + 20), "cre")
-        found.append([_of(split, source) ** 2 for source in ("image", "rest")])
-    means, errors = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / len(found) ** 0.5
-    assert np.all(np.abs(means - [4, 1.75]) < 3 * errors), (means, errors)
-
-
 TWO = _runs(0.5, 0.1, 0.1, 2, np.random.default_rng(3))
 REFUSED = [
     (lambda: variance_split({0: TWO[0]}), RunError, "--seeds"),

@@ -13,7 +13,7 @@ without any spread are more frequent than the tail. `docs/design/uncertainty.md`
 
 **Mean errors** (`error_intervals`) are positive and skewed: the true mean may be far above the mean of a few images,
 but hardly below it. Let A be a mean error and t* the pivots of ln A. With the jackknife's standard error s of ln A,
-both tails taken together, the interval consists of the quantiles of A exp(+-t* s). The three forms of an `ErrorMean` are
+both tails taken together, the interval consists of the quantiles of A exp(+-t* s). The forms of an `ErrorMean` are
 
     EPE, RCRE    A                        CREr    C/B - 1, from ln(C/B)        CRE    B (C/B - 1), from ln B and ln(C/B)
 
