@@ -17,6 +17,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 from types import CodeType, ModuleType
 from typing import Any, Generic, TypeVar, cast
 
@@ -76,11 +77,10 @@ class Registry(Generic[T]):
 
     def _imported(self, name: str) -> Any:
         target = self._targets[name]
-        module, _, attribute = target.partition(":")
         try:
-            return getattr(import_module(module), attribute)
+            return resolve_name(target)
         except Exception as error:
-            if isinstance(error, RobustFlowError) or module.partition(".")[0] == _SELF:
+            if isinstance(error, RobustFlowError) or target.startswith(f"{_SELF}."):
                 raise
             raise UsageError(
                 name,
