@@ -152,23 +152,23 @@ class Plan:
         return window_on(self.model.model, self.benchmark.dataset)
 
     def job(self, **of_run: Any) -> Job:
-        """Return what a worker needs; values of the run's folder as for `Job`."""
+        """Return what a worker needs, with the given fields of `Job`, which depend on the run's folder."""
         chosen, own_attacks = self.benchmark, ()
         if chosen.attacks:
             from ..attacks.own import own_attacks_among
 
             own_attacks = own_attacks_among(chosen.attacks)
         return Job(
-            chosen.dataset,
-            self.model,
-            self.config.frames,
-            self.config.measuring,
-            self.window,
-            chosen.classes,
-            own_among(chosen.corruptions),
-            chosen.depths,
-            chosen.attacks,
-            own_attacks,
+            dataset=chosen.dataset,
+            model=self.model,
+            frames=self.config.frames,
+            measuring=self.config.measuring,
+            window=self.window,
+            classes=chosen.classes,
+            own=own_among(chosen.corruptions),
+            depth=chosen.depths,
+            attacks=chosen.attacks,
+            own_attacks=own_attacks,
             batch_size=self.config.compute.batch_size,
             pictures=self.pictures,
             **of_run,
@@ -214,7 +214,7 @@ class Plan:
     def identity(self) -> Identity:
         """The identity of the run's rows."""
         frames, chosen = self.config.frames, self.benchmark
-        # in a run of attacks alone, the variant may be one of the attacks
+        # a run of attacks alone may have a variant that corruptions lack
         variant = frames.variant if frames.variant in (*VARIANTS, BGR) else "default"
         return Identity(
             frames=FrameIdentity(
