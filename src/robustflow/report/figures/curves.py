@@ -103,7 +103,7 @@ def severity_curves(
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
         panel.set_xlim(0.7, 5.3)
-        panel.tick_params(labelsize=7.5)
+        panel.tick_params(labelsize=7.5, left=False, bottom=False)  # grid lines mark the values already
     scale_panels(figure, LEAST_CRER if metric == "crer" else LEAST_PX)
     width, height = figure.get_size_inches()
     figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
