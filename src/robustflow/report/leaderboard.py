@@ -11,7 +11,7 @@ from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
 from ..stats.exclusion import CAVEAT, PHANTOM
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
-from ..stats.ranking import Compared, best_of_columns
+from ..stats.ranking import best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,
@@ -105,7 +105,7 @@ def marked_cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
             for key, value in of_line.items()
             if key not in (PARAMETERS, FLOPS, COVERAGE) and line.may_be_best(key[0]) and not _is_derived(line, key)
         }
-        compared.append(Compared((line.benchmark, line.frames, line.setting), texts, bool(line.excluded)))
+        compared.append(None if line.excluded else ((line.benchmark, line.frames, line.setting), texts))
     return {
         line: {
             key: TableCell(value.text, key in best, interval_text(value.ends), derived=_is_derived(line, key))

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -97,36 +96,24 @@ def partial_spearman(first: Sequence[float], second: Sequence[float], given: Seq
     return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None
 
 
-@dataclass(frozen=True)
-class Compared(Generic[Name]):
-    """A line of printed numbers; lower is better."""
+def best_of_columns(lines: Sequence[tuple[Hashable, Mapping[Name, str]] | None]) -> list[set[Name]]:
+    """Return, for each line, the columns in which it has the smallest printed number of its group. As in the paper, all
+    lines with the same smallest printed number are marked; a line that is alone in its group is not marked, and one
+    that is excluded (None) does not count.
 
-    group: Hashable
-    texts: Mapping[Name, str]
-    excluded: bool = False
-
-
-def best_of_columns(lines: Sequence[Compared[Name]]) -> list[set[Name]]:
-    """Return, for each line, the columns in which it has the smallest printed number. As in the paper, all lines with
-    the same smallest printed number are marked; a line that is alone in its group is not marked.
-
-    >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
-    >>> best_of_columns(lines)
-    [{'epe'}, {'epe'}, set()]
+    >>> best_of_columns([("OOD", {"epe": "4.20"}), ("OOD", {"epe": "4.2"}), None, ("ID", {"epe": "1.00"})])
+    [{'epe'}, {'epe'}, set(), set()]
     """
-    groups: dict[Hashable, list[Compared[Name]]] = {}
-    for line in lines:
-        if not line.excluded:
-            groups.setdefault(line.group, []).append(line)
-    least: dict[tuple[Hashable, Name], float] = {}
-    for group, members in groups.items():
-        if len(members) > 1:
-            for line in members:
-                for key, text in line.texts.items():
-                    least[group, key] = min(float(text), least.get((group, key), float("inf")))
+    groups: dict[Hashable, list[Mapping[Name, str]]] = {}
+    for group, texts in filter(None, lines):
+        groups.setdefault(group, []).append(texts)
+    least = {
+        (group, key): min(float(texts[key]) for texts in members if key in texts)
+        for group, members in groups.items()
+        if len(members) > 1
+        for key in {key for texts in members for key in texts}
+    }
     return [
-        set()
-        if line.excluded
-        else {key for key, text in line.texts.items() if least.get((line.group, key)) == float(text)}
+        {key for key, text in line[1].items() if float(text) == least.get((line[0], key))} if line else set()
         for line in lines
     ]
