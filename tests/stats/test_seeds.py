@@ -15,7 +15,7 @@ from robustflow.core.errors import RunError, UsageError
 from robustflow.report.render import FORMATS, render
 from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
-from robustflow.stats.seeds import seed_groups
+from robustflow.stats.seeds import seed_groups, seeds_of
 from robustflow.stats.uncertainty import compare_all, group_letters, standings, variance_split
 from tests.made_rows import made_run
 from tests.refusals import refusal
@@ -160,7 +160,9 @@ def test_tables_have_the_mean_and_the_standard_deviation_over_seeds(seeds, name)
 def test_runs_that_differ_in_more_than_the_seed_are_not_averaged(seeds):
     one, other = seeds("A", 1.0, 2.0)
     assert [group.label for group in seed_groups([one, other])] == ["A, 2 seeds"]
-    assert seed_groups([one, *seeds("B", 1.0, 2.0)[1:]]) == []
+    another = seeds("B", 1.0, 2.0)[1]
+    assert seed_groups([one, another]) == []
+    assert seeds_of([one, another]) is None
     other.rows = other.rows.filter(pl.col("sample") != other.rows["sample"][0])
     assert seed_groups([one, other]) == []
 
