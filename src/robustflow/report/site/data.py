@@ -22,7 +22,7 @@ from ...stats.results import (
     setting_words,
 )
 from ..leaderboard import CLASSES, COMPACT, OVERVIEW, START
-from ..table import Line, Table, with_exclusion
+from ..table import Column, Line, Table, with_exclusion
 from .content import Content
 from .examples import PanelPicture
 from .models import model_pages
@@ -79,50 +79,46 @@ def _facts(result: ModelResult, title: str, page_of: Mapping[ModelResult, str]) 
     source = result.source if result.source == "verified record" else ""
     note = plain(result.note, 80) if plain(result.note, 300) not in title else ""
     remark = "; ".join(filter(None, (source, note)))
-    facts = {
-        "page": page_of[result],
-        "setting": plain(result.setting, 40),
-        "frames": plain(result.frames, 200),
-        "note": plain(result.note, 300),
-        "remark": with_exclusion(remark, plain(result.excluded, 300)),
-        "source": result.source,
-        "excluded": bool(result.excluded),
-    }
-    return {name: value for name, value in facts.items() if value}
+    return _known(
+        page=page_of[result],
+        setting=plain(result.setting, 40),
+        frames=plain(result.frames, 200),
+        note=plain(result.note, 300),
+        remark=with_exclusion(remark, plain(result.excluded, 300)),
+        source=result.source,
+        excluded=bool(result.excluded),
+    )
+
+
+def _known(**fields: Any) -> dict[str, Any]:
+    """Return the fields that have a value; the page's script has defaults for the others."""
+    return {name: value for name, value in fields.items() if value}
 
 
 def _table(table: Table) -> dict[str, Any]:
-    """Encode a table; the columns without the attributes that they do not have."""
-    columns = [
-        {
-            "label": column.label,
-            **({"help": column.help} if column.help else {}),
-            **({"unit": column.unit} if column.unit else {}),
-            **({"views": column.views, "metric": column.key[0]} if column.views else {}),
-            **({"top": float(f"{column.strongest:.4g}")} if column.strongest else {}),
-        }
-        for column in table.columns
-    ]
-    sections = [{"title": section.title, "lines": list(map(_line, section.lines))} for section in table.sections]
     return {
         "kind": table.name,
         "title": table.title,
         "head": table.row_header,
-        "columns": columns,
-        "sections": sections,
+        "columns": list(map(_column, table.columns)),
+        "sections": [{"title": section.title, "lines": list(map(_line, section.lines))} for section in table.sections],
         "remarks": table.remarks,
     }
 
 
+def _column(column: Column) -> dict[str, Any]:
+    metric, top = column.key[0] if column.views else "", float(f"{column.strongest or 0:.4g}")
+    return {"label": column.label} | _known(
+        help=column.help, unit=column.unit, views=column.views, metric=metric, top=top
+    )
+
+
 def _line(line: Line) -> dict[str, Any]:
-    """Encode a line as its name, its texts separated by tabs, and the indices of marked cells, without empty fields."""
+    """Encode a line as its name, its texts separated by tabs, and the indices of marked cells."""
     cells = list(enumerate(line.cells))
-    made = {
-        "name": plain(line.label),
-        "texts": "\t".join(cell.text for cell in line.cells),
-        "note": plain(line.note, 300),
-        "best": [index for index, cell in cells if cell.best],
-        "derived": [index for index, cell in cells if cell.derived],
-        "intervals": {index: cell.interval for index, cell in cells if cell.interval},
-    }
-    return {name: value for name, value in made.items() if value or name in ("name", "texts")}
+    return {"name": plain(line.label), "texts": "\t".join(cell.text for cell in line.cells)} | _known(
+        note=plain(line.note, 300),
+        best=[index for index, cell in cells if cell.best],
+        derived=[index for index, cell in cells if cell.derived],
+        intervals={index: cell.interval for index, cell in cells if cell.interval},
+    )
