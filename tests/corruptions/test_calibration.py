@@ -9,6 +9,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import DataError, UsageError
+from robustflow.core.files import sealed
 from robustflow.core.rng import Rng
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
@@ -142,7 +143,7 @@ def test_impossible_calibrations_and_severities_are_refused(tmp_path, monkeypatc
 def test_a_damaged_table_is_refused(tmp_path, change):
     document = shipped().model_dump(mode="json")
     change(document)
-    (tmp_path / "table.json").write_text(json.dumps(document))
+    (tmp_path / "table.json").write_text(json.dumps(sealed(document)))
     refusal(lambda: read_table(tmp_path / "table.json"), DataError, tmp_path / "table.json")
 
 
@@ -189,7 +190,7 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
     before = calibrated.digest(), calibration_digest()
     document = shipped().model_dump(mode="json")
     document["seed"] += 1
-    (tmp_path / "mine.json").write_text(json.dumps(document))
+    (tmp_path / "mine.json").write_text(json.dumps(sealed(document)))
     monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
     assert calibration_digest() != before[1]
     assert identity("calibrated").digest() != before[0]

@@ -7,7 +7,7 @@ import typer
 from typer import Option
 
 from ..core.errors import DataError, UsageError
-from ..core.files import make_folder, write_bytes, write_json
+from ..core.files import make_folder, sealed, write_bytes, write_json
 from .options import names, numbers, refuse_unused, shared
 
 app = typer.Typer(no_args_is_help=True)
@@ -158,7 +158,7 @@ def calibrate(
     if output is not None:
         if corruptions is not None and output.exists():
             table = merged_tables(read_table(output), table)
-        write_json(output, table.model_dump(mode="json"))
+        write_json(output, sealed(table.model_dump(mode="json")))
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
         _print_shipped("table", all(shipped().corruptions.get(name) == one for name, one in table.corruptions.items()))

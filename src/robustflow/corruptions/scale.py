@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import DataError, UsageError, first_misfit
-from ..core.files import digest_of_bytes
+from ..core.files import digest_of_bytes, unsealed
 from ..core.paths import user_path
 from ..core.types import FrozenFinite
 
@@ -65,9 +65,15 @@ class CalibrationTable(FrozenFinite):
 
 def read_table(path: Path) -> CalibrationTable:
     try:
-        return CalibrationTable.model_validate_json(path.read_bytes())
+        content = unsealed(path.read_bytes())
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror}); check the path of the calibration table") from error
+    if content is None:
+        raise DataError(
+            path, "not a calibration table, or damaged (digest mismatch); create one with robustflow optics calibrate"
+        )
+    try:
+        return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
             path, f"not a calibration table ({first_misfit(error)}); create one with robustflow optics calibrate"
