@@ -65,7 +65,12 @@ Cell = tuple[str, int | None]
 
 
 def rows_of_means(means: Means, columns: Iterable[Cell], rows: Mapping[str, Cell]) -> list[Row]:
-    """Return the row of each condition, by label, with the mean of each measure."""
+    """Return the row of each condition, by label, with the mean of each measure.
+
+    >>> means = {("ause", "noise", None): 0.25, ("ause", "noise", 3): 0.5}
+    >>> [row.values for row in rows_of_means(means, [("ause", None)], {"all": ("noise", None), "3": ("noise", 3)})]
+    [[0.25], [0.5]]
+    """
     columns = list(columns)
     return [
         Row(label, [means.get((measure, of, at or level)) for measure, level in columns])
