@@ -4,7 +4,6 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.networks.blocks.correlation import WindowVolume  # noqa: E402
 from robustflow.models.networks.flowdiffuser import FlowDiffuser, cosine_betas  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.draws import prepared  # noqa: E402
@@ -41,31 +40,6 @@ def test_denoising_starts_at_the_noised_ground_truth(still, time):
             inner = flow[0, axis, 16:-16, 16:-16]  # the upsampling reads zeros beyond the border
             assert torch.allclose(inner, torch.tensor(expected), atol=2e-3)
     assert [tuple(flow.shape) for flow in flows] == [(1, 2, HEIGHT, WIDTH)] * 12
-
-
-def test_the_window_volume_is_the_same_with_gradients_and_its_gradient_is_the_plain_ones():
-    generator = torch.Generator().manual_seed(2)
-    features1, features2 = torch.randn(2, 1, 8, 20, 24, generator=generator).unbind()
-    target = torch.rand(1, 2, 20, 24, generator=generator) * 20
-    plain = WindowVolume(features1, features2, target).levels[0]
-    leaves = [features.clone().requires_grad_() for features in (features1, features2)]
-    volume = WindowVolume(*leaves, target).levels[0]
-    assert torch.equal(volume, plain)
-    weights = torch.randn(volume.shape, generator=generator)
-    (volume * weights).sum().backward()
-    others = [features.clone().requires_grad_() for features in (features1, features2)]
-    dense = torch.einsum("bchw,bcij->hwij", *others) / 8**0.5  # all pairs; windows are cut out below
-    x, y = target[0].round().long()
-    padded = torch.nn.functional.pad(dense, (8, 9, 8, 9))
-    total = sum(
-        (padded[row, column, y[row, column] : y[row, column] + 17, x[row, column] : x[row, column] + 17]
-         * weights[row * 24 + column, 0]).sum()
-        for row in range(20)
-        for column in range(24)
-    )  # fmt: skip
-    total.backward()
-    for leaf, other in zip(leaves, others, strict=True):
-        torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-4, atol=1e-4)
 
 
 def test_time_is_shared_by_a_step_and_noise_depends_on_the_position():
