@@ -32,8 +32,7 @@ from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.run.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402
-from robustflow.training.data.loader import Batch, workers_watched  # noqa: E402
-from robustflow.training.draws import prepared  # noqa: E402
+from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
@@ -419,21 +418,3 @@ def test_own_mix_file_is_used_and_an_unreadable_one_refused(request_for, tmp_pat
     for text in ("parts = []", "parts = 3", "nonsense", 'parts = [{data = "sintel"}]'):
         mix.write_text(text)
         refusal(lambda: run_training(request_for("other", mix=str(mix))), UsageError, mix)
-
-
-def test_time_is_shared_by_a_step_and_noise_depends_on_the_position():
-    recipe = load_recipe("flowdiffuser", "ood")
-
-    def batch(pairs: int) -> Batch:
-        zeros = torch.zeros(pairs, 3, 64, 96)
-        return Batch(zeros, zeros, zeros[:, :2], zeros[:, 0], ("",) * pairs)
-
-    whole = prepared(batch(4), recipe, 5, 7, [28, 29, 30, 31])
-    parts = [prepared(batch(2), recipe, 5, 7, [28, 29]), prepared(batch(2), recipe, 5, 7, [30, 31])]
-    assert {part.time for part in parts} == {whole.time}
-    assert torch.equal(whole.noise, torch.cat([part.noise for part in parts]))
-    assert whole.noise.shape == (4, 2, 8, 12)
-    times = [prepared(batch(1), recipe, 5, step, [step]).time for step in range(300)]
-    assert min(times) < 50
-    assert max(times) > 950
-    assert prepared(batch(1), load_recipe("raft", "ood"), 5, 0, [0]).time is None

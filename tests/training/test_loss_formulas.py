@@ -18,8 +18,10 @@ from robustflow.training.losses.terms import (  # noqa: E402
 )
 from robustflow.training.losses.unsupervised import (  # noqa: E402
     OneWay,
+    UnsupervisedLoss,
     distillation,
     edge_aware,
+    unsupervised_loss,
     upflow_terms,
 )
 from robustflow.training.recipe import UpflowObjective  # noqa: E402
@@ -167,6 +169,54 @@ def test_smoothness_equals_its_formula(second_order):
     if not second_order:
         terms = [weighted_steps(f, i, 1, False, 1, np.abs) for f, i in pairs]
         close(edge_aware(tensor(flow), tensor(image)), sum(np.mean([pair[axis] for pair in terms]) for axis in (0, 1)))
+
+
+@pytest.mark.parametrize("splat", [False, True])
+@pytest.mark.parametrize("both", [False, True])
+def test_arflows_loss_equals_its_formula(both, splat):
+    weights = UnsupervisedLoss(
+        l1=0.3,
+        ssim=0.7,
+        census=0.4,
+        levels=(1.0, 0.5, 0.0),
+        smooth=60.0,
+        smooth_levels=(1.0, 0.25, 1.0),
+        splat=splat,
+        both=both,
+        alpha=7.0,
+        second_order=False,
+    )
+    small = RNG.normal(0, 0.7, (2, 2, 2, HEIGHT // 2, WIDTH // 2))
+    flows = [FLOWS * 0.3, small, small[..., :2, :3]]
+    photometric_terms, smooth = 0.0, 0.0
+    directions = (0, 1) if both else (0,)
+    for direction in directions:
+        masks = []
+        for one, other in zip(flows[0][direction], flows[0][1 - direction], strict=True):
+            masks.append(splatted(other) >= 0.2 if splat else consistent(one, other))
+        for level, size in ((0, 1), (1, 2)):
+            pairs = IMAGES.reshape(2, 2, 3, HEIGHT // size, size, WIDTH // size, size).mean(axis=(4, 6))
+            seen = np.stack(masks)[:, None, ::size, ::size].astype(float)
+            own, flow = pairs[direction], flows[level][direction]
+            moved = np.stack([warped(*one, "nearest") for one in zip(pairs[1 - direction], flow, strict=True)])
+            l1 = (np.abs(own - moved) * seen).mean()
+            visible = list(zip(moved * seen, own * seen, strict=True))
+            windows = np.mean([ssim(a, b) for pair in visible for a, b in zip(*pair, strict=True)])
+            shape = own.shape[2:]
+            codes = np.mean([census(a, b, 1, LUMA, 255).mean(-1) * border(shape, 1) for a, b in visible])
+            total = (0.3 * l1 + 0.7 * windows + 0.4 * codes) / seen.mean()
+            photometric_terms += weights.levels[level] * total / len(directions)
+            bent = [weighted_steps(f / shape[0], i, 7, False, 1, np.abs) for f, i in zip(flow, own, strict=True)]
+            bent = sum(np.mean([pair[axis] for pair in bent]) / 4 for axis in (0, 1))
+            shrunk = HEIGHT // size / HEIGHT  # flows are divided by the shorter side of the finest level
+            smooth += 60 * weights.smooth_levels[level] * bent * shrunk / len(directions)
+
+    forward, backward = ([tensor(level[direction]).float() for level in flows] for direction in (0, 1))
+    terms = unsupervised_loss(forward, backward, *(tensor(one).float() for one in IMAGES), weights)
+
+    close(terms.photometric, photometric_terms, 1e-4)
+    close(terms.smoothness, smooth, 1e-4)
+    close(terms.total, photometric_terms + smooth, 1e-4)
 
 
 def test_upflows_terms_equal_their_formulas():

@@ -1,4 +1,6 @@
-"""Losses with labels agree with a naive loop, and schedules with PyTorch's."""
+"""Losses with labels agree with naive loops and with ptlflow's port of GMFlowNet, and schedules with PyTorch's."""
+
+import configparser
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.core.errors import UsageError  # noqa: E402
-from robustflow.training.losses.supervised import end_point_error, matching_loss, sequence_loss  # noqa: E402
+from robustflow.training.losses.supervised import end_point_error, matching_loss, sequence_loss, true_matches  # noqa: E402
 from robustflow.training.optimization import one_cycle  # noqa: E402
 
 from ..refusals import refusal  # noqa: E402
@@ -66,12 +68,63 @@ def test_shares_of_a_batch_are_normalised_separately_and_the_first_updates_the_s
     assert set(parted.state_dict()) == {f"0.{name}" for name in plain.state_dict()}
 
 
+HEIGHT, WIDTH = 40, 56
+
+
+def random_features(seed: int, pairs: int = 2):
+    generator = torch.Generator().manual_seed(seed)
+    image1 = torch.rand(pairs, 3, HEIGHT, WIDTH, generator=generator) * 255
+    truth = torch.randn(pairs, 2, HEIGHT // 8, WIDTH // 8, generator=generator) * 9
+    truth = torch.nn.functional.interpolate(truth, scale_factor=8, mode="bilinear")
+    image2 = image1 + torch.randn(image1.shape, generator=generator) * 20
+    scores = torch.randn(pairs, 35, 35, generator=generator) * 3
+    return scores.softmax(1) * scores.softmax(2), image1, image2.clamp(0, 255), truth
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_matching_equals_the_authors_code(seed):
+    original = pytest.importorskip("ptlflow.models.gmflownet.loss", reason="needs the ptlflow extra")
+    confidence, image1, image2, truth = random_features(seed)
+    settings = configparser.ConfigParser()
+    settings.POS_WEIGHT = settings.NEG_WEIGHT = 1
+    settings.COARSE_TYPE = "cross_entropy"
+    fetched = original.backwarp(image2, truth)
+    occluded = ((image1 - fetched).mean(1, keepdims=True).abs() > 20).float()
+    supervision = original.compute_supervision_coarse(truth, occluded, 8)
+    matches = true_matches(image1, image2, truth)
+    assert 5 < int((matches >= 0).sum()) < matches.numel()
+    assert torch.equal(supervision.sum(2) > 0, matches >= 0)
+    assert torch.equal(supervision.argmax(2)[matches >= 0], matches[matches >= 0])
+    leaf, other = (confidence.clone().requires_grad_() for _ in range(2))
+    ours = matching_loss(leaf, image1, image2, truth)
+    expected = original.compute_coarse_loss(other, supervision, settings)
+    assert ours.item() == pytest.approx(expected.item(), rel=1e-5)
+    ours.backward()
+    expected.backward()
+    torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-4, atol=1e-9)
+
+
+def test_matching_equals_the_naive_loop():
+    confidence, image1, image2, truth = random_features(9, pairs=1)
+    matches = true_matches(image1, image2, truth)[0]
+    right, wrong = [], []
+    for place in range(35):
+        for other in range(35):
+            sure = float(np.clip(confidence[0, place, other], 1e-6, 1 - 1e-6))
+            if matches[place] == other:
+                right.append(-np.log(sure))
+            else:
+                wrong.append(-np.log(1 - sure))
+    assert right
+    assert matching_loss(confidence, image1, image2, truth).item() == pytest.approx(
+        np.mean(right) + np.mean(wrong), rel=1e-5
+    )
+
+
 def test_matching_without_a_match_is_finite_and_a_wrong_size_is_refused():
-    images = torch.rand(2, 1, 3, 40, 56, generator=torch.Generator().manual_seed(2)) * 255
-    far = torch.full((1, 2, 40, 56), 1e3)
-    confidence = torch.full((1, 35, 35), 1 / 35)
-    assert matching_loss(confidence, *images, far).isfinite()
-    refusal(lambda: matching_loss(confidence[:, :30], *images, far), UsageError, "--crop")
+    confidence, image1, image2, truth = random_features(2)
+    assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()
+    refusal(lambda: matching_loss(confidence[:, :30], image1, image2, truth), UsageError, "--crop")
 
 
 def test_invalid_and_very_fast_pixels_have_no_gradient():

@@ -16,6 +16,7 @@ from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noq
 from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
 from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.optimization import one_cycle  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 
 from ..parity.weight_rule import weights  # noqa: E402
@@ -76,6 +77,16 @@ def test_optimiser_steps_of_raft_equal_the_originals(shared, case):
         close = 1e-5 if frozen else 1e-4
         assert state[key].mean().item() == pytest.approx(mean, abs=close)
         assert state[key].std().item() == pytest.approx(deviation, abs=close)
+
+
+def test_the_schedule_of_a_long_training_run_equals_the_originals(shared):
+    stated = json.loads((shared(RAFT) / "expected.json").read_text())
+    schedules = {name: rates for name, rates in stated.items() if name.startswith("lr_")}
+    assert schedules
+    for name, rates in schedules.items():
+        thousands, highest = int(name.removeprefix("lr_").removesuffix("k")), max(rate for _, rate in rates)
+        for step, rate in rates:
+            assert abs(one_cycle(step, 1000 * thousands, highest) - rate) < 1e-9
 
 
 def test_loss_of_arflow_equals_the_originals(shared):

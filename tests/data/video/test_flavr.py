@@ -44,6 +44,15 @@ def clip():
     return [torch.rand(2, 3, 16, 24, generator=generator) for _ in range(4)]
 
 
+def test_brightness_offset_of_the_input_is_kept_in_interpolated_frames(saved):
+    """The mean of each colour channel is subtracted from the input and added back to the output."""
+    net, _ = saved
+    shift = torch.tensor([0.1, -0.2, 0.3]).view(1, 3, 1, 1)
+    (found,) = net([frame + shift for frame in clip()])
+    (expected,) = net(clip())
+    torch.testing.assert_close(found, expected + shift, atol=1e-5, rtol=0)
+
+
 def test_interpolation_does_not_depend_on_the_batch_size(saved):
     net, _ = saved
     (together,) = net(clip())
