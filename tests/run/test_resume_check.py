@@ -62,8 +62,8 @@ class Drawn(TexturePairs):
         return replace(sample, key=key, flow=sample.flow + np.float32(self.error))
 
 
-def _run_drawn(tmp_path, data, severities):
-    benchmark = Benchmark("drawn", data, ("0", "1"), ("contrast",), tuple(severities))
+def _run_drawn(tmp_path, data, severities, keys=("0", "1")):
+    benchmark = Benchmark("drawn", data, keys, ("contrast",), tuple(severities))
     return rf.evaluate(_brightness, benchmark, output=tmp_path / "run")
 
 
@@ -85,6 +85,12 @@ def test_frames_without_files_are_compared_by_content(tmp_path, severities):
     changed.error = 1.0
     refusal(lambda: _run_drawn(tmp_path, changed, severities), RunError, "0")
     assert _run_drawn(tmp_path, Drawn(0, 1), severities).measured.complete
+
+
+def test_a_call_for_other_samples_compares_one_of_the_earlier_calls(tmp_path):
+    before = _run_drawn(tmp_path, Drawn(0, 1), [1], ["0"]).rows
+    refusal(lambda: _run_drawn(tmp_path, Drawn(9, 1), [1], ["1"]), RunError, "0")
+    assert rf.load_run(tmp_path / "run").rows.equals(before)
 
 
 def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):

@@ -46,9 +46,10 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     """Compute and write the planned units that do not exist yet. Warn if the flow of the first pair is not (u right,
     v down) in pixels from frame 1 to frame 2."""
     before = folder.manifest()
-    manifest = _continued(folder, plan, before)
+    known = _known_row(folder, plan)
+    manifest = _continued(folder, plan, before, known)
     cells = folder.tidy()
-    _check_first_sample(folder, plan)
+    _check_known_sample(plan, known)
     folder.write_manifest(manifest)
     units = plan.missing(cells)
     job = plan.job(
@@ -94,8 +95,9 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     folder.write_manifest(manifest.model_copy(update=since))
 
 
-def _continued(folder: RunFolder, plan: Plan, old: Manifest | None) -> Manifest:
-    """Return a folder's manifest, updated with a plan; raise a RunError if they do not match."""
+def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterable[str]) -> Manifest:
+    """Return a folder's manifest, updated with a plan; raise a RunError if they do not match, or if the files of the
+    planned samples, or of those whose rows are measured again, have changed."""
     if old and old.identity != plan.identity:
         if not folder.rows().is_empty():
             differing = difference(plan.identity, old.identity)
@@ -113,7 +115,7 @@ def _continued(folder: RunFolder, plan: Plan, old: Manifest | None) -> Manifest:
             finished=None,
             environment=environment(),
         )
-    paths = _files(plan, [*plan.benchmark.keys, *_samples_to_recognise(folder, plan, old)], old)
+    paths = _files(plan, [*plan.benchmark.keys, *rows, *_samples_to_recognise(folder, plan, old)], old)
     digests = file_digests(paths)
     _compare_with_list(plan, {path: digests[key][i] for key in paths for i, path in enumerate(paths[key])})
     samples = {
@@ -168,10 +170,16 @@ def _files(plan: Plan, keys: Iterable[str], manifest: Manifest) -> dict[str, lis
     return {key: files_of_sample(plan.benchmark.dataset, key, plan.window, depths) for key in keys}
 
 
-def _check_first_sample(folder: RunFolder, plan: Plan) -> None:
-    """Measure the first clean row of a run again; do nothing if there is no row yet."""
-    for key, row in sorted(_clean_rows(folder, plan.benchmark.keys).items())[:1]:
-        with temporary_worker(plan.job(kept={key: row})) as worker:
+def _known_row(folder: RunFolder, plan: Plan) -> dict[str, dict[str, Any]]:
+    """Return the first clean row of a run, if possible of a planned sample; none if the dataset has no such sample."""
+    rows = _clean_rows(folder, plan.benchmark.keys) or _clean_rows(folder, plan.benchmark.dataset.keys())
+    return dict(sorted(rows.items())[:1])
+
+
+def _check_known_sample(plan: Plan, rows: dict[str, dict[str, Any]]) -> None:
+    """Measure the clean rows again; do nothing if there are none yet."""
+    for key in rows:
+        with temporary_worker(plan.job(kept=rows)) as worker:
             worker.sample(key)
 
 
