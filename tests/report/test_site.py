@@ -283,6 +283,9 @@ def test_headline_claims_a_difference_only_from_runs_that_were_tested(many_image
     for count, others in ((2, "the others"), (5, "the next 2, the only ones tested")):
         sentence = _headline(whole_content(runs[:count], published=False))
         assert sentence.endswith(f"this is significantly lower than {others}.")
+    runs = [many_images(name, 1 + 1e-9 * index) for index, name in enumerate("ABCD")]
+    assert "the only ones tested" not in _headline(whole_content(runs[:3], published=False))
+    assert "the next 2, the only ones tested" in _headline(whole_content(runs, published=False))
 
 
 def test_headline_of_one_ranked_result_compares_nothing():

@@ -87,9 +87,11 @@ def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -
     if first not in groups:
         return f"{of}{lowest}; these differences are not tested."
     tested = [line for line in known[1:] if line in groups]
+    all_tested = len(tested) == len(known) - 1
     tied = [plain(line.name) for line in tested if set(groups[line]) & set(groups[first])]
     if tied:
         names = first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)
-        return f"{of}{lowest}; {names} cannot be told apart from it."
-    others = "the others" if len(tested) == len(known) - 1 else f"the next {len(tested)}, the only ones tested"
+        only = "" if all_tested else f" (of the next {len(tested)}, the only ones tested)"
+        return f"{of}{lowest}; {names} cannot be told apart from it{only}."
+    others = "the others" if all_tested else f"the next {len(tested)}, the only ones tested"
     return f"{of}{lowest}; this is significantly lower than {others}."

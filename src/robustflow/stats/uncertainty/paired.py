@@ -7,8 +7,8 @@ averaging, and the test is based on the spread of these differences.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, groupby
-from string import ascii_lowercase
+from itertools import chain, combinations, combinations_with_replacement, groupby
+from string import ascii_letters
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -247,16 +247,19 @@ def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
     >>> group_letters(pl.DataFrame(rows), ["A", "B", "C"])
     {'A': 'a', 'B': 'ab', 'C': 'b'}
     """
-    groups = [frozenset(names)]
+    groups, alike = [frozenset(names)], set(map(frozenset, combinations_with_replacement(names, 2)))
     for row in filter(_is_sure, pairs.iter_rows(named=True)):
-        two = {row["first"], row["second"]}
+        two = frozenset((row["first"], row["second"]))
+        alike.discard(two)
         groups = [part for group in groups for part in ([group - {one} for one in two] if two <= group else [group])]
         groups = [group for group in dict.fromkeys(groups) if not any(group < other for other in groups)]
-    groups.sort(key=lambda group: [name not in group for name in names])
-    return {
-        name: "".join(letter for letter, group in zip(ascii_lowercase, groups, strict=False) if name in group)
-        for name in names
-    }
+    lettered = []
+    while alike:  # a few of the groups suffice; 20 models can have more than a thousand
+        lettered.append(max(groups, key=lambda group: sum(two <= group for two in alike)))
+        alike = {two for two in alike if not two <= lettered[-1]}
+    lettered.sort(key=lambda group: [name not in group for name in names])
+    letters = list(zip(chain(ascii_letters, map(chr, range(0x3B1, 0x400))), lettered, strict=False))
+    return {name: "".join(letter for letter, group in letters if name in group) for name in names}
 
 
 def _is_sure(row: Mapping[str, Any]) -> bool:
