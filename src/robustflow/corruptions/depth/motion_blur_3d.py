@@ -22,6 +22,7 @@ _MOST = 40
 """Maximum number of views; on longer paths, the views are more than one pixel apart."""
 _FEW = 6
 """Maximum number of views for which colours are interpolated between pixels."""
+_HALF = 1 << (FRACTION - 1)
 _FARTHEST = 2.0**14
 """Maximum displacement in pixels."""
 _NEAREST = np.float32(1e-6)
@@ -225,52 +226,47 @@ def _cells(inverse: Any, out: Any) -> None:
 @inner
 def _is_clear(cells: Any, limit: Any, x: Any, y: Any, dx: Any, dy: Any) -> Any:
     """Return whether no inverse depth within `_CELL` pixels of the path (dx, dy) centred on (x, y) exceeds `limit`."""
-    height, width = cells.shape
-    flat = cells.reshape(-1)
-    count = (max(abs(dx), abs(dy)) >> (FRACTION + _CELL_BITS + 1)) + 1  # steps of less than two cells
+    rows, columns = cells.shape
+    bits = FRACTION + _CELL_BITS
+    count = (max(abs(dx), abs(dy)) >> (bits + 1)) + 1  # steps of less than two cells
     part = 1.0 / np.float64(count)
     sx, sy = np.int64(np.float64(dx) * part), np.int64(np.float64(dy) * part)
     x, y = x - (dx >> 1), y - (dy >> 1)
     for _ in range(count + 1):
-        if flat[np.uint64(_place(x >> _CELL_BITS, y >> _CELL_BITS, width, height))] > limit:
+        row, column = min(max(y >> bits, 0), rows - 1), min(max(x >> bits, 0), columns - 1)
+        if cells[np.uint64(row), np.uint64(column)] > limit:
             return False
         x, y = x + sx, y + sy
     return True
 
 
 @inner
-def _nearer(
-    depths: Any, limit: Any, width: int, height: int, x: Any, y: Any, dx: Any, dy: Any, count: int, found: Any
-) -> Any:
-    """Write the indices of the steps (dx, dy) from (x, y) whose inverse depth exceeds `limit`; return their number."""
-    size, ex, ey = 0, x + (count - 1) * dx, y + (count - 1) * dy
-    if min(x, ex) >= 0 and max(x, ex) >> FRACTION < width and min(y, ey) >= 0 and max(y, ey) >> FRACTION < height:
-        for k in range(count):
-            found[np.uint64(size)] = k
-            size += int(depths[np.uint64((y >> FRACTION) * width + (x >> FRACTION))] > limit)
-            x, y = x + dx, y + dy
-    else:
-        for k in range(count):
-            found[np.uint64(size)] = k
-            size += int(depths[np.uint64(_place(x, y, width, height))] > limit)
-            x, y = x + dx, y + dy
-    return size
+def _path(x: Any, y: Any, dx: Any, dy: Any, count: Any, width: int, height: int, out: Any) -> None:
+    """Write the indices of `count` pixels at steps of (dx, dy) on a path centred on (x, y), clamped to the image."""
+    x, y = x - (((count - 1) * dx) >> 1), y - (((count - 1) * dy) >> 1)
+    for k in range(count):
+        out[k] = _place(x + k * dx, y + k * dy, width, height)
 
 
 @inner
-def _visible_sums(scene: Any, x: int, y: int, path: Any, near: Any, count: int, nearest: Any, found: Any) -> Any:
+def _visible_sums(
+    scene: Any, x: int, y: int, path: Any, near: Any, count: int, nearest: Any, places: Any, found: Any
+) -> Any:
     """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface."""
     packed, depths, width, height = scene
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)
     front, back, covered = np.uint64(0), np.uint64(0), np.uint64(0)
     fronts, backs, last = np.uint64(0), np.uint64(0), count - 1
-    half = np.int64(1 << (FRACTION - 1))
-    cx, cy = (np.int64(x) << FRACTION) + half, (np.int64(y) << FRACTION) + half
-    nx, ny = cx - ((last * near[0]) >> 1), cy - ((last * near[1]) >> 1)
-    for i in range(_nearer(depths, limit, width, height, nx, ny, near[0], near[1], count, found)):
+    cx, cy = (np.int64(x) << FRACTION) + _HALF, (np.int64(y) << FRACTION) + _HALF
+    _path(cx, cy, near[0], near[1], count, width, height, places)
+    size = 0
+    for k in range(count):  # without a branch, which would often be mispredicted
+        found[np.uint64(size)] = k
+        size += int(depths[places[k]] > limit)
+    for i in range(size):
         view = np.int64(found[i])
-        depth = depths[np.uint64(_place(nx + view * near[0], ny + view * near[1], width, height))]
+        depth = depths[places[found[i]]]
         # a surface whose depth is between these two surfaces also has a displacement between theirs
         more = 1.0 if depth >= solid else np.float64(depth - own) * gain
         sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
@@ -281,9 +277,9 @@ def _visible_sums(scene: Any, x: int, y: int, path: Any, near: Any, count: int, 
         front += packed[at] * seen
         fronts += seen
         covered |= seen << np.uint64(view)
-    px, py = cx - ((last * path[0]) >> 1), cy - ((last * path[1]) >> 1)
+    _path(cx, cy, path[0], path[1], count, width, height, places)
     for k in range(count):
-        at = np.uint64(_place(px + k * path[0], py + k * path[1], width, height))
+        at = places[k]
         seen = np.uint64(depths[at] <= limit) & ~(covered >> np.uint64(k))
         back += packed[at] * seen
         backs += seen
@@ -292,7 +288,38 @@ def _visible_sums(scene: Any, x: int, y: int, path: Any, near: Any, count: int, 
     return front, np.int64(fronts), back, np.int64(backs)
 
 
-@njit(cache=True, nogil=True)
+@inner
+def _blur_row(packed: Any, sums: Any, paths: Any, parts: Any, y: int, height: int, places: Any, out: Any) -> None:
+    """Average each pixel of row `y` along its own path, ignoring nearer surfaces."""
+    width = paths.shape[1]
+    row = packed[y * width : (y + 1) * width]
+    so_far = np.uint64(0)
+    for x in range(width):
+        sums[x] = so_far
+        so_far += row[x]
+    for x in range(width):
+        dx, dy, count = np.int64(paths[0, x]), np.int64(paths[1, x]), np.int64(paths[2, x])
+        left, top, total = np.int64(x) << FRACTION, np.int64(y) << FRACTION, np.uint64(0)
+        length = abs(count * dx)
+        if count <= _FEW:
+            sx, sy = left - (((count - 1) * dx) >> 1), top - (((count - 1) * dy) >> 1)
+            for _ in range(count):
+                total += between(packed, width, height, sx, sy)
+                sx, sy = sx + dx, sy + dy
+            count *= EIGHTHS * EIGHTHS
+        elif abs(count * dy) < 1 << FRACTION and length < _LONG:
+            bits = _FINE if length < _SHORT else _COARSE
+            start = (left + _HALF - (length >> 1)) >> (FRACTION - bits)
+            end = (left + _HALF + (length >> 1)) >> (FRACTION - bits)
+            total, count = until(sums, row, end, bits) - until(sums, row, start, bits), end - start
+        else:
+            _path(left + _HALF, top + _HALF, dx, dy, count, width, height, places)
+            for k in range(count):
+                total += packed[places[k]]
+        divide(total, count, parts, out, 3 * (y * width + x))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # checks for division by zero would prevent vectorization
 def _average(
     frame: Any, inverse: Any, near: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
@@ -304,10 +331,9 @@ def _average(
     cells = np.empty((-(-height // _CELL), -(-width // _CELL)), np.float32)
     if near.any():
         _cells(inverse, cells)
-    half = np.int64(1 << (FRACTION - 1))
     parts = reciprocals()
     paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)
-    found = np.empty(_MOST + 1, np.uint8)
+    places, found = np.empty(_MOST, np.uint64), np.empty(_MOST, np.uint8)
     shares, turned = 1.0 / np.arange(_MOST + 1), (turn != 0).any()
     wide, high = share * lens[0], share * lens[1]
     for x in range(width):
@@ -315,48 +341,23 @@ def _average(
     for y in range(height):
         ray = (y - lens[3]) / lens[1]
         _row_of_paths(inverse[y], rays, ray, lens, turn, translation, share, paths)
-        tiles, row, so_far = near[y // _TILE], packed[y * width : (y + 1) * width], np.uint64(0)
+        _blur_row(packed, sums, paths, parts, y, height, places, bytes_)
         for x in range(width):
-            sums[x] = so_far
-            so_far += row[x]
-        for x in range(width):
+            own, nearest = inverse[y, x], near[y // _TILE, x // _TILE]
+            if own >= _SAME * nearest:
+                continue
             dx, dy, count = np.int64(paths[0, x]), np.int64(paths[1, x]), np.int64(paths[2, x])
-            own, nearest = inverse[y, x], tiles[x // _TILE]
-            cx, cy = (np.int64(x) << FRACTION) + half, (np.int64(y) << FRACTION) + half
-            if own < _SAME * nearest:
-                fx = count * dx + _fixed(np.float64(nearest - own) * wide * (translation[0] - rays[x] * translation[2]))
-                fy = count * dy + _fixed(np.float64(nearest - own) * high * (translation[1] - ray * translation[2]))
-                limit = own / _SAME
-                # without rotation, the pixel's own path is part of the nearest surface's path
-                if not _is_clear(cells, limit, cx, cy, fx, fy) or (
-                    turned and not _is_clear(cells, limit, cx, cy, count * dx, count * dy)
-                ):
-                    views = max(count, min(((max(abs(fx), abs(fy)) - 1) >> FRACTION) + 2, _MOST))
-                    if views != count:
-                        dx, dy = dx * count // views, dy * count // views
-                    other = np.int64(np.float64(fx) * shares[views]), np.int64(np.float64(fy) * shares[views])
-                    front, fronts, back, backs = _visible_sums(scene, x, y, (dx, dy), other, views, nearest, found)
-                    mean(front, fronts, back, backs, views, out[y, x])
-                    continue
-            total = np.uint64(0)
-            fx, fy = count * dx, count * dy
-            if count <= _FEW:
-                sx = (np.int64(x) << FRACTION) - (((count - 1) * dx) >> 1)
-                sy = (np.int64(y) << FRACTION) - (((count - 1) * dy) >> 1)
-                for _ in range(count):
-                    total += between(packed, width, height, sx, sy)
-                    sx, sy = sx + dx, sy + dy
-                count *= EIGHTHS * EIGHTHS
-            elif abs(fy) < 1 << FRACTION and abs(fx) < _LONG:
-                fx, drop = abs(fx) >> 1, FRACTION - _FINE if abs(fx) < _SHORT else FRACTION - _COARSE
-                start, end = (cx - fx) >> drop, (cx + fx) >> drop
-                total, count = (
-                    until(sums, row, end, FRACTION - drop) - until(sums, row, start, FRACTION - drop),
-                    end - start,
-                )
-            else:
-                sx, sy = cx - (((count - 1) * dx) >> 1), cy - (((count - 1) * dy) >> 1)
-                for _ in range(count):
-                    total += packed[np.uint64(_place(sx, sy, width, height))]
-                    sx, sy = sx + dx, sy + dy
-            divide(total, count, parts, bytes_, 3 * (y * width + x))
+            cx, cy = (np.int64(x) << FRACTION) + _HALF, (np.int64(y) << FRACTION) + _HALF
+            fx = count * dx + _fixed(np.float64(nearest - own) * wide * (translation[0] - rays[x] * translation[2]))
+            fy = count * dy + _fixed(np.float64(nearest - own) * high * (translation[1] - ray * translation[2]))
+            limit = own / _SAME
+            # without rotation, the pixel's own path is part of the nearest surface's path
+            if _is_clear(cells, limit, cx, cy, fx, fy) and (
+                not turned or _is_clear(cells, limit, cx, cy, count * dx, count * dy)
+            ):
+                continue
+            views = max(count, min(((max(abs(fx), abs(fy)) - 1) >> FRACTION) + 2, _MOST))
+            dx, dy = dx * count // views, dy * count // views
+            other = np.int64(np.float64(fx) * shares[views]), np.int64(np.float64(fy) * shares[views])
+            front, fronts, back, backs = _visible_sums(scene, x, y, (dx, dy), other, views, nearest, places, found)
+            mean(front, fronts, back, backs, views, out[y, x])
