@@ -20,8 +20,9 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -121,6 +122,10 @@ _UNGUARDED = (
 )
 
 
+_starting = threading.Lock()
+"""Held while a child starts, because all threads share one environment."""
+
+
 class Child:
     """One child process."""
 
@@ -130,17 +135,14 @@ class Child:
                 "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
                 "concurrent.futures.ProcessPoolExecutor instead"
             )
-        get_context = multiprocessing.get_context
-        context = get_context("forkserver") if sys.platform == "linux" else get_context("spawn")
-        self.pipe, child_end = context.Pipe()
-        watched, self._lifeline = context.Pipe(duplex=False)
+        self.pipe, child_end = multiprocessing.Pipe()
+        watched, self._lifeline = multiprocessing.Pipe(duplex=False)
         self._began = False
         script = nullcontext() if runs_script else _without_user_script()
-        with environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
-            context.set_forkserver_preload(_preloaded)
+        with _starting, environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
             given = (dict(os.environ), child_end, watched, target, arguments)
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
-            self._process = context.Process(target=child_main, args=given, daemon=False)
+            self._process = _context().Process(target=child_main, args=given, daemon=False)
             self._process.start()
         self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
         """Stop the process immediately."""
@@ -169,6 +171,29 @@ class Child:
         if kind == "error":
             raise rebuilt(*value)
         return kind, value
+
+
+_server_environment: dict[str, str] = {}
+"""The environment in which the process that forks children was started."""
+
+
+def _context() -> ForkServerContext | SpawnContext:
+    """Return how to start a child: from the process that forks children, unless there can be none, or the environment
+    has changed since, which modules may read while they are imported."""
+    if sys.platform == "linux":
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(_preloaded)
+        now = dict(os.environ)
+        search = os.pathsep.join(path or os.getcwd() for path in sys.path)
+        # no socket can have a long path, and a forked process cannot use the server of its parent
+        with suppress(OSError), environment_variables({"PYTHONPATH": search}):
+            if not _server_environment:
+                forkserver.ensure_running()
+                _server_environment.update(now)
+            if now == _server_environment:
+                forkserver.ensure_running()
+                return context
+    return multiprocessing.get_context("spawn")
 
 
 def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:

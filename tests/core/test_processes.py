@@ -1,0 +1,80 @@
+"""Children start wherever Python does, and import the modules of their parent."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import robustflow
+
+START = """
+import os, sys
+sys.path[:0] = sys.argv[1:]
+import robustflow, robustflow.run.engines.processes
+from robustflow.core.processes import Child
+
+def where(pipe):
+    pipe.send(("file", robustflow.__file__))
+
+def start():
+    child = Child(where)
+    print(child.receive("start", "")[1], flush=True)
+    child.end()
+
+if __name__ == "__main__":
+    start()
+    if os.fork() == 0:
+        start()
+        os._exit(0)
+    os.wait()
+"""
+
+
+def files_of_children(tmp_path: Path, *paths: str, temporary: Path | None = None) -> list[str]:
+    script = tmp_path / "script.py"
+    script.write_text(START)
+    environment = os.environ | ({} if temporary is None else {"TMPDIR": str(temporary)})
+    command = [sys.executable, str(script), *paths]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert not run.stderr
+    return run.stdout.split()
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_child_starts_with_a_long_temporary_folder_and_in_a_forked_process(tmp_path, long):
+    temporary = tmp_path / ("t" * 110)
+    temporary.mkdir()
+    assert files_of_children(tmp_path, temporary=temporary if long else None) == [robustflow.__file__] * 2
+
+
+def test_child_imports_from_the_path_that_its_parent_has_changed(tmp_path):
+    package = tmp_path / "elsewhere" / "robustflow"
+    package.parent.mkdir()
+    package.symlink_to(Path(robustflow.__file__).parent)
+    assert files_of_children(tmp_path, str(package.parent)) == [str(package / "__init__.py")] * 2
+
+
+ENVIRONMENT = """
+import os
+from robustflow.core.processes import Child
+
+VALUE = os.environ.get("VALUE")
+
+def value(pipe):
+    pipe.send(("value", VALUE))
+
+if __name__ == "__main__":
+    for os.environ["VALUE"] in "12":
+        child = Child(value)
+        print(child.receive("start", "")[1])
+        child.end()
+"""
+
+
+def test_script_in_a_child_sees_the_environment_when_the_child_starts(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(ENVIRONMENT)
+    run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert run.stdout.split() == ["1", "2"]
