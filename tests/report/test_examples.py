@@ -8,6 +8,7 @@ import json
 import shutil
 
 import numpy as np
+import polars as pl
 import pytest
 from PIL import Image
 
@@ -54,6 +55,15 @@ def test_the_slider_and_the_panels_show_the_folders_pictures(copied):
     assert spread[1] < spread[0] < float(np.std(clean))
     assert [panel.title.partition(" ")[0] for panel in panels] == ["Worst", "Median"]
     shutil.rmtree(copied.path / "examples")
+    assert run_examples(copied) is None
+
+
+def test_pictures_of_a_run_that_went_on_and_was_interrupted_are_not_shown(copied):
+    worst = run_examples(copied)[1][0]
+    copied.rows = copied.rows.with_columns(
+        epe_sum=pl.when(corruption="contrast", severity=1).then(1e3 * pl.col("n_valid")).otherwise("epe_sum")
+    )
+    assert worst.severity != 1
     assert run_examples(copied) is None
 
 

@@ -55,6 +55,8 @@ Farneback and `tiny` at the lowest severity of a single corruption, the fraction
 EXPLAINED_BELOW = 0.9
 """Upper bound on the clean photometric error of a sound model, as a fraction of that of zero flow. On 61 real pairs,
 the fraction is 0.08 to 0.82 for DIS, and at least 0.91 for a tenth of its flow."""
+COVERED_FROM = 0.99
+"""Lower bound on the share of the pixels that a model predicted. Below it, a low EPE can be due to easy pixels."""
 
 
 def exclusion_reasons(run: Run) -> list[str]:
@@ -104,6 +106,10 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
             f"its clean flow explains the frames {how} than zero flow: its photometric error is {error:.2f} grey "
             f"levels, that of zero flow {of_still:.2f}"
         )
+    covered = MEASURES["coverage"]
+    share = rows.filter(covered.count > 0).select((covered.total / covered.count).mean()).item()
+    if share is not None and share < COVERED_FROM:
+        reasons.append(f"its errors cover only the {100 * share:.1f} % of the pixels that it predicted")
     if length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(
             f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px (length {length:.2f} px)"

@@ -40,7 +40,7 @@ from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label
 from ..gallery.cells import GalleryCell, pair_cells
-from ..gallery.examples import EXAMPLES_FILE, FOLDER, ExampleList, Panel
+from ..gallery.examples import EXAMPLES_FILE, FOLDER, ExampleList, Panel, example_list
 from ..gallery.panel import picture_of_panel
 from ..gallery.slider import Slider, make_slider
 
@@ -121,7 +121,7 @@ def examples_of(lines: Sequence[ModelResult]) -> Examples | None:
 
 
 def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
-    """Read the pictures from a run's folder; None if it has none."""
+    """Read the pictures from a run's folder; None if it has none, or only those of rows before the run went on."""
     folder, path = run.path / FOLDER, run.path / FOLDER / EXAMPLES_FILE
     if not path.is_file():
         return None
@@ -130,6 +130,8 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         shown = ExampleList.model_validate_json(data)
     except ValidationError as error:
         raise DataError(path, f"{first_misfit(error)}; delete the folder, or run the command again") from error
+    if shown != example_list(run.rows):
+        return None
     cells = (GalleryCell(one.corruption, one.severity, [_picture(folder / one.file)]) for one in shown.slider.pictures)
     clean = [_picture(folder / shown.slider.clean)]
     slider = make_slider(f"Sample {plain(shown.slider.key)}", clean, cells, widest=SLIDER_WIDTH, quality=_QUALITY)
