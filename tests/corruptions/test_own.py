@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -220,6 +221,22 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption("fog").source == ""
     for top in (object(), np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
+
+
+def test_the_source_names_modules_that_a_method_imports_and_no_installed_ones(rain_package, monkeypatch):
+    installed = rain_package / ".venv/lib/site-packages"
+    installed.mkdir(parents=True)
+    monkeypatch.syspath_prepend(installed)
+    (installed / "rain_installed.py").write_text("WET = 1\n")
+    late = rain_package / "rain_late.py"
+    late.write_text("import rain_installed\n")
+    (rain_package / "rain_module.py").write_text(RAIN + "    def wet(self):\n        import rain_late\n")
+    before = reimported()
+    importlib.import_module("rain_late")
+    (installed / "rain_installed.py").write_text("WET = 2\n")
+    assert reimported() == before
+    late.write_text("import rain_installed  # edited\n")
+    assert reimported() != before
 
 
 @pytest.mark.parametrize("made", [NearWhite, NearWhite(), NearGrey, NearGrey(), "tests.corruptions.test_own:NearWhite"])

@@ -311,7 +311,7 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
         if module is None or path is None or base.__module__ == "__main__":
             yield _class_source(base)
         else:
-            yield from _module_parts(module, _root(module), seen)
+            yield from _module_parts(base.__module__, Path(path).resolve(), _root(module), seen)
 
 
 def _root(module: ModuleType) -> Path:
@@ -325,18 +325,28 @@ def _root(module: ModuleType) -> Path:
     return folder
 
 
-def _module_parts(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes]:
-    path = getattr(module, "__file__", None)
-    if path is None or module.__name__ in seen or root not in Path(path).resolve().parents:
+def _module_parts(name: str, path: Path, root: Path, seen: set[str]) -> Iterator[bytes]:
+    if name in seen or root not in path.parents:
         return
-    if "site-packages" in Path(path).parts and module.__name__.partition(".")[0] == _SELF:
-        return
-    seen.add(module.__name__)
-    content = Path(path).read_bytes()
+    if seen and "site-packages" in path.parts[len(root.parent.parts) :]:
+        return  # installed beside the user's file, or in an environment in its folder
+    seen.add(name)
+    content = path.read_bytes()
     yield content
-    for name in _imported(content, module.__package__ or ""):
-        if name in sys.modules:
-            yield from _module_parts(sys.modules[name], root, seen)
+    levels = name.count(".") + (path.stem == "__init__")
+    package, top = ".".join(name.split(".")[:levels]), path.parents[min(levels, len(path.parents) - 1)]
+    for each in _imported(content, package):
+        if (file := _file_of(each, top)) is not None:
+            yield from _module_parts(each, file, root, seen)
+
+
+def _file_of(name: str, folder: Path) -> Path | None:
+    """Return the file of a module, imported or not yet, as one that a function imports when it is called."""
+    if name in sys.modules:
+        known = getattr(sys.modules[name], "__file__", None)
+        return None if known is None else Path(known).resolve()
+    place = folder.joinpath(*name.split("."))
+    return next((file for file in (place / "__init__.py", Path(f"{place}.py")) if file.is_file()), None)
 
 
 def _imported(content: bytes, package: str) -> Iterator[str]:
