@@ -159,7 +159,8 @@ def means(wanted: Wanted) -> list[Table]:
         about += " Up to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, perhaps in fewer."
     title = "Means with intervals" if any(known) else "Means"
     rows = rows_of_models(results, values, wanted.seeds, texts)
-    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": rows}, [*remarks, about])]
+    remarks += [about] * any(of_line[-1] is not None for of_line in values.values())
+    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": rows}, remarks)]
 
 
 _CONFIDENCE_REMARK = (

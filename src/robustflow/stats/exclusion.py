@@ -109,7 +109,8 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
     covered = MEASURES["coverage"]
     share = rows.filter(covered.count > 0).select((covered.total / covered.count).mean()).item()
     if share is not None and share < COVERED_FROM:
-        reasons.append(f"its errors cover only the {100 * share:.1f} % of the pixels that it predicted")
+        most = 100 * (1 - COVERED_FROM)
+        reasons.append(f"it predicted no flow at more than {most:.0f} % of the pixels; its errors may be of easy ones")
     if length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(
             f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px (length {length:.2f} px)"
