@@ -67,6 +67,7 @@ def four_processors(monkeypatch):
         (_on_gpu(), {}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"workers": 1}, "processes, 1 device + 1 feeder"),
         (_on_gpu(), {"workers": 50}, "processes, 1 device + 3 feeders"),
+        (_on_gpu(), {"workers": 200, "units": THREE_PAIRS}, "processes, 1 device + 48 feeders"),
         (_on_gpu(), {"timeout": 3.0}, "processes, 1 device + 3 feeders"),
         (_on_gpu(), {"engine": "serial"}, "serial"),
         (_on_gpu("cuda:0,cuda:1,cuda:2"), {}, "processes, 3 devices + 3 feeders"),

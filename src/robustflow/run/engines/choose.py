@@ -15,6 +15,7 @@ from ...core.text import counted
 from ...models.loading import devices_of
 from ..plan import Job, Plan, Unit
 from .base import Engine, pickled
+from .device import BATCHES_PER_FEEDER
 from .processes import SERIAL, processes
 from .ray import on_ray
 
@@ -22,6 +23,9 @@ ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
 """Maximum default number of feeders per device; a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
+
+_MOST_FEEDERS_PER_DEVICE = 240 // (1 + BATCHES_PER_FEEDER)
+"""A child receives at most 256 file descriptors: here a pipe and the batches of each feeder."""
 
 MOST_PROCESSES = 8
 """Maximum default number of processes, because each takes 300 MB or more."""
@@ -78,7 +82,8 @@ def choose_engine(plan: Plan) -> Engine:
 def _pool(workers: int, timeout: float | None, devices: Sequence[str] = ()) -> Engine:
     def parts(units: Sequence[Unit]) -> tuple[int, Sequence[str]]:
         most = max(1, len(units))
-        return min(workers, most), devices[:most]
+        used = devices[:most]
+        return min(workers, most, _MOST_FEEDERS_PER_DEVICE * len(used) or most), used
 
     def describe(units: Sequence[Unit]) -> str:
         count, used = parts(units)
