@@ -37,6 +37,14 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call() -> Iterator[None]:
+    """Run tests in one environment, so that their child processes are forked like those of a program."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("PYTEST_CURRENT_TEST")
+        return (yield)
+
+
 @pytest.fixture
 def shared():
     """Find a folder of the shared data: `shared("data/kitti2015")`; skips with a reason if it is absent."""
