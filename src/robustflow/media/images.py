@@ -57,7 +57,8 @@ def read_image(path: str | Path) -> Frame:
             warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
             with _open(path, data) as image:
                 image.load()
-                return _rgb(path, ImageOps.exif_transpose(image))
+                ImageOps.exif_transpose(image, in_place=True)
+                return _rgb(path, image)
     except PILLOW_ERRORS as error:
         raise DataError(path, f"damaged or truncated ({first_line(error)}); copy or download it again") from error
 
@@ -175,7 +176,7 @@ def _rgb(path: Path, image: Image.Image) -> Frame:
             raise DataError(path, "the image has transparent pixels; flatten it onto a background first")
     if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
         raise DataError(path, f"colour mode {image.mode} is not supported; convert the image to 8-bit RGB")
-    return np.array(image.convert("RGB"))
+    return np.array(image if image.mode == "RGB" else image.convert("RGB"))  # a conversion always copies
 
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +16,7 @@ from ...corruptions import CLIP, IMAGE_PAIR, Corruption, corrupt_clip, load_corr
 from ...corruptions.calibration import Ssim
 from ...corruptions.registry import BETWEEN_FRAMES
 from ...corruptions.stack import levels_of, needs_depth, split_stack
-from ...data.datasets.folder import open_folder
-from ...data.video.variants import ShortClip, frame_rate
 from ...media.colours import depth_colours
-
-if TYPE_CHECKING:
-    from ...data.datasets.folder import FrameFolder, Video
 
 
 @dataclass(frozen=True)
@@ -117,7 +111,10 @@ class ClipPart:
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
         if not 2 <= shown <= MOST_SHOWN:
             raise UsageError("--length", f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
-        self._data: FrameFolder | Video = open_folder(path, 1, start, stop)
+        from ...data.datasets.folder import open_folder  # imports PyAV, which the page of a run does not need
+        from ...data.video.variants import frame_rate
+
+        self._data = open_folder(path, 1, start, stop)
         self.rate = frame_rate(path)
         keys = self._data.keys()
         group = self._data.load(keys[0]).group
@@ -169,6 +166,8 @@ def clip_cells(
     """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
     memory; the clip is encoded into `folder` if a corruption needs it.
     """
+    from ...data.video.variants import ShortClip
+
     encoded = cache(lambda: ShortClip(part.frames(), part.rate, folder))
 
     def corrupted(name: str, severity: int) -> tuple[list[Frame], str]:

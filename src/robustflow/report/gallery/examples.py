@@ -258,13 +258,10 @@ def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
     if view.row["frames_digest"] != row["frames_digest"]:
         raise RunError(where, "the frames differ from those of the run; use the data of the run")
     again = cell_scores(view.row)
-    for name in ("epe", "rcre"):
-        before, now = getattr(scores, name), getattr(again, name)
-        if before is None and now is None:
-            continue
-        if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
+    for name, before, now in (("EPE", scores.epe, again.epe), ("RCRE", scores.rcre, again.rcre)):
+        if before != now and (before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before)):
             raise RunError(
                 where,
-                f"the model predicts a different flow than in the run ({name.upper()} {now} instead of {before}), so "
+                f"the model predicts a different flow than in the run ({name} {now} instead of {before}), so "
                 "an image would not show the measured flow; repeat the run in a different folder",
             )

@@ -5,11 +5,14 @@ The only threads are those of Polars: of its allocator, which handles forks, and
 
 import gc
 
-from ...core.rng import Rng
-from ...corruptions import IMAGE_PAIR, load_corruption
-from . import device, processes  # noqa: F401
+gc.disable()  # searching for garbage takes a sixth of the time of these imports
+
+from ...core.rng import Rng  # noqa: E402
+from ...corruptions import IMAGE_PAIR, load_corruption  # noqa: E402
+from . import device, processes  # noqa: E402, F401
 
 for _name in IMAGE_PAIR:
     load_corruption(_name)
 Rng.of(0).bits(1)  # the first compiled function that runs imports a third of numba
+gc.enable()
 gc.freeze()  # workers need not search all of this for garbage, which would also copy its memory
