@@ -99,4 +99,5 @@ def test_compare_takes_runs_folders_and_nothing_else(result):
 def test_one_corruption_and_one_severity_need_no_list(tmp_path):
     run = rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities=3)
     assert run.manifest.planned == (Cells(samples=("motorcycle",), corruptions={"contrast": (3,)}),)
+    refusal(lambda: rf.evaluate("dis", None, tmp_path), UsageError, "benchmark")
     refusal(lambda: rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities="3"), UsageError, 3)

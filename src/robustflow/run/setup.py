@@ -153,6 +153,8 @@ def open_benchmark(
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
     if isinstance(benchmark, str):
         chosen = load_benchmark(benchmark, data, split, options)
+    elif not isinstance(benchmark, Benchmark):
+        raise UsageError("benchmark", f"a name or a Benchmark is needed, not {type(benchmark).__name__}")
     else:
         chosen = benchmark
         if given := [name for name, value in {"data": data, "split": split, "data_options": options}.items() if value]:
