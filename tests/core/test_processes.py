@@ -78,3 +78,26 @@ def test_script_in_a_child_sees_the_environment_when_the_child_starts(tmp_path):
     script.write_text(ENVIRONMENT)
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
     assert run.stdout.split() == ["1", "2"]
+
+
+INTERRUPTED = """
+import os, signal, threading
+import robustflow.run.engines.processes
+from robustflow.core.processes import Child
+
+def wait(pipe):
+    pipe.recv()
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+    Child(wait)
+    threading.Event().wait()
+"""
+
+
+def test_ctrl_c_while_a_child_starts_ends_the_program(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert run.stderr.endswith("KeyboardInterrupt\n")

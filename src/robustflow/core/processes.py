@@ -144,8 +144,8 @@ class Child:
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
             self._process = _context().Process(target=child_main, args=given, daemon=False)
             self._process.start()
-        self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
-        """Stop the process immediately."""
+            self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
+            """Stop the process immediately."""
         child_end.close()
         watched.close()
 
