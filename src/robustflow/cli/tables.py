@@ -139,7 +139,8 @@ def _next(run: Run) -> str:
     if not run.measured.complete:
         return ""
     if enough_to_compare(run):
-        return f"robustflow compare {shlex.quote(str(run.path))} OTHER_RUN, or robustflow leaderboard RUNS"
+        runs = f"{shlex.quote(str(run.path))} OTHER_RUN"
+        return f"robustflow compare {runs}, or robustflow leaderboard {runs}"
     return "robustflow run MODEL --benchmark kitti-fc --data FOLDER (too few pairs here to compare models)"
 
 

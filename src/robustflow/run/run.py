@@ -42,7 +42,8 @@ class Run:
         self._asked = asked
         manifest = asked or self._folder.manifest()
         if manifest is None:
-            raise RunError(self.path, "not a run folder (it has no manifest.json); give a folder written by 'run'")
+            advice = "give a folder written by 'run', or several of them as FOLDER/*"
+            raise RunError(self.path, f"not a run folder (it has no manifest.json); {advice}")
         self.manifest: Manifest = manifest
 
     @cached_property
