@@ -36,7 +36,7 @@ def files_of_children(tmp_path: Path, *paths: str, temporary: Path | None = None
     script = tmp_path / "script.py"
     script.write_text(START)
     environment = os.environ | ({} if temporary is None else {"TMPDIR": str(temporary)})
-    command = [sys.executable, str(script), *paths]
+    command = [sys.executable, "-W", "ignore::DeprecationWarning", str(script), *paths]  # Python 3.12 warns of forks
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
     assert not run.stderr
     return run.stdout.split()
