@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from ..core.arguments import check_severity
 from ..core.errors import UsageError, unknown_name
-from ..core.plugins import source_digest
 from ..core.rng import Rng
+from ..core.source_digest import source_digest
 from ..core.types import Flow
 from ..models.base import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images

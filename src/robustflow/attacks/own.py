@@ -12,8 +12,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from ..core.errors import UsageError, unknown_name
-from ..core.plugins import called, checked_name, described, import_target, is_target, own_name, source_digest
+from ..core.plugins import called, checked_name, described, import_target, is_target, own_name
 from ..core.rng import Rng
+from ..core.source_digest import source_digest
 from ..core.types import Flow
 from ..models.base import AnyModel
 from .ball import Images

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
-from ..core.plugins import called, checked_name, described, own_name, source_digest
+from ..core.plugins import called, checked_name, described, own_name
 from ..core.rng import Rng
+from ..core.source_digest import source_digest
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array
 from .base import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, ON_DISK, SHIPPED

@@ -18,7 +18,8 @@ import numpy as np
 from ...core.errors import DataError, UsageError
 from ...core.files import digest_of_bytes
 from ...core.paths import user_path
-from ...core.plugins import called, check_options, import_target, source_digest, source_of_target
+from ...core.plugins import called, check_options, import_target, source_of_target
+from ...core.source_digest import source_digest
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import readable
 from ...media.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
