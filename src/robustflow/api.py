@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -265,7 +265,10 @@ def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], Non
             return
         drop_examples(result.path)
         if wanted:
-            write_examples(result, plan, drawing)
+            with closing(write_examples(result, plan)) as steps:
+                for what in steps:
+                    drawing(what)
+                    from .report.site import page  # noqa: F401  # imported while a child draws
     except RobustFlowError as error:
         warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:

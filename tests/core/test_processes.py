@@ -1,5 +1,6 @@
 """Children start wherever Python does, and import the modules of their parent."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from pathlib import Path
 import pytest
 
 import robustflow
+from robustflow.core.errors import UsageError
+from robustflow.core.processes import in_child
 
 START = """
 import os, sys
@@ -101,3 +104,19 @@ def test_ctrl_c_while_a_child_starts_ends_the_program(tmp_path):
     script.write_text(INTERRUPTED)
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
     assert run.stderr.endswith("KeyboardInterrupt\n")
+
+
+def count_down(start: int):
+    while start:
+        yield start
+        start -= 1
+    raise UsageError("the count", "is over")
+
+
+def test_steps_of_a_child_arrive_in_order_with_its_error():
+    steps = in_child(count_down, 3)
+    assert [next(steps) for _ in range(3)] == [3, 2, 1]
+    with pytest.raises(UsageError) as refused:
+        next(steps)
+    assert refused.value.culprit == "the count"
+    assert not multiprocessing.active_children()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import multiprocessing
 import re
 import shutil
 import sys
@@ -93,13 +94,15 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch, sma
     apply = Contrast.apply
     monkeypatch.setattr(Contrast, "apply", lambda self, *args: applied.append(args[1:]) or apply(self, *args))
     asked = {"output": tmp_path / "run", "corruptions": ["contrast"], "severities": [1, 2, 3, 4, 5], "examples": True}
-    run = rf.evaluate(DIS, **asked)
+    run = rf.evaluate(ZeroFlow(), **asked)
     again = 2 * 2  # the worst and the median cell, compared in full
     assert len(applied) == 5 * 2 + again
 
     files = _files(run)
     shutil.rmtree(run.path / "examples")
-    assert _files(rf.evaluate(DIS, **asked)) == files, "images from frames in memory equal those from recomputed ones"
+    assert _files(rf.evaluate(ZeroFlow(), **asked)) == files, (
+        "images from frames in memory equal those from recomputed ones"
+    )
 
 
 def test_a_run_of_one_sample_predicts_its_clean_flow_once(tmp_path, small):
@@ -149,11 +152,24 @@ def test_interrupted_drawing_leaves_the_rows_and_no_partial_folder(tmp_path, mon
 
     monkeypatch.setattr(examples_module, "_write_slider", stopped)
     with pytest.raises(stop):
-        rf.evaluate(DIS, output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[2])
+        rf.evaluate(ZeroFlow(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[2])
     assert not (tmp_path / "run" / "examples").exists()
     assert not list((tmp_path / "run").rglob(".partial-*"))
     assert rf.Result(tmp_path / "run").measured.complete
     assert (tmp_path / "run" / "summary.json").exists()
+
+
+def test_ctrl_c_while_a_child_draws_leaves_no_child_and_no_partial_folder(tmp_path, monkeypatch, small):
+    progress = TerminalProgress()
+    monkeypatch.setattr(progress, "drawing", lambda what="": what != DRAWN[0] or _raise(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, progress=progress, **CELLS)
+    assert not multiprocessing.active_children()
+    assert not list((tmp_path / "run").rglob(".partial-*"))
+
+
+def _raise(error):
+    raise error
 
 
 def test_examples_of_a_model_that_predicts_differently_are_refused(tmp_path, small):

@@ -149,7 +149,7 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: dict[str, Any]) -> None:
     """Draw the examples of a run, or only one of its cells: (sample, corruption, severity)."""
     from ..models import ModelSpec
-    from ..report.gallery.examples import FOLDER, draw_example, write_examples
+    from ..report.gallery.examples import FOLDER, are_current, draw_example, write_examples
     from ..report.site.page import write_report
     from ..run.run import Run
     from ..run.setup import restore_plan
@@ -171,7 +171,9 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     store = RunFolder(run.path)
     store.lock()
     try:
-        if write_examples(run, plan):
+        if not are_current(run):
+            for _ in write_examples(run, plan):
+                pass
             write_report(run)
     finally:
         store.unlock()

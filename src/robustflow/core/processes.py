@@ -27,11 +27,13 @@ from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from . import errors
 from .display import ignore_local_settings
 from .errors import RobustFlowError, RunError, UsageError
+
+T = TypeVar("T")
 
 SAFE_PATH = "PYTHONSAFEPATH"
 """Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
@@ -173,8 +175,33 @@ class Child:
         return kind, value
 
 
+def in_child(steps: Callable[..., Iterator[T]], *arguments: Any) -> Iterator[T]:
+    """Start a child that runs a generator function, and return an iterator over what it yields."""
+    child = Child(_send_steps, steps, arguments)
+
+    def received() -> Iterator[T]:
+        try:
+            while (message := child.receive(steps.__name__, "free some memory"))[0] == "step":
+                yield message[1]
+        finally:
+            child.end()
+
+    return received()
+
+
+def _send_steps(pipe: Connection, steps: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]) -> None:
+    for step in steps(*arguments):
+        pipe.send(("step", step))
+    pipe.send(("end", None))
+
+
 _server_environment: dict[str, str] = {}
 """The environment in which the process that forks children was started."""
+
+
+def forks_children() -> bool:
+    """Return whether the process that forks children has started, so that another child costs little."""
+    return bool(_server_environment)
 
 
 def _context() -> ForkServerContext | SpawnContext:

@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +25,7 @@ from pydantic import Field
 
 from ...core.errors import DataError, RunError, unknown_name
 from ...core.files import TEMPORARY, make_folder, write_bytes, write_json
+from ...core.processes import in_child
 from ...core.types import Untrusted
 from ...corruptions.registry import ordered
 from ...media.images import jpeg_bytes, shrunk
@@ -33,8 +34,9 @@ from ...metrics.means import averaged_rows
 from ...metrics.rows import CLEAN, ROW_KEY
 from ...models.base import describe_cell
 from ...run.cells import Cell
+from ...run.engines.choose import suits_a_child
 from ...run.pictures import SLIDER_WIDTH, picture_path, slider_picture
-from ...run.plan import Plan
+from ...run.plan import Job, Plan
 from ...run.run import Run
 from ...run.worker import View, Worker, temporary_worker
 from .panel import draw_panel, numbers_line, panel_title
@@ -185,27 +187,20 @@ def capture_slider_pictures(plan: Plan, folder: Path) -> Iterator[Plan]:
         yield replace(plan, pictures=Path(pictures))
 
 
-def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda what: None) -> bool:
-    """Draw the examples of a complete run into its folder, unless they already exist; `drawing` is called with each one
-    of `progress.DRAWN` before it is drawn."""
+def write_examples(run: Run, plan: Plan) -> Generator[str, None, None]:
+    """Draw the examples of a complete run into its folder; yield each one of `progress.DRAWN` before it is drawn."""
     if run.measured.missing:
         raise RunError(run.path, "not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
     if listed is None:
         raise RunError(run.path, "has no measured pixel, so there is no worst sample")
-    if are_current(run):
-        return False
     home = run.path / FOLDER
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        with temporary_worker(plan.job(folder=plan.pictures and run.path)) as worker:
-            for panel in listed.panels:
-                drawing(f"{panel.kind} example")
-                cell = (panel.key, panel.corruption, panel.severity)
-                write_bytes(making / panel.file, _panel(run.rows, worker, cell, panel.kind, "jpeg"))
-            drawing("severity slider")
-            _write_slider(making, listed.slider, worker, plan.pictures)
+        rows = [_row(run.rows, (panel.key, panel.corruption, panel.severity)) for panel in listed.panels]
+        given = (making, plan.job(folder=plan.pictures and run.path), listed, rows)
+        yield from in_child(_draw_files, *given) if suits_a_child(plan) else _draw_files(*given)
         write_json(making / EXAMPLES_FILE, listed.model_dump())
         drop_examples(run.path)
         try:
@@ -214,13 +209,21 @@ def write_examples(run: Run, plan: Plan, drawing: Callable[[str], None] = lambda
             raise DataError(home, f"cannot be written ({error.strerror}); choose a folder with free space") from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
-    return True
+
+
+def _draw_files(folder: Path, job: Job, listed: ExampleList, rows: list[dict[str, Any]]) -> Iterator[str]:
+    with temporary_worker(job) as worker:
+        for panel, row in zip(listed.panels, rows, strict=True):
+            yield f"{panel.kind} example"
+            write_bytes(folder / panel.file, _panel(row, worker, panel.kind, "jpeg"))
+        yield "severity slider"
+        _write_slider(folder, listed.slider, worker, job.pictures)
 
 
 def draw_example(run: Run, plan: Plan, key: str, corruption: str, severity: int) -> bytes:
     """Draw any cell of a run as a PNG, with the scores from the run."""
     with temporary_worker(plan.job()) as worker:
-        return _panel(run.rows, worker, (key, corruption, severity), "", "png")
+        return _panel(_row(run.rows, (key, corruption, severity)), worker, "", "png")
 
 
 def _write_slider(folder: Path, slider: _ListedSlider, worker: Worker, pictures: Path | None) -> None:
@@ -235,9 +238,8 @@ def _write_slider(folder: Path, slider: _ListedSlider, worker: Worker, pictures:
             write_bytes(folder / one.file, slider_picture(frames, clean), durable=False)
 
 
-def _panel(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: str) -> bytes:
-    row = _row(rows, cell)
-    scores = cell_scores(row)
+def _panel(row: dict[str, Any], worker: Worker, why: str, form: str) -> bytes:
+    cell, scores = (row["sample"], row["corruption"], row["severity"]), cell_scores(row)
     view = worker.inspect_cell(*cell)
     _check_same(view, row, scores)
     return draw_panel(view, panel_title(*cell, why), numbers_line(*scores), form)

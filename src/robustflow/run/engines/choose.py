@@ -10,7 +10,7 @@ from dataclasses import replace
 from ...core.arguments import check_count, check_positive
 from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
-from ...core.processes import available_processors, may_have_children
+from ...core.processes import available_processors, forks_children, may_have_children
 from ...core.text import counted
 from ...models.loading import devices_of
 from ..plan import Job, Plan, Unit
@@ -63,8 +63,7 @@ def choose_engine(plan: Plan) -> Engine:
             raise UsageError(asked, "attacks on an accelerator run in this process; omit this option, or --attacks")
         return _serial(" (attacks need the model in this process)")
     if asked is None:
-        light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
-        if not devices and not light:
+        if not devices and not _is_light(plan):
             return SERIAL
         why = _reason_for_one_process(plan.job())
         if not devices:
@@ -77,6 +76,16 @@ def choose_engine(plan: Plan) -> Engine:
         raise UsageError("--workers", f"{workers} is too few for {len(devices)} devices; name fewer with --device")
     feeders = max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
     return _pool(workers or feeders or 1, timeout, devices)
+
+
+def suits_a_child(plan: Plan) -> bool:
+    """Return whether a few more cells are faster in a new child than in this process, which may never have loaded what
+    they need."""
+    return forks_children() and _is_light(plan) and not _reason_for_one_process(plan.job())
+
+
+def _is_light(plan: Plan) -> bool:
+    return getattr(plan.model.model, "single_threaded", False) is True and plan.model.spec is not None
 
 
 def _pool(workers: int, timeout: float | None, devices: Sequence[str] = ()) -> Engine:
