@@ -103,7 +103,8 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     from robustflow import api  # imported late: the process that only distributes tests does not need it
     from robustflow.report.site import examples
 
-    real = {(api, "_write_report"): api._write_report, (examples, "embedded_slider"): examples.embedded_slider}
+    replaced = (api, "_draw_figures"), (api, "_write_report"), (examples, "embedded_slider")
+    real = {(module, name): getattr(module, name) for module, name in replaced}
 
     @contextmanager
     def drawn() -> Iterator[None]:
@@ -113,6 +114,6 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
             yield
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(api, "_write_report", lambda *_: None)
-        patch.setattr(examples, "embedded_slider", lambda: None)
+        for module, name in replaced:
+            patch.setattr(module, name, lambda *_: None)
         yield drawn

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .attacks.api import AnyAttack
     from .data.benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
+    from .report.site.page import Figures
     from .run.costs import RunCost
     from .run.plan import Plan
     from .run.progress import Progress
@@ -257,6 +258,7 @@ def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], Non
     from .run.displacement import keep_displacement
 
     wanted = wanted and bool(result.manifest.corruptions)  # example pictures do not show attacks
+    figures = None
     try:
         keep_cost(result, plan.model.model)
         if wanted:
@@ -268,16 +270,22 @@ def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], Non
             with closing(write_examples(result, plan)) as steps:
                 for what in steps:
                     drawing(what)
-                    from .report.site import page  # noqa: F401  # imported while a child draws
+                    figures = figures or _draw_figures(result)  # while a child draws the examples
     except RobustFlowError as error:
         warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:
         drawing("page")
-        _write_report(result)
+        _write_report(result, figures)
         drawing("")
 
 
-def _write_report(run: Run) -> None:
-    from .report.site.page import write_report  # imports matplotlib
+def _draw_figures(run: Run) -> Figures:
+    from .report.site.page import draw_figures  # imports matplotlib
 
-    write_report(run)
+    return draw_figures(run)
+
+
+def _write_report(run: Run, figures: Figures | None = None) -> None:
+    from .report.site.page import write_report
+
+    write_report(run, figures)

@@ -77,7 +77,7 @@ def test_stored_means_have_the_order_of_computed_ones(folder, summaries):
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):
     shown = Mock(return_value="")
-    monkeypatch.setattr("robustflow.report.site.page.run_content", lambda run: None)
+    monkeypatch.setattr("robustflow.report.site.page.draw_figures", lambda run: (None, []))
     monkeypatch.setattr("robustflow.report.site.page.render_site", shown)
     run = rf.load_run(folder)
     run.write_report()

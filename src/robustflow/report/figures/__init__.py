@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from contextlib import suppress
 
 from matplotlib.figure import Figure
@@ -19,6 +19,7 @@ from .styles import PLAIN_STYLES, FigureStyles
 
 __all__ = [
     "FILE_FORMATS",
+    "OF_ONE_MODEL",
     "FigureStyles",
     "all_figures",
     "clean_against_cre",
@@ -31,6 +32,9 @@ __all__ = [
     "severity_curves",
     "write_figures",
 ]
+
+OF_ONE_MODEL = ("crer_by_family",)
+"""Figures that show something about a single model; the others compare models."""
 
 _DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles], MarkedFigure]] = {
     "clean_against_cre": clean_against_cre,
@@ -59,13 +63,13 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
 
 
 def figures_by_sample_set(
-    results: Iterable[ModelResult], styling: FigureStyles = PLAIN_STYLES
+    results: Iterable[ModelResult], styling: FigureStyles = PLAIN_STYLES, names: Container[str] = frozenset(_DRAWN)
 ) -> dict[str, dict[str, MarkedFigure]]:
     """Draw the figures of results, by name, for each sample set of a benchmark with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
         figures[frames] = {}
-        for name, draw in _DRAWN.items():
+        for name, draw in ((name, draw) for name, draw in _DRAWN.items() if name in names):
             with suppress(UsageError):  # Some sets of results lack the data for some figures.
                 figures[frames][name] = draw(part, styling)
     return figures

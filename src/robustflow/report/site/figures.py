@@ -18,7 +18,7 @@ from ...stats.attacks import security_curves
 from ...stats.frame import confidence_means
 from ...stats.model_result import ModelResult, by_frames, ranked
 from ...stats.published.tables import PAPER
-from ..figures import FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
+from ..figures import OF_ONE_MODEL, FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import MarkedFigure
 from ..figures.curves import MOST_LINES, scale_panels, security_figure, sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
@@ -76,7 +76,8 @@ def page_figures(content: Content) -> list[FigureGroup]:
         part = ranked(line for line in of_frames if line.benchmark == benchmark)
         excluded = [plain(line.name) for line in of_frames if line.excluded]
         note = f"Not drawn because not ranked: {', '.join(excluded)}. " if excluded else ""
-        for figures in figures_by_sample_set(part, styling).values():
+        kinds = {} if len({line.name for line in part}) > 1 else {"names": OF_ONE_MODEL}
+        for figures in figures_by_sample_set(part, styling, **kinds).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _row_figures(frames, content, styling)
         pages = {line.name: page for line, page in content.pages.items() if line.frames == frames}
@@ -131,8 +132,8 @@ def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterab
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Whether a figure compares models, or shows one model in several classes."""
-    return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
+    """Whether a figure compares models, or says something about one."""
+    return name in OF_ONE_MODEL or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 
 def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: dict[str, str]) -> PageFigure:

@@ -25,21 +25,24 @@ from ..table import Column, Table
 from .content import Content, run_content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import PageFigure, attack_figure, page_figures
+from .figures import FigureGroup, PageFigure, attack_figure, page_figures
 from .headline import headline_of
 
 _PACKAGE = "robustflow.report.site"
 _SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "downloads.js")
 _FINDING_COLUMNS = (Column("Source", prose=True), "Setting", "given", "recomputed")
 REPORT = "report.html"
+Figures = tuple[Content, list[FigureGroup]]
 
 
-def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
+def render_site(
+    content: Content, gallery: slider.Slider | None = None, figures: Sequence[FigureGroup] | None = None
+) -> str:
     """Render the page of a content; `gallery` is shown if no run has pictures."""
     order = [board.name for board in content.boards]
     runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
-    figures = page_figures(content)
+    figures = page_figures(content) if figures is None else figures
     pictured = next(iter(examples.panels)).benchmark if examples and examples.panels else None
     return (
         _environment()
@@ -73,9 +76,20 @@ def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
     )
 
 
-def write_report(run: Run) -> None:
+def draw_figures(run: Run) -> Figures:
+    """Draw the figures of a run's report, which may be done before its example pictures exist."""
+    content = run_content(run)
+    return content, page_figures(content)
+
+
+def write_report(run: Run, drawn: Figures | None = None) -> None:
     """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date."""
-    if run.derived.write_file(REPORT, lambda: render_site(run_content(run)).encode(), shows_others=True):
+
+    def rendered() -> bytes:
+        content, figures = draw_figures(run) if drawn is None else drawn
+        return render_site(content, figures=figures).encode()
+
+    if run.derived.write_file(REPORT, rendered, shows_others=True):
         run.keep()
 
 
