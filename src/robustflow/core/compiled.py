@@ -11,6 +11,7 @@ Importing numba takes a third of the time of importing the package, so it is imp
 
 from __future__ import annotations
 
+import gc
 import grp
 import hashlib
 import os
@@ -142,6 +143,7 @@ def code_tools() -> tuple[Any, Any, Any]:
 def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
     """Return numba's function, whose cache consists of sealed files."""
     compiled = load_numba().njit(no_cfunc_wrapper=True, **{"nogil": True, **options})(function)
+    compiled.compile = _without_garbage_collection(compiled.compile)
     if options.get("cache"):
         _check_folder(Path(compiled.stats.cache_path))
         files = compiled._cache
@@ -149,6 +151,21 @@ def _dispatcher(function: Function, options: dict[str, Any]) -> Any:
             files.cache_path, files._impl.filename_base, files._impl.locator.get_source_stamp()
         )
     return compiled
+
+
+def _without_garbage_collection(function: Function) -> Function:
+    """Pause the search for garbage while the function runs; it takes a sixth of the time of a compilation."""
+
+    def call(argument: Any) -> Any:
+        enabled = gc.isenabled()
+        gc.disable()
+        try:
+            return function(argument)
+        finally:
+            if enabled:
+                gc.enable()
+
+    return call
 
 
 @cache
