@@ -21,6 +21,7 @@ from robustflow.core.errors import DataError, UsageError
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
+from robustflow.report.figures.canvas import new_figure
 from robustflow.report.gallery.panel import picture_of_panel
 from robustflow.report.notebook import json_block
 from robustflow.report.site import page, render_site, run_content, whole_content
@@ -402,6 +403,25 @@ def test_panels_of_a_figure_have_one_size_and_contain_their_marks_in_place():
     names = [mark.get("data-page").removeprefix("page-") for mark in sorted(ood, key=lambda mark: float(mark.get("x")))]
     assert names == sorted(names, key=epe.__getitem__)
     assert len(names) == 11
+
+
+@pytest.mark.parametrize(("highest", "shared"), [((3, 3, 3), {"f1-xaxis", "f1-yaxis"}), ((3, 3, 4), {"f1-xaxis"})])
+def test_an_axis_is_drawn_once_where_all_panels_have_the_same(highest, shared):
+    figure, axes = new_figure(2, 2, 3)
+    for panel, high in zip(axes, highest, strict=True):
+        panel.set(xlim=(0, 1), ylim=(0, high), xticks=[0, 1], yticks=[0, 2], yticklabels=["low", "two"])
+    first, *others = _svg(figure).findall("svg")
+    left, top, *_ = map(float, first.get("viewBox").split())
+    assert [text.text for text in first.iter("text")] == ["0", "1", "low", "two"]
+    for panel in others:
+        x, y, *_ = map(float, panel.get("viewBox").split())
+        repeated = {one.get("href")[1:]: one.get("transform") for one in panel.iter("use") if one.get("transform")}
+        assert repeated.keys() == shared
+        for moved in repeated.values():
+            assert list(map(float, re.findall(r"-?[\d.]+", moved))) == pytest.approx([x - left, y - top], abs=0.11)
+        own = [] if "f1-yaxis" in shared else ["low", "two"]
+        assert [text.text for text in panel.iter("text")] == own
+    assert all(axis.get_visible() for panel in axes for axis in (panel.xaxis, panel.yaxis)), "as before"
 
 
 def test_the_page_of_a_run_is_written_again_only_if_its_sources_change(small_run, monkeypatch):

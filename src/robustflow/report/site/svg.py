@@ -6,16 +6,18 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
+from itertools import product
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axis import Axis
 from matplotlib.markers import MarkerStyle
 from matplotlib.transforms import Bbox
 
 from ...core.display import default_style
 from ...core.text import plain
 from ..figures import figure_bytes
-from ..figures.canvas import Mark, MarkedFigure, any_script
+from ..figures.canvas import Mark, MarkedFigure, any_script, settle_layout
 from ..figures.styles import BLACK, COLOURS, GRID, OTHER, KeyEntry
 
 _SVG, _XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
@@ -39,16 +41,22 @@ _MANY = 4
 
 @default_style()
 def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str | None]) -> Markup:
-    """Return the `<svg>` elements of a figure's panels, in a `<div class="plot">` that wraps into several rows."""
+    """Return the `<svg>` elements of a figure's panels, in a `<div class="plot">` that wraps into several rows. An axis
+    that all panels share is drawn in the first one and repeated in the others."""
+    settle_layout(figure)  # while every axis takes space
+    names = ("xaxis", "yaxis") if len(figure.axes) > 1 else ()
+    shared = [name for name in names if len({_scale(getattr(axes, name)) for axes in figure.axes}) == 1]
     for index, axes in enumerate(figure.axes):
         axes.set_gid(f"panel-{index}")
+        for name in shared:
+            getattr(axes, name).set(gid=name, visible=index == 0)
     root = ElementTree.fromstring(figure_bytes(figure, "svg", live_text=True))
     by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
     for gid, marks in figure.marks.items():
         if gid in by_id:
             _name_marks(by_id[gid], marks, page_of)
     used = {element.get(_XLINK, "")[1:] for element in root.iter()}
-    used |= {element.get("clip-path", "")[5:-1] for element in root.iter()}
+    used |= {element.get("clip-path", "")[5:-1] for element in root.iter()} | {*shared}
     for element in root.iter():
         element.tag = element.tag.removeprefix(_SVG)
         element.text, element.tail = (text if (text or "").strip() else None for text in (element.text, element.tail))
@@ -57,6 +65,8 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
         )
     clips = [element for element in root.iter("defs") if element.find("clipPath") is not None]
     boxes = _panel_boxes(figure)
+    for name, axes in product(shared, figure.axes):
+        getattr(axes, name).set_visible(True)
     name = prefix.removesuffix("-apart")
     plot = ElementTree.Element(
         "div",
@@ -71,8 +81,23 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
     for index, box in enumerate(boxes):
         view_box = f"{box.x0:.1f} {box.y0:.1f} {box.width:.1f} {box.height:.1f}"
         svg = ElementTree.SubElement(plot, "svg", {"class": "chart", "viewBox": view_box})
+        for axis in shared if index else ():
+            moved = f"translate({box.x0 - boxes[0].x0:.2f},{box.y0 - boxes[0].y0:.2f})"
+            # above the background, the first element of a panel
+            by_id[f"panel-{index}"].insert(1, ElementTree.Element("use", href=f"#{prefix}-{axis}", transform=moved))
         svg.extend([*clips, by_id[f"panel-{index}"]] if index == 0 else [by_id[f"panel-{index}"]])
     return Markup(ElementTree.tostring(plot, encoding="unicode"))
+
+
+def _scale(axis: Axis) -> tuple[float | str, ...]:
+    """Return what an axis shows: two axes with the same scale differ only in their place."""
+    ticks = axis.get_majorticklocs()
+    return (
+        axis.get_label_text(),
+        *axis.get_view_interval(),
+        *ticks,
+        *axis.get_major_formatter().format_ticks(list(ticks)),
+    )
 
 
 def _page_attribute(name: str, value: str, prefix: str) -> tuple[str, str]:
