@@ -399,6 +399,15 @@ def test_two_trainings_in_one_folder_are_refused(request_for):
     run_training(replace(request, resume=True))  # the lock is released
 
 
+def test_a_resumed_training_removes_the_checkpoint_that_a_killed_one_was_writing(request_for):
+    request = request_for(steps=2)
+    run_training(request, StopAfter(1))
+    unfinished = request.output / ".partial-0a1b2c3d-last.pth"
+    unfinished.write_bytes(b"half a checkpoint")
+    run_training(replace(request, resume=True))
+    assert not unfinished.exists()
+
+
 def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
     plain = request_for("plain", steps=2)
     corrupted = request_for("corrupted", steps=2, corruptions=["fog"], probability=1.0)

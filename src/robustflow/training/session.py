@@ -12,7 +12,7 @@ from filelock import FileLock, Timeout
 
 from ..core.display import ProgressBar
 from ..core.errors import ModelError, RunError, UsageError, first_line
-from ..core.files import digest_of_bytes, make_folder, write_json
+from ..core.files import TEMPORARY, digest_of_bytes, make_folder, write_json
 from ..core.paths import refuse_links, user_path
 from ..data.datasets import dataset_facts
 from ..models.provenance import TRAINING_SETS, training_of
@@ -75,7 +75,8 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Create the folder of a training run and lock it; the lock ends with the process."""
+    """Create the folder of a training run, lock it until the process ends, and remove half-written files of a killed
+    run."""
     make_folder(folder)
     try:
         lock = FileLock(folder / ".lock", fallback_to_soft=False).acquire(blocking=False)
@@ -84,6 +85,8 @@ def _locked(folder: Path) -> Iterator[None]:
             folder, "locked by another training run; wait for it to end, or choose a different --output"
         ) from None
     with lock:
+        for unfinished in folder.glob(f"{TEMPORARY}*"):
+            unfinished.unlink()
         yield
 
 
