@@ -139,6 +139,26 @@ def test_the_differentiable_flow_of_a_model_is_its_prediction(name):
     assert all(part.any() for part in (*images.grad, images.grad[..., -1], images.grad[..., -1, :]))
 
 
+class Windowed(torch.nn.Module):
+    """Makes its window in the first prediction and keeps it, as many networks keep a grid of the frames' size."""
+
+    window = None
+
+    def forward(self, image1, image2):
+        if self.window is None:
+            self.window = torch.hann_window(image1.shape[3])
+        return (image1 - image2)[:, :2] * self.window
+
+
+def test_a_network_that_keeps_a_tensor_of_its_first_prediction_is_attacked():
+    model = rf.TorchModel(Windowed(), device="cpu")
+    flow = model.predict(*random_pair())
+    images = torch.from_numpy(images_of(*random_pair())).requires_grad_()
+    model.differentiable(images[:1], images[1:]).sum().backward()
+    assert images.grad.any()
+    np.testing.assert_array_equal(model.predict(*random_pair()), flow)
+
+
 @pytest.mark.parametrize("name", ["pgd", "apgd", "pcfa", "square"])
 def test_a_flow_that_becomes_nan_is_never_the_best_and_one_that_is_nan_is_no_gain(name):
     clean = torch.from_numpy(images_of(*random_pair())[:1])

@@ -110,7 +110,7 @@ class NetworkModel(PairNetwork):
         """Call the network once."""
         height, width = batches[0][0].shape[:2]
         self.convention.fitted_size(height, width)
-        with torch.inference_mode(), reproducible(self._execution.threads):
+        with torch.no_grad(), reproducible(self._execution.threads):
             images = [fitted_images(frames, self.convention, self.device) for frames in batches]
             with torch.autocast(self.device.type, torch.bfloat16, enabled=self._execution.precision == "bf16"):
                 flow = self._ask(images, arguments, height, width)
