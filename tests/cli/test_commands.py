@@ -63,6 +63,9 @@ def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
     pairs = robustflow.prints("check", "robustflow.data.datasets.motorcycle:Motorcycle")
     assert pairs.startswith("dataset 'motorcycle'")
     robustflow.refuses("check", "json:loads", "--kind", "corruption")
+    Path("built.py").write_text("from robustflow.testing import ZeroFlow\n\n\ndef build(u=0):\n    return ZeroFlow()\n")
+    assert robustflow.prints("check", "built:build").startswith("model 'ZeroFlow'")
+    assert "pass built:build" in robustflow.refuses("check", "./built.py:build")
     Path("titled.py").write_text(
         "from robustflow.testing import ZeroFlow\n\n\nclass Titled(ZeroFlow):\n    name = 'a\\x1b]0;title\\x07'\n"
     )

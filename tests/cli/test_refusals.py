@@ -282,12 +282,13 @@ def test_a_repeatable_option_and_a_flag_may_be_given_twice(robustflow, tmp_path)
     assert len(list((tmp_path / "runs").iterdir())) == 2
 
 
-@pytest.mark.parametrize("name", ["Broken", "Rooted"])
+@pytest.mark.parametrize("name", ["Broken", "Exits", "Rooted"])
 @pytest.mark.parametrize("kind", ["model", "dataset"])
 def test_check_of_a_class_that_cannot_be_constructed_is_refused(robustflow, tmp_path, monkeypatch, kind, name):
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     (tmp_path / "mine.py").write_text(
         "class Broken:\n    def __init__(self):\n        raise OSError('no card')\n\n\n"
+        "class Exits:\n    def __init__(self):\n        raise SystemExit(0)\n\n\n"
         "class Rooted:\n    def __init__(self, root): ...\n"
     )
     assert f"mine:{name}" in robustflow.refuses("check", f"mine:{name}", "--kind", kind)

@@ -2,6 +2,8 @@
 documented.
 """
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -94,6 +96,7 @@ BATCHES = [
     [
         *((model, "predict") for model in (Writes(), Remembers(), padded, never)),
         *((model, "predict") for model in (lambda a, b: a[..., :2], lambda a, b: [[0]], lambda a, b: a.nothing)),
+        (lambda a, b: sys.exit(3), "predict"),
         *((Batched(change), "predict_batch") for change in BATCHES),
         (Sure(lambda flow, confidence, calls: (flow + 1, confidence)), "predict_with_confidence"),
         (Sure(lambda flow, confidence, calls: (flow, calls * confidence)), "predict_with_confidence"),

@@ -1,5 +1,6 @@
 """`robustflow check`: test your own model, corruption, attack or dataset before a run."""
 
+from inspect import isroutine
 from typing import Annotated, Any
 
 import typer
@@ -21,6 +22,7 @@ def check(
       robustflow check mypackage.flow:MyModel
       robustflow check mypackage.data:MyPairs --kind dataset
     """
+    from ..models.loading import takes_two_frames
     from ..testing import check_attack, check_corruption, check_dataset, check_model
 
     checks = {"model": check_model, "corruption": check_corruption, "attack": check_attack, "dataset": check_dataset}
@@ -28,14 +30,15 @@ def check(
         raise unknown_name("kind", kind, checks)
     thing: Any = import_target(target, kind or "check")
     kind = kind or _kind(thing)
-    if isinstance(thing, type):
+    is_factory = kind == "model" and isroutine(thing) and not takes_two_frames(thing)
+    if isinstance(thing, type) or is_factory:
         if missing := needed_options(thing):
             raise UsageError(
                 target,
                 f"needs the option {missing[0]}, which check cannot pass: give a default value, or check an object",
             )
         if kind in ("model", "dataset"):
-            thing = called(target, "its constructor", thing)
+            thing = called(target, "building it", thing)
     typer.echo(f"{kind} '{plain(checks[kind](thing))}': all checks passed")
 
 

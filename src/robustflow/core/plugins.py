@@ -167,6 +167,9 @@ def is_target(text: str) -> bool:
 def import_target(target: str, kind: str) -> Any:
     """Import an attribute of a module that is installed or in the working folder."""
     name, _, attribute = target.partition(":")
+    if name.endswith(".py"):
+        meant = f"{Path(name).stem}:{attribute}"
+        raise UsageError(target, f"this is a file; run the command in its folder and pass {meant}")
     here = Path.cwd()
     if str(here) not in sys.path and "" not in sys.path:
         os.environ[MODULES] = str(here)
@@ -268,7 +271,7 @@ def called(culprit: str, doing: str, function: Callable[[], Any], advice: str = 
         return function()
     except RobustFlowError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if read_only and "read-only" in str(error):
             advice = f"copy {read_only} before changing it"
         reason = f"{type(error).__name__}: {error}" + (f"; {advice}" if advice else "")

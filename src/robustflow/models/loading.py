@@ -251,10 +251,6 @@ def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) ->
 
 
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
-    module_name, _, attribute = name.partition(":")
-    if module_name.endswith(".py"):
-        meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
-        raise UsageError(name, f"this is a file; run the command in its folder and pass {meant}")
     target = import_target(name, "model")
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)

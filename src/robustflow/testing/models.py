@@ -156,7 +156,7 @@ def _called(method: str, function: Callable[[], Any], where: str) -> Any:
         return function()
     except ModelError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ModelError(method, f"raised {type(error).__name__} {where}: {error or 'no message'}") from error
 
 
