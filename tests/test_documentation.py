@@ -21,6 +21,7 @@ from .guide_blocks import DOCS, blocks
 from .public_surface import surface
 
 ROOT = DOCS.parent
+SOURCES = (ROOT, ROOT / "src", ROOT / "src" / "robustflow")
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 NAVIGATION = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2]
 
@@ -53,6 +54,13 @@ def _page(name):
 def test_every_page_is_in_the_navigation():
     pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     assert not sorted(page for page in pages if not re.search(rf"[:-] {re.escape(page)}$", NAVIGATION, re.MULTILINE))
+
+
+def test_every_source_file_that_a_page_names_exists():
+    texts = {path: path.read_text() for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]}
+    named = {(path.name, file) for path, text in texts.items() for file in re.findall(r"`(\w+/[\w/]+\.py)\b", text)}
+    assert named
+    assert not [each for each in named if not any((top / each[1]).is_file() for top in SOURCES)]
 
 
 def test_bold_text_begins_with_two_asterisks_not_three():
