@@ -107,6 +107,9 @@ def test_no_checkpoint_of_ptlflow_is_left_out():
         ("K12:train", "kitti2012", "UNKNOWN"),
         ("S:train", "kitti-fc", "OOD"),
         ("M", "demo", "LEAKED"),
+        ("FS:train", "shapes", "ID"),  # its splits share nothing, and a run evaluates the other one
+        ("FS:train", "shapes-still", "ID"),
+        ("FS", "shapes", "LEAKED"),
         ("X", "spring", "OOD"),
         ("C", "folder", "UNKNOWN"),
         ("C+T+K?", "kitti-fc", "UNKNOWN"),
@@ -119,7 +122,7 @@ def test_setting_follows_from_training_sets_and_benchmark(sets, benchmark, setti
     assert setting_on(training_of({"name": "mine", "checkpoint": "ab" * 32}, sets), benchmark) == setting
 
 
-def _on(benchmark: str, sets: str, keys: list[str], **protocol: str) -> tuple[str, list[int]]:
+def _on(benchmark: str, sets: str, keys: list[str], **protocol: object) -> tuple[str, list[int]]:
     """The setting of a model trained on these sets, and the numbers in its note."""
     training = training_of({"name": "mine", "checkpoint": "ab" * 32}, sets)
     provenance = provenance_of(training, benchmark, keys, protocol)
@@ -149,6 +152,11 @@ RELEASED = {"frames": "released"}
 def test_setting_on_kitti_follows_from_the_evaluated_pairs(sets, keys, protocol, setting, numbers):
     found = _on("kitti-fc", sets, keys, **protocol)
     assert found == (setting, found[1] if numbers is None else numbers)
+
+
+def test_generated_pairs_of_the_training_split_are_leaked():
+    assert _on("shapes", "FS:train", ["000000"], options={"split": "train"})[0] == "LEAKED"
+    assert _on("shapes", "FS:train", ["000000"], options={"pairs": "9", "split": "test"})[0] == "ID"
 
 
 @pytest.mark.parametrize(("sets", "setting"), [("C+T", "OOD"), ("G", "LEAKED"), ("G:train", "ID")])

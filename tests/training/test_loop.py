@@ -142,6 +142,8 @@ def test_training_sets_of_the_start_weights_are_kept_or_unknown_if_undeclared(re
     assert "robustflow_trained_on" not in torch.load(third, weights_only=True)
     fourth = run_training(request_for("fourth", start=str(bare), start_trained_on="T"))
     assert torch.load(fourth, weights_only=True)["robustflow_trained_on"] == "flyingthings3d+flyingchairs"
+    fifth = run_training(request_for("fifth", start=str(bare), start_trained_on="T", mix="small_shapes"))
+    assert torch.load(fifth, weights_only=True)["robustflow_trained_on"] == "flyingthings3d+shapes:train"
 
 
 def test_two_processes_stop_together_with_the_weights_of_one_process_to_rounding(request_for, tmp_path):

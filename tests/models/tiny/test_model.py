@@ -66,7 +66,7 @@ def test_the_weights_differ_and_say_how_they_were_made():
         training = json.loads(one.about["training"])
         assert {"recipe", "seed", "data", "start", "corruptions"} <= training.keys()
         assert training["start_trained_on"] == ["shapes"]
-        assert one.trained_on == "shapes"
+        assert one.trained_on == "shapes:train"
 
 
 def test_tiny_passes_check_model_and_is_identified_by_weights_and_runtime():

@@ -27,6 +27,7 @@ from .registry import benchmark_facts
 _KITTI = "kitti2015"
 _RAW = "kitti-raw"
 _GOPRO = "gopro"
+_SHAPES = "shapes"
 _RELEASED = "released"
 
 
@@ -94,6 +95,8 @@ def _of_flow_training(
             setting, note = _kitti_part(part, keys, protocol)
             settings.add(setting)
             notes.append(note)
+    elif parts and facts.training_set == _SHAPES:  # its splits share neither textures nor draws
+        settings.add("LEAKED" if protocol.get("options", {}).get("split") == "train" else "ID")
     elif parts and moving_name(benchmark) in DATASETS:
         settings.add("UNKNOWN")
         notes.append(

@@ -41,7 +41,7 @@ class ShippedWeights:
     arrays: Mapping[str, Weights]
     sha256: str
     about: Mapping[str, str]
-    trained_on: str = "shapes"
+    trained_on: str = "shapes:train"
 
 
 def shipped_weights(name: str) -> ShippedWeights:

@@ -165,7 +165,7 @@ def _trained(
         data=DataPlan(corruptions=[] if arm is None else arm.corruptions, loaders=experiment.loaders),
         output=folder,
         start=None if start is None else str(start),
-        start_trained_on=None if start is None else "FS",
+        start_trained_on=None if start is None else "FS:train",
         resume=resume,
         seed=seed if arm is None else seed + _SEED_OF_ARMS,
         device="auto",

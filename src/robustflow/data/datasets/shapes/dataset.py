@@ -57,6 +57,7 @@ class FlyingShapes(Samples):
                 raise UsageError(option, f"must be a number from 0 to {most}, not {value!r}")
         self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
         self._readout = float(readout)
+        self.leaves_out_evaluated = split == "train"
         self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)
         self._textures = None if textures is None else str(textures)
         if self._textures is not None:
