@@ -124,6 +124,18 @@ def test_flo_and_pfm_agree_with_opencv(tmp_path: Path, data: tuple[np.ndarray, n
     np.testing.assert_array_equal(by_opencv[..., :0:-1], flow)
 
 
+@pytest.mark.filterwarnings("error")
+def test_masked_vectors_and_half_precision_are_written_as_such(tmp_path: Path) -> None:
+    flow = np.ma.masked_greater(np.array([[[1, 2], [9, 2]]], np.float16), 5)
+    write_flow(tmp_path / "flow.flo", flow)
+    read, valid = read_flow(tmp_path / "flow.flo")
+    assert (read.tolist(), valid.tolist()) == ([[[1, 2], [0, 0]]], [[True, False]])
+
+
+def test_a_name_too_long_for_the_file_system_is_refused(tmp_path: Path) -> None:
+    refused(tmp_path / f"{'x' * 300}.flo")
+
+
 def test_flo_marks_unknown_as_middlebury_does(tmp_path: Path) -> None:
     write_flow(tmp_path / "flow.flo", np.ones((1, 2, 2)), np.array([[True, False]]))
     stored = np.frombuffer((tmp_path / "flow.flo").read_bytes()[12:], "<f4")

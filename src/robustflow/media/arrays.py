@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.errors import DataError, first_line
-from ..core.types import Flow, Mask
+from ..core.types import Flow, Mask, unmasked
 
 MAX_SIDE = 99_999
 """Maximum width and height for all formats; the same limit as in Middlebury's own reader."""
@@ -44,10 +44,10 @@ DAMAGE = (
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
     """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
-    if not path.is_file():
-        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
-        raise DataError(path, why)
     try:
+        if not path.is_file():
+            why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
+            raise DataError(path, why)
         yield
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error}); check its permissions") from error
@@ -67,7 +67,7 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
     """Return the arrays to be written, float32 (H, W, 2) and bool (H, W); pixels with non-finite flow are marked
     unknown.
     """
-    array = np.asarray(flow)
+    array = np.asarray(unmasked(flow))
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
         raise DataError(path, f"cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
     if max(array.shape[:2]) > MAX_SIDE:
@@ -76,9 +76,11 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
     if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
         raise DataError(path, f"valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
     mask = mask & np.isfinite(array).all(axis=2)
-    if (np.abs(array[mask]) > UNKNOWN_THRESHOLD).any():
+    with np.errstate(over="ignore"):
+        values = np.where(mask[..., None], array, 0).astype(np.float32)
+    if (np.abs(values) > UNKNOWN_THRESHOLD).any():
         raise DataError(path, "a known component exceeds 1e9 and would be read as unknown; mark the pixel invalid")
-    return np.where(mask[..., None], array, 0).astype(np.float32), mask
+    return values, mask
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
