@@ -86,6 +86,7 @@ def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():
 
 def test_pixels_without_an_error_are_ignored_and_no_pixel_gives_none():
     assert ause([1.0, np.nan, 3.0], [2, np.nan, 1]) == 0
+    assert ause(np.ma.masked_greater([1.0, 9.0, 3.0], 5), [2, 3, 1]) == 0
     assert ause([np.nan], [1]) is None
     assert confidence_correlation([], []) is None
 

@@ -57,6 +57,8 @@ def test_tensors_with_gradients_give_the_same_numbers():
     valid = torch.tensor(rng.random((7, 9)) < 0.6)
     assert rf.metrics.epe(*tensors, valid) == rf.metrics.epe(flow, truth, valid.numpy())
     assert rf.metrics.rcre(*tensors) == rf.metrics.rcre(flow, truth)
+    rounded = tensors[0].bfloat16()
+    assert rf.metrics.epe(rounded, tensors[1]) == rf.metrics.epe(rounded.detach().float().numpy(), truth)
 
 
 def test_metrics_of_a_lucas_kanade_estimate_of_kitti_2012_have_known_values(shared):

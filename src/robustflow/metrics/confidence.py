@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.errors import DataError
-from ..core.types import Flow, Mask
+from ..core.types import Flow, Mask, unmasked
 
 STEPS = 100
 """Number of steps of the sparsification curve."""
@@ -124,7 +124,7 @@ def _bilinear(field: Values, x: Values, y: Values) -> Values:
 
 
 def _finite_values(error: Any, confidence: Any) -> tuple[Values, Values]:
-    errors, sure = np.asarray(error, np.float64), np.asarray(confidence, np.float64)
+    errors, sure = (np.asarray(unmasked(each), np.float64) for each in (error, confidence))
     if errors.shape != sure.shape:
         raise DataError("confidence", f"its shape is {sure.shape}, but the errors have shape {errors.shape}")
     keep = ~np.isnan(errors)

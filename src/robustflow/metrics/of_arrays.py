@@ -68,7 +68,10 @@ def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
     """Convert an array, or a tensor on any device, to a NumPy array."""
-    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else unmasked(array))
+    if not hasattr(array, "detach"):
+        return np.asarray(unmasked(array))
+    tensor = array.detach().cpu()
+    return np.asarray(tensor.float() if tensor.is_floating_point() else tensor)  # NumPy lacks bfloat16
 
 
 def _flow(array: Any) -> Flow:
