@@ -71,6 +71,7 @@ def test_torch_transform_composes_with_torchvision():
         ((torch.zeros(3, 8, 8, dtype=torch.uint16),), "torch.uint16"),
         ((torch.zeros(2, 8, 8),), "(8, 8, 2)"),
         ((torch.zeros(8, 8),), "(8, 8)"),
+        ((torch.zeros(0, 3, 8, 8),), "(0, 3, 8, 8)"),
         ((torch.zeros(3, 8, 8), torch.zeros(3, 8, 9)), "(3, 8, 8), (3, 8, 9)"),
         ((torch.full((3, 8, 8), 2.0),), "2 to 2"),
         (({"flow": 3},), "inputs"),

@@ -76,7 +76,7 @@ class TorchCorruption(torch.nn.Module):
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:
         for image in images:
-            if image.ndim not in (3, 4) or image.shape != images[0].shape:
+            if image.ndim not in (3, 4) or not image.numel() or image.shape != images[0].shape:
                 shapes = ", ".join(str(tuple(image.shape)) for image in images)
                 raise DataError(shapes, "the shapes of the images; expected (C, H, W) or (B, C, H, W) for all images")
             if image.dtype not in (torch.uint8, torch.float32):
