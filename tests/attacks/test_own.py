@@ -141,11 +141,19 @@ def test_object_that_is_not_an_attack_is_refused(made, culprit):
         (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "wrong"),
         (lambda problem, rng: problem.ball.clean.fill(0), "wrong"),
         (lambda problem, rng: problem.pair.frames[0].fill(0), "wrong"),
+        (lambda problem, rng: problem.pair.truth.fill(0), "wrong"),
+        (lambda problem, rng: problem.pair.valid.fill(0), "wrong"),
+        (lambda problem, rng: problem.clean_flow.fill(0), "wrong"),
         (lambda problem, rng: 1 / 0, "wrong"),
     ],
 )
-def test_error_in_an_own_attack_ends_the_run(run, culprit):
-    refusal(lambda: rf.attack(*FRAMES, _model, kind("Wrong", run=staticmethod(run)), 3), UsageError, culprit)
+@pytest.mark.parametrize("base", [object, Attack])
+def test_error_in_an_own_attack_ends_the_run(run, culprit, base):
+    wrong = type("Wrong", (base,), {"name": "wrong", "needs_gradients": False, "run": staticmethod(run)})
+    truth, valid = np.ones((24, 32, 2), np.float32), np.ones((24, 32), bool)
+    refusal(lambda: rf.attack(*FRAMES, _model, wrong, 3, flow=truth, valid=valid), UsageError, culprit)
+    assert truth.all()
+    assert valid.all()
 
 
 def test_two_attacks_of_one_name_cannot_be_in_one_run():

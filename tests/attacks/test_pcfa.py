@@ -115,6 +115,7 @@ def test_values_of_black_and_white_count_as_saturated():
     assert _saturated(clean) == pytest.approx(2 / 120)
     for value in (0.5, 1.0):
         attack, problem = numpy_problem("pcfa", budget=5, steps=1)
+        problem.ball.clean.flags.writeable = True
         problem.ball.clean[:] = value
         attack.run(problem, problem.pair.stream("pcfa"))
         assert ("saturated" in problem.troubles) == (value == 1)

@@ -15,7 +15,7 @@ from ..core.types import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.loading import as_model, load_model
 from .ball import frames_of
-from .base import Attack, is_of_package
+from .base import Attack, is_of_package, run_attack
 from .evaluation import in_lockstep
 from .loss import Loss
 from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
@@ -156,7 +156,7 @@ def attack_pairs(
 def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str]) -> Attacked:
     problem = attack.begun(model, pair, clean_flow)
     ball, loss = problem.ball, problem.loss
-    images = problem.checked(attack.run(problem, pair.stream(attack.name)), attack.name)
+    images = problem.checked(run_attack(attack, problem, pair.stream(attack.name)), attack.name)
     evaluations, gradients = problem.evaluations, problem.gradients
     frames = frames_of(ball.to_8_bits(images))
     assert isinstance(model, FlowModel)
@@ -181,7 +181,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
         frames=frames,
         flow=after,
         clean_flow=clean_flow,
-        images=images,
+        images=images.copy(),
         loss=here,
         clean_loss=clean_loss,
         float_loss=float_loss,

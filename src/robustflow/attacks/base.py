@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import Field, dataclass, fields, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -17,9 +18,10 @@ import numpy.typing as npt
 
 from ..core.arguments import check_severity
 from ..core.errors import UsageError, unknown_name
+from ..core.plugins import called
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
-from ..core.types import Flow
+from ..core.types import Flow, read_only
 from ..models.base import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images
 from .loss import LOSSES, Loss
@@ -163,7 +165,11 @@ class Attack(ABC):
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
         """Build the optimisation problem for a pair, given the model's flow on the clean frames (H, W, 2), pixels."""
-        ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
+        first, second, clean_flow = map(read_only, (*pair.frames, clean_flow))
+        truth, valid = (None if each is None else read_only(each) for each in (pair.truth, pair.valid))
+        pair = replace(pair, frames=(first, second), truth=truth, valid=valid)
+        ball = Ball(first, second, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
+        ball.clean.flags.writeable = False
         loss, from_clean = self._loss(clean_flow, pair)
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
@@ -204,3 +210,9 @@ class Attack(ABC):
 def is_of_package(kind: type[Attack]) -> bool:
     """Whether a class of attacks is part of this package."""
     return kind.__module__.startswith(_PACKAGE)
+
+
+def run_attack(attack: Attack, problem: Problem, rng: Rng) -> Images:
+    """Run an attack; convert exceptions of a user's subclass to a `UsageError`."""
+    run = partial(attack.run, problem, rng)
+    return run() if is_of_package(type(attack)) else called(attack.name, "run", run, read_only="the pair")

@@ -16,7 +16,7 @@ from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.loading import ModelSpec, as_model
 from .api import load_attack
 from .ball import NORMS, Images, frames_of, images_of
-from .base import VARIANTS, Attack, Learned
+from .base import VARIANTS, Attack, Learned, run_attack
 from .problem import Problem
 from .trained import Trained
 
@@ -107,7 +107,7 @@ class Transfer(Attack):
         pair = problem.pair
         clean_flow = predict_checked(self._surrogate, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
         inner = self.attack.begun(self._surrogate, pair, clean_flow)
-        images = self.attack.run(inner, pair.stream(self.attack.name))
+        images = run_attack(self.attack, inner, pair.stream(self.attack.name))
         problem.charge(inner)
         problem.troubles |= inner.troubles
         problem.trace += inner.trace
@@ -185,7 +185,7 @@ class WorstOf(Attack):
         best, highest, pair, curves = problem.best, problem.best_score, problem.pair, problem.curves
         for part in self.parts:
             inner = part.begun(problem.model, pair, problem.clean_flow)
-            frames = frames_of(inner.ball.to_8_bits(part.run(inner, pair.stream(part.name))))
+            frames = frames_of(inner.ball.to_8_bits(run_attack(part, inner, pair.stream(part.name))))
             score = problem.score_of_frames(frames)
             problem.charge(inner)
             if score > highest:

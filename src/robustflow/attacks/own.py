@@ -8,18 +8,16 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ..core.errors import UsageError, unknown_name
 from ..core.plugins import called, checked_name, described, import_target, is_target, own_name
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
-from ..core.types import Flow
-from ..models.base import AnyModel
 from .ball import Images
 from .base import Attack
-from .problem import Pair, Problem
+from .problem import Problem
 from .registry import ATTACKS, split_name
 
 Made = Any
@@ -76,13 +74,6 @@ class OwnAttack(Attack):
     def source(self) -> str:
         """A digest of the source files and of the attributes that affect the result."""
         return source_digest(self.made_by_user)
-
-    def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        first, second = (frame.view() for frame in pair.frames)
-        problem = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
-        for array in (first, second, problem.ball.clean):
-            array.flags.writeable = False
-        return problem
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         run = self.made_by_user.run

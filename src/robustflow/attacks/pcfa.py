@@ -67,7 +67,7 @@ class _Search:
 
         self._problem = problem
         self._cut = attack.variant == "default"
-        self._clean = torch.from_numpy(problem.ball.clean)
+        self._clean = torch.tensor(problem.ball.clean)
         self._bound = problem.ball.budget / WHITE
         self._weight = _WEIGHT / self._bound * (1.0 if attack.target == "zero" else 1.5)
         self._moved = range(2)[problem.ball.perturbed]

@@ -30,7 +30,7 @@ import numpy as np
 
 from .errors import UsageError
 from .files import sealed_bytes, unsealed_bytes
-from .types import Frame
+from .types import Frame, read_only
 
 Function = Callable[..., Any]
 
@@ -230,6 +230,4 @@ def _is_private(group: int) -> bool:
 
 def contiguous(frame: Frame) -> Frame:
     """Return the frame as a C-contiguous, read-only array; copy it only if it is not contiguous."""
-    view = np.ascontiguousarray(frame).view()
-    view.flags.writeable = False
-    return view
+    return read_only(np.ascontiguousarray(frame))

@@ -42,6 +42,13 @@ def unmasked(array: Any) -> Any:
     return array.filled(np.nan) if isinstance(array, np.ma.MaskedArray) and array.dtype.kind == "f" else array
 
 
+def read_only(array: npt.NDArray[Any]) -> Any:
+    """Return a view of an array that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """The pinhole camera of both frames, and its motion between them.

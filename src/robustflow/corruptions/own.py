@@ -12,14 +12,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
 from ..core.plugins import called, checked_name, described, own_name
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
-from ..core.types import TRUTHS, Frame, SceneDepth, described_array
+from ..core.types import TRUTHS, Frame, SceneDepth, described_array, read_only
 from .base import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, ON_DISK, SHIPPED
 
@@ -65,7 +64,7 @@ class OwnCorruption(Corruption):
         return self._call("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        copy = _read_only(np.ascontiguousarray(frame))
+        copy = read_only(np.ascontiguousarray(frame))
         out = self._call("apply", lambda: self.made.apply(copy, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
             raise UsageError(
@@ -120,18 +119,12 @@ def _check_methods(made: Made) -> None:
             raise UsageError(described(made), f"has no method {method}, so it is not a corruption; {_GUIDE}")
 
 
-def _read_only(array: npt.NDArray[Any]) -> Any:
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
 def _scene_read_only(depth: SceneDepth) -> SceneDepth:
     """Return read-only views of the depth maps, because all corruptions of the pair use the same arrays."""
     (first, second), (known, also_known), camera = depth.maps, depth.measured, depth.camera
     if camera.rotation is not None and camera.translation is not None:
-        camera = replace(camera, rotation=_read_only(camera.rotation), translation=_read_only(camera.translation))
-    return SceneDepth((_read_only(first), _read_only(second)), (_read_only(known), _read_only(also_known)), camera)
+        camera = replace(camera, rotation=read_only(camera.rotation), translation=read_only(camera.translation))
+    return SceneDepth((read_only(first), read_only(second)), (read_only(known), read_only(also_known)), camera)
 
 
 def _build(kind: type[Any], variant: str) -> Any:

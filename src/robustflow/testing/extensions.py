@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..attacks.api import load_attack
 from ..attacks.ball import Images, images_of
+from ..attacks.base import run_attack
 from ..attacks.problem import Pair
 from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
@@ -220,7 +221,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 pair = Pair(frames, first.budget(severity), truth, None, "check", seed, severity)
                 before = [frame.copy() for frame in frames]
                 problem = first.problem(model, pair, model.predict(*frames))
-                images = first.run(problem, pair.stream(first.name))
+                images = run_attack(first, problem, pair.stream(first.name))
                 inside = problem.checked(images, first.name) is images
                 require(inside, first.name, f"{where} exceeds its budget; end with problem.ball.project(images)")
                 unchanged = all(map(np.array_equal, frames, before))
@@ -233,6 +234,6 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                     f"{problem.best_score:.4g}; return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))
-                same = np.array_equal(images, second.run(again, pair.stream(second.name)))
+                same = np.array_equal(images, run_attack(second, again, pair.stream(second.name)))
                 require(same, first.name, f"{where} returns different bytes again; draw all random numbers from `rng`")
     return first.name
