@@ -179,6 +179,17 @@ def test_a_flow_that_becomes_nan_is_never_the_best_and_one_that_is_nan_is_no_gai
         assert "nothing_gained" in attacked.warnings
 
 
+@pytest.mark.parametrize("options", [{}, {"flow": np.ones((8, 10, 2), np.float32)}, {"target": "zero"}])
+def test_an_attack_leaves_out_the_pixels_without_a_clean_flow(options):
+    usable = ~np.eye(8, 10, dtype=bool)
+    model = lambda frame1, frame2: np.where(usable[..., None], frame1[..., :2] / np.float32(9), np.nan)  # noqa: E731
+    attacked = rf.attack(*random_pair(), model, "square", 5, queries=99, **options)
+    assert "nothing_gained" not in attacked.warnings
+    goal = options.get("flow", 0 if "target" in options else attacked.clean_flow)
+    for flow, loss in ((attacked.flow, attacked.loss), (attacked.clean_flow, attacked.clean_loss)):
+        assert loss == pytest.approx(np.linalg.norm((flow - goal)[usable], axis=-1).mean())
+
+
 def test_attack_registry_and_square_work_without_torch():
     code = (
         "import sys; sys.modules['torch'] = None\n"

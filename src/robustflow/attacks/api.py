@@ -202,7 +202,7 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
     """Return the progress from the clean flow to the target, as a share of their distance; None without a target."""
     if not loss.towards:
         return None
-    distance = Loss(loss.reference)
+    distance = Loss(loss.reference, loss.valid)
     at_first = distance.of(clean_flow)
     return 1 - distance.of(after) / at_first if at_first > 0 else None
 

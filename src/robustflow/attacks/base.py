@@ -21,7 +21,7 @@ from ..core.errors import UsageError, unknown_name
 from ..core.plugins import called
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
-from ..core.types import Flow, read_only
+from ..core.types import Flow, Mask, read_only
 from ..models.base import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images
 from .loss import LOSSES, Loss
@@ -165,7 +165,8 @@ class Attack(ABC):
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
         """Build the optimisation problem for a pair, given the model's flow on the clean frames (H, W, 2), pixels."""
-        first, second, clean_flow = map(read_only, (*pair.frames, clean_flow))
+        first, second = map(read_only, pair.frames)
+        clean_flow = read_only(clean_flow)
         truth, valid = (None if each is None else read_only(each) for each in (pair.truth, pair.valid))
         pair = replace(pair, frames=(first, second), truth=truth, valid=valid)
         ball = Ball(first, second, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
@@ -184,15 +185,15 @@ class Attack(ABC):
         """Return the loss, and whether the loss is the distance to the clean flow."""
         if self.target != "none":
             target = -clean_flow if self.target == "negative" else np.zeros_like(clean_flow)
-            return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
+            return Loss(target, _counted(None, clean_flow), self.loss, towards=True, agreeing=self.agreeing), False
         if pair.truth is None or self.reference == "clean":
             if self.reference == "truth":
                 raise UsageError("reference", "the pair has no ground truth; pass flow=, or omit reference=truth")
-            return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
+            return Loss(clean_flow, _counted(None, clean_flow), self.loss, agreeing=self.agreeing), True
         truth, valid = pair.truth, pair.valid
         if self.variant == "flowbench" and valid is not None:  # its code counts unknown pixels, with flow 0
             truth, valid = np.where(valid[..., None], truth, np.float32(0)), None
-        return Loss(truth, valid, self.loss, agreeing=self.agreeing), False
+        return Loss(truth, _counted(valid, clean_flow), self.loss, agreeing=self.agreeing), False
 
     @abstractmethod
     def run(self, problem: Problem, rng: Rng) -> Images:
@@ -205,6 +206,13 @@ class Attack(ABC):
         Returns:
             float32 (2, 3, H, W).
         """
+
+
+def _counted(valid: Mask | None, clean_flow: Flow) -> Mask | None:
+    """Return the valid pixels at which the clean flow is finite; all valid pixels if it is finite at none of them."""
+    known = np.asarray(np.isfinite(clean_flow).all(axis=-1))
+    known = known if valid is None else known & valid
+    return known if known.any() else valid
 
 
 def is_of_package(kind: type[Attack]) -> bool:
