@@ -40,8 +40,8 @@ class Attacked:
 
     Attributes:
         attack: name of the attack.
-        budget: the budget in grey levels.
-        norm: norm of the budget, "linf" or "rms".
+        budget: the budget in grey levels, or in % of the pixels for "area".
+        norm: norm of the budget, "linf", "rms" or "area".
         frames: the attacked pair, RGB uint8 (H, W, 3), inside the budget.
         flow: the model's flow on the attacked frames, float32 (H, W, 2), pixels.
         clean_flow: the model's flow on the clean frames, float32 (H, W, 2), pixels.

@@ -119,7 +119,7 @@ class GlassBlur(Corruption):
     right to the top left and pairs each pixel with a random partner, whose offset is between -alpha and alpha - 1 in
     both directions. According to the paper, the two pixels are swapped. In the reference code, however, array views
     turn the swap into a copy: the pixel is set to its partner's value, and the partner is unchanged. Some values
-    therefore disappear, and the content drifts by up to 2 px, equally in both frames. This is the default because it
+    therefore disappear, and the content drifts by up to 3 px, equally in both frames. This is the default because it
     is part of the published results; `variant="paper"` swaps the pixels. The first blur truncates its result, as in
     the reference code.
     """
