@@ -413,6 +413,17 @@ def test_only_what_both_measured_is_compared():
     assert set(found["images"]) == {15}
 
 
+def test_image_without_a_prediction_of_one_model_is_left_out_of_both_means():
+    lost = (pl.col("sample") < "00004") & (pl.col("corruption") != "snow")
+    rows = _rows(20)
+    blind = rows.with_columns(n_valid=pl.when(lost).then(0).otherwise("n_valid"))
+    found = compare_rows(rows, blind)
+    assert (found["difference"] == 0).all()
+    assert found.filter(corruption="snow", metric="epe")["value_first"].item() == pytest.approx(
+        intervals(rows).filter(corruption="snow", metric="epe")["estimate"].item()
+    )
+
+
 def test_many_models_are_corrected_over_all_pairs():
     runs = {name: _rows(30, shift=shift) for name, shift in (("a", 0.0), ("b", 0.0), ("c", 1.0), ("d", 2.0))}
     found = compare_all(runs, "epe")
