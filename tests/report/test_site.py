@@ -37,6 +37,7 @@ from robustflow.stats.results import RESULT_METRICS
 from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.stats.uncertainty import intervals
 from robustflow.testing import ConstantFlow
+from tests.made_rows import made_run
 
 from ..refusals import refusal
 from ..stats.simulated import Truth, rows_of
@@ -287,6 +288,16 @@ def test_headline_claims_a_difference_only_from_runs_that_were_tested(many_image
     runs = [many_images(name, 1 + 1e-9 * index) for index, name in enumerate("ABCD")]
     assert "the only ones tested" not in _headline(whole_content(runs[:3], published=False))
     assert "the next 2, the only ones tested" in _headline(whole_content(runs, published=False))
+
+
+def test_headline_of_runs_on_different_frames_compares_the_largest_group(many_images, small_run):
+    fewer = many_images("A").rows.filter(pl.col("sample") > "00001")
+    alone = made_run(small_run, fewer, "Alone", benchmark="kitti-fc")
+    sentence = _headline(whole_content([alone, many_images("A")], published=False))
+    assert "only" not in sentence
+    assert "lowest" not in sentence
+    sentence = _headline(whole_content([alone, many_images("A"), many_images("Bb", 3.0)], published=False))
+    assert sentence.startswith("Of 2 ranked results on the same frames of KITTI-FC, A (")
 
 
 def test_headline_of_one_ranked_result_compares_nothing():

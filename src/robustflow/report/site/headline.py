@@ -9,7 +9,7 @@ from ...core.text import counted, first_of, joined, plain
 from ...data.benchmarks.facts import sample_noun
 from ...run.run import Run
 from ...stats.attacks import attack_scores
-from ...stats.model_result import ModelResult
+from ...stats.model_result import ModelResult, by_frames
 from ...stats.results import AVERAGE, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
 from ..leaderboard import GROUP
 from ..table import Table, interval_text
@@ -68,27 +68,30 @@ def _about_run(name: str, run: Run) -> str:
 
 
 def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -> str:
-    """State which result of the first group of the board is the lowest, and which ones may be as low."""
+    """State which result of the largest group on the same frames is the lowest, and which ones may be as low."""
     ranked = [line for line in lines if not line.excluded and (line.run or not any(one.run for one in lines))]
     metric = next((m for m in ("epe", "rcre") if any((m, AVERAGE) in line.values for line in ranked)), None)
     if metric is None:
         return ""
-    known = [line for line in ranked if (metric, AVERAGE) in line.values]
-    known = [line for line in known if line.frames == known[0].frames]
+    groups = by_frames(line for line in ranked if (metric, AVERAGE) in line.values)
+    known, where = max(groups.values(), key=len), benchmark_words(board.name)
+    if len(groups) > 1 and len(known) == 1:
+        return f"No two of the {len(groups)} ranked results on {where} are on the same frames, so none are compared."
     first, value = known[0], known[0].values[metric, AVERAGE]
     whose = f"{plain(first.name)} ({setting_words(first.setting)})"
     number = f"{value.text} px {interval_text(value.ends)}".rstrip()
     if len(known) == 1:
-        only = f"{whose} is the only ranked result on {benchmark_words(board.name)}"
+        only = f"{whose} is the only ranked result on {where}"
         return f"{only}: its {METRIC_LABELS[metric]} under corruption is {number}."
     lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {number}"
-    of = f"Of {counted(len(known), 'ranked result')} on {benchmark_words(board.name)}, "
-    groups = {line: content.cells[line][GROUP].text for line in known if GROUP in content.cells[line]}
-    if first not in groups:
+    same = "the same frames of " if len(groups) > 1 else ""
+    of = f"Of {counted(len(known), 'ranked result')} on {same}{where}, "
+    letters = {line: content.cells[line][GROUP].text for line in known if GROUP in content.cells[line]}
+    if first not in letters:
         return f"{of}{lowest}; these differences are not tested."
-    tested = [line for line in known[1:] if line in groups]
+    tested = [line for line in known[1:] if line in letters]
     all_tested = len(tested) == len(known) - 1
-    tied = [plain(line.name) for line in tested if set(groups[line]) & set(groups[first])]
+    tied = [plain(line.name) for line in tested if set(letters[line]) & set(letters[first])]
     if tied:
         names = first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)
         only = "" if all_tested else f" (of the next {len(tested)}, the only ones tested)"
