@@ -156,7 +156,7 @@ def means(wanted: Wanted) -> list[Table]:
     if any(known):
         remarks = [f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if any."]
         remarks += [f"Means without an interval: fewer than {least}, or one decides the mean."] * (not all(known))
-        about += " Up to 1.35, intervals cover the true mean in 89 to 98 % of simulations; above, perhaps in fewer."
+        about += " Up to 1.35, intervals cover the true mean in 87 to 98 % of simulations; above, perhaps in fewer."
     title = "Means with intervals" if any(known) else "Means"
     rows = rows_of_models(results, values, wanted.seeds, texts)
     remarks += [about] * any(of_line[-1] is not None for of_line in values.values())

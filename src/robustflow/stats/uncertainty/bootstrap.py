@@ -25,8 +25,8 @@ raised to the variance that the mean would have if the upper half of its cluster
     sum_g w_g^2 (exp(v) - 1)        v = mean square of ln(x_g / median) over clusters with x_g above the median
 
 where x_g is the mean of cluster g and w_g its share of the images. With more than `_TAIL` clusters, the data show the
-tail, and only the share `_TAIL` / G of the rise is added. With fewer than `FEW` clusters, the resamples contain few
-distinct values, and t* is limited to the 99 % quantile (for 95 % intervals) of Student's t.
+tail, and only the share `_TAIL` / G of the rise is added. Resamples without the largest errors have nearly no spread,
+so t* is limited to the 99 % quantile (for 95 % intervals) of Student's t.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ equal."""
 BLOCK = 2**17
 """Number of weights in one block of resamples, so that a block and what is computed from it stay in the cache."""
 
-FEW, _TAIL = 12, 30
-_WIDEST_LOGARITHM = np.log(1e4)
+_TAIL = 30
+_WIDEST_LOGARITHM = np.log(1e3)
 """Half the width, on the logarithmic scale, above which an interval is given up: one cluster decides the mean."""
 _LARGEST = 4.0
 """Largest v, above those of real errors; otherwise the intervals of a few images could be unbounded."""
@@ -196,7 +196,7 @@ def error_intervals(
         rise = _variance_increase(means[key].mean, found[key]) if part == "size" else 0.0
         error = np.sqrt(errors[key, part] ** 2 + rise)
         center = of_data(logarithms[key, part], clusters).value
-        shifts[key][part] = center, error * _widened_for_few_clusters(pivots, clusters, level)
+        shifts[key][part] = center, error * _limited(pivots, clusters, level)
     return {key: _logarithmic_interval(one, shifts[key], level) for key, one in found.items()}
 
 
@@ -260,9 +260,7 @@ def _variance_increase(mean: Mean, values: Estimates) -> float:
     return float(max(0.0, rise) * min(1.0, _TAIL / len(errors)))
 
 
-def _widened_for_few_clusters(pivots: Array, clusters: int, level: float) -> Array:
-    if clusters >= FEW:
-        return pivots
+def _limited(pivots: Array, clusters: int, level: float) -> Array:
     from scipy.special import stdtrit  # imported where it is used, because every page would wait 0.2 s for SciPy
 
     most = stdtrit(clusters - 1, 1 - (1 - level) / 10)
