@@ -253,7 +253,7 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     values = {(c, s): small_run.mean("epe", c, s) for c in ("contrast", "fog") for s in (1, 5)}
     worst = max(values, key=values.get)
     assert f"{small_run.epe_clean:.2f} px on the clean frames and {small_run.epe:.2f} px under" in headline.sentence
-    assert headline.sentence.endswith(f"most under {worst[0]} at severity {worst[1]}: {values[worst]:.2f} px.")
+    assert headline.sentence.endswith(f"highest for {worst[0]} at severity {worst[1]}: {values[worst]:.2f} px.")
     assert len({address for _, address in headline.strip}) == 3
     panel = read_image(small_run.path / "examples" / "worst.jpg")
     clean, corrupted, flow = (picture_of_panel(panel, place, 4) for place in (0, 2, 5))

@@ -15,6 +15,7 @@ from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
+from robustflow.report.site.headline import headline_of
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.run import Run
 from robustflow.stats.model_result import ranked, run_results
@@ -97,6 +98,8 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
         assert cells["AVG EPE"] == f"{101 * mean / 2:.2f}"
         assert "elastic transform" in note
     content = whole_content([whole])
+    board = next(board for board in content.boards if any(line.label == "DIS" for line in board.lines))
+    assert f"{mean:.2f} px under 20 corruptions" in headline_of(content, board, {}).sentence
     line = next(line for line in content.lines if line.name == "DIS" and line.note)
     assert content.cells[line]["epe", "average"].text == f"{mean:.2f}"
 

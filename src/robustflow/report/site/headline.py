@@ -33,9 +33,8 @@ def headline_of(content: Content, board: Table, panels: Mapping[ModelResult, Seq
     """Return the headline of a board: about its run, its runs, or the values that have no run."""
     lines = [line.result for line in board.lines if line.result]
     runs = [line for line in lines if line.run]
-    sentence = (
-        _about_run(runs[0].name, runs[0].run) if len(runs) == 1 and runs[0].run else _about_lines(content, board, lines)
-    )
+    one = runs[0].run if len(runs) == 1 else None
+    sentence = _about_run(runs[0], one) if one else _about_lines(content, board, lines)
     pictured = next((line for line in runs if line.run and panels.get(line)), None)
     if pictured is None or pictured.run is None:
         return Headline(sentence)
@@ -43,28 +42,30 @@ def headline_of(content: Content, board: Table, panels: Mapping[ModelResult, Seq
     return Headline(sentence, worst_strip(pictured.run), panel, content.pages[pictured])
 
 
-def _about_run(name: str, run: Run) -> str:
+def _about_run(line: ModelResult, run: Run) -> str:
     """State the error of a run on the clean frames and under corruption, and where it is largest."""
+    measured = run.measured
+    averaged = (line.beside_published and measured.paper_over) or measured.averaged_over
     with_truth = run.epe is not None or (run.rcre is None and run.epe_clean is not None)
     metric = "epe" if with_truth else "rcre"
     cells = [
         (value, f"{inside(long_label(of))} at severity {level}")
-        for of, levels in run.measured.corruptions.items()
-        for level in levels
+        for of in measured.averaged_over
+        for level in measured.corruptions[of]
         if (value := run.mean(metric, of, level)) is not None
     ] or [
         (one[metric], f"the attack {one['attack']} at severity {one['severity']}")
         for one in attack_scores(run)
         if one[metric] is not None
     ]
-    where = f"{counted(run.measured.samples, sample_noun(run.benchmark))} of {benchmark_words(run.benchmark)}"
+    where = f"{counted(measured.samples, sample_noun(run.benchmark))} of {benchmark_words(run.benchmark)}"
     if not cells:
-        return f"{plain(name)}: nothing could be measured on {where}."
-    (value, most), clean, whole = max(cells), run.epe_clean if with_truth else None, run.mean(metric)
-    over = {"on the clean frames": clean, f"under {counted(len(run.measured.averaged_over), 'corruption')}": whole}
+        return f"{plain(line.name)}: nothing could be measured on {where}."
+    (value, most), clean, whole = max(cells), run.epe_clean if with_truth else None, line.number(metric, AVERAGE)
+    over = {"on the clean frames": clean, f"under {counted(len(averaged), 'corruption')}": whole}
     means = " and ".join(f"{mean:.2f} px {condition}" for condition, mean in over.items() if mean is not None)
-    head = f"{plain(name)}: {METRIC_LABELS[metric]} {means}".rstrip()
-    return f"{head} ({where}), most under {most}: {value:.2f} px."
+    head = f"{plain(line.name)}: {METRIC_LABELS[metric]} {means}".rstrip()
+    return f"{head} ({where}), highest for {most}: {value:.2f} px."
 
 
 def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -> str:
