@@ -114,7 +114,7 @@ def count_down(start: int):
 
 
 def test_steps_of_a_child_arrive_in_order_with_its_error():
-    steps = in_child(count_down, 3)
+    steps = in_child("a count", count_down, 3)
     assert [next(steps) for _ in range(3)] == [3, 2, 1]
     with pytest.raises(UsageError) as refused:
         next(steps)

@@ -175,13 +175,14 @@ class Child:
         return kind, value
 
 
-def in_child(steps: Callable[..., Iterator[T]], *arguments: Any) -> Iterator[T]:
-    """Start a child that runs a generator function, and return an iterator over what it yields."""
+def in_child(doing: str, steps: Callable[..., Iterator[T]], *arguments: Any) -> Iterator[T]:
+    """Start a child that runs a generator function, and return an iterator over what it yields; `doing` names what it
+    does in errors."""
     child = Child(_send_steps, steps, arguments)
 
     def received() -> Iterator[T]:
         try:
-            while (message := child.receive(steps.__name__, "free some memory"))[0] == "step":
+            while (message := child.receive(doing, "free some memory"))[0] == "step":
                 yield message[1]
         finally:
             child.end()

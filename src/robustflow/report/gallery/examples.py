@@ -200,7 +200,7 @@ def write_examples(run: Run, plan: Plan) -> Generator[str, None, None]:
     try:
         rows = [_row(run.rows, (panel.key, panel.corruption, panel.severity)) for panel in listed.panels]
         given = (making, plan.job(folder=plan.pictures and run.path), listed, rows)
-        yield from in_child(_draw_files, *given) if suits_a_child(plan) else _draw_files(*given)
+        yield from in_child("the example pictures", _draw_files, *given) if suits_a_child(plan) else _draw_files(*given)
         write_json(making / EXAMPLES_FILE, listed.model_dump())
         drop_examples(run.path)
         try:
