@@ -81,7 +81,7 @@ def test_an_engine_does_not_start_without_units(tmp_path, monkeypatch):
     assert started == [2]
 
 
-def test_the_next_pair_is_read_while_the_model_works_and_no_more_than_that(tmp_path):
+def test_four_units_are_prepared_and_rows_written_while_the_model_works(tmp_path, monkeypatch):
     loaded = []
 
     class Pairs(TexturePairs):
@@ -90,22 +90,27 @@ def test_the_next_pair_is_read_while_the_model_works_and_no_more_than_that(tmp_p
             return super().load(key)
 
     class Waits(ZeroFlow):
-        """The first prediction ends once the second pair is read; four units are in progress at a time."""
+        """Every prediction ends once the pairs of the three units after its own are read."""
 
         calls = 0
 
         def predict(self, frame1, frame2):
             self.calls += 1
-            if self.calls == 1:
-                wait_until(lambda: len(loaded) > 1)
+            wait_until(lambda: len(loaded) >= min(len(keys), (self.calls + 4) // 2))
             assert len(loaded) <= (self.calls + 4) // 2
             return super().predict(frame1, frame2)
+
+    def write(folder, unit, rows, write=RunFolder.write_rows):
+        before = model.calls
+        wait_until(lambda: model.calls > before or unit != Unit(keys[0], "clean", (0,)))
+        write(folder, unit, rows)
 
     data = Pairs(9, (24, 32))
     keys = data.keys()
     benchmark = rf.Benchmark("mine", data, tuple(keys), ("contrast",), (1,))
     model = Waits()
     loaded.clear()
+    monkeypatch.setattr(RunFolder, "write_rows", write)
     assert rf.evaluate(model, benchmark, output=tmp_path).rows.height == model.calls == 2 * len(keys)
     assert sorted(loaded) == keys
 
@@ -153,4 +158,4 @@ def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeyp
 
     monkeypatch.setattr("robustflow.run.engines.choose.SERIAL", Engine(lambda units: "", compute))
     with pytest.raises(KeyboardInterrupt, match="second"):
-        rf.evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1], progress=Stopped())
+        rf.evaluate(ZeroFlow(), output=tmp_path, severities=[1], progress=Stopped())

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -37,9 +38,12 @@ from .plan import Plan
 from .progress import Progress, TerminalProgress
 from .store import RunFolder
 from .trust import COMPARED
-from .worker import temporary_worker
+from .worker import FinishedUnit, temporary_worker
 
 _ELSEWHERE = "choose another folder with --output"
+
+_UNWRITTEN = 3
+"""Maximum number of finished units whose rows are not on disk yet while the model continues."""
 
 
 def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Progress) -> None:
@@ -69,19 +73,29 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     seconds = dict(manifest.seconds)
     places = dict(manifest.places)
     start = time.perf_counter()
-    with closing(engine.compute(job, units)) as computed:  # an error while the engine ends is raised, not just printed
+
+    def record(done: FinishedUnit) -> None:
+        folder.write_rows(done.unit, done.rows)
+        left[done.unit.key] -= 1
+        if not left[done.unit.key] and plan.pictures is None:  # examples need the clean flow
+            folder.finish_sample(done.unit.key)
+        progress.advance(done)
+
+    recorded = deque[Future[None]]()
+    # an error while the engine ends is raised, not just printed
+    with ThreadPoolExecutor(1) as writer, closing(engine.compute(job, units)) as computed:
         for done in computed if units else ():  # the engine starts with the first unit, which may take seconds
-            folder.write_rows(done.unit, done.rows)
+            recorded.append(writer.submit(record, done))
             if done.misread is not None:
                 _warn(done.unit.key, done.misread)
-            left[done.unit.key] -= 1
-            if not left[done.unit.key] and plan.pictures is None:  # examples need the clean flow
-                folder.finish_sample(done.unit.key)
             for kind, spent in done.seconds.items():
                 seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
             if done.place is not None:
                 places[done.place] = places.get(done.place, 0) + 1
-            progress.advance(done)
+            while recorded and (len(recorded) > _UNWRITTEN or recorded[0].done()):
+                recorded.popleft().result()
+    for each in recorded:
+        each.result()
     if changed := _changed_files(plan, manifest, left):
         _drop_changed(folder, manifest, changed)
     folder.pack()

@@ -25,7 +25,7 @@ class Progress(Protocol):
         """Start a run of `total` units, of which `finished` were completed by earlier calls."""
 
     def advance(self, done: FinishedUnit) -> None:
-        """Record that one more unit is on disk."""
+        """Record that one more unit is on disk; called in the thread that writes rows."""
 
 
 class Silent:

@@ -249,23 +249,29 @@ class Worker:
         load_numba()
         waiting, thread, error = enumerate(units), ThreadPoolExecutor(1), None
         running = deque[tuple[int, Unit, Steps[_Rows], Future[list[PredictionRequest] | FinishedUnit]]]()
+        measuring = running.copy()
+        """Units whose flows are all predicted."""
         try:
             while True:
                 for number, unit in islice(waiting, 0 if error else 1 + UNITS_AHEAD - len(running)):
                     thread.submit(self._computation.release, {unit.key, *(other.key for _, other, *_ in running)})
                     steps = self._computation.rows(unit)
                     running.append((number, unit, steps, thread.submit(self._advance_unit, unit, steps)))
-                if not running:
+                measured = measuring and (not running or measuring[0][-1].done())
+                if not measured and not running:
                     break
-                number, unit, steps, advanced = running.popleft()
+                number, unit, steps, advanced = (measuring if measured else running).popleft()
                 try:
                     result = advanced.result()
                     if not isinstance(result, FinishedUnit):
                         advanced = thread.submit(self._advance_unit, unit, steps, *self._model.predict(result))
-                        running.append((number, unit, steps, advanced))
+                        predicted = result[-1].cell == unit.cells[-1]
+                        (measuring if predicted else running).append((number, unit, steps, advanced))
                 except Exception as first_so_far:
                     error = first_so_far
-                    running = deque(one for one in running if one[0] < number)
+                    running, measuring = (
+                        deque(one for one in each if one[0] < number) for each in (running, measuring)
+                    )
                 else:
                     if isinstance(result, FinishedUnit):
                         yield result
