@@ -300,6 +300,15 @@ def test_headline_of_runs_on_different_frames_compares_the_largest_group(many_im
     assert sentence.startswith("Of 2 ranked results on the same frames of KITTI-FC, A (")
 
 
+def test_headline_without_ground_truth_warns_of_short_flows_and_names_an_averaged_corruption(runs_without_truth):
+    one, both = (
+        _headline(whole_content(runs, published=False)) for runs in (runs_without_truth[:1], runs_without_truth)
+    )
+    assert "elastic" not in one
+    assert "too short" in one
+    assert "too short" in both
+
+
 def test_headline_of_one_ranked_result_compares_nothing():
     lines = parse_results("setting,model,metric,corruption,value\nOOD,A,epe,average,2.50\n", "few.csv", "file")
     sentence = _headline(whole_content([], [("few.csv", lines)], published=False))

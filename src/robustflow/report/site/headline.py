@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ...core.text import counted, first_of, joined, plain
-from ...data.benchmarks.facts import sample_noun
+from ...data.benchmarks.facts import is_still, sample_noun
 from ...run.run import Run
 from ...stats.attacks import attack_scores
 from ...stats.model_result import ModelResult, by_frames
-from ...stats.results import AVERAGE, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
+from ...stats.results import AVERAGE, CLEAN, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
 from ..leaderboard import GROUP
 from ..table import Table, interval_text
 from .content import Content
@@ -35,6 +35,10 @@ def headline_of(content: Content, board: Table, panels: Mapping[ModelResult, Seq
     runs = [line for line in lines if line.run]
     one = runs[0].run if len(runs) == 1 else None
     sentence = _about_run(runs[0], one) if one else _about_lines(content, board, lines)
+    if sentence and is_still(board.name):
+        sentence += " Zero flow is correct here, because nothing moves."
+    elif sentence and all(("epe", CLEAN) not in line.values for line in lines):
+        sentence += " A flow that is too short has a low RCRE."
     pictured = next((line for line in runs if line.run and panels.get(line)), None)
     if pictured is None or pictured.run is None:
         return Headline(sentence)
@@ -65,7 +69,8 @@ def _about_run(line: ModelResult, run: Run) -> str:
     over = {"on the clean frames": clean, f"under {counted(len(averaged), 'corruption')}": whole}
     means = " and ".join(f"{mean:.2f} px {condition}" for condition, mean in over.items() if mean is not None)
     head = f"{plain(line.name)}: {METRIC_LABELS[metric]} {means}".rstrip()
-    return f"{head} ({where}), highest for {most}: {value:.2f} px."
+    highest = f", highest for {most}: {value:.2f} px" if whole is None or value > whole else ""
+    return f"{head} ({where}){highest}."
 
 
 def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -> str:
