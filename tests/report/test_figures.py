@@ -271,6 +271,24 @@ def test_a_model_looks_alike_in_every_figure_and_unlike_every_kind():
     assert seen == {f"M{index}": {MODEL_STYLES[7 - index].colour.upper()} for index in range(5)}
 
 
+@pytest.mark.parametrize("draw", [clean_against_cre, effective_trend, relations, crer_by_family])
+def test_wide_intervals_do_not_push_the_values_of_a_figure_together(draw):
+    def wide(values):
+        return {key: replace(value, ends=(0.001, 900.0 * value.number)) for key, value in values.items()}
+
+    lines = _own(*5 * ["own"], weather=True)
+    narrow = draw(lines)
+    figure = draw([replace(line, values=wide(line.values), families=wide(line.families)) for line in lines])
+    assert "95 %" in figure.caption
+    for panel, other in zip(figure.axes, narrow.axes, strict=True):
+        for axis in ("xaxis", "yaxis"):
+            shown, before = (
+                getattr(one, axis).get_transform().transform(getattr(one, axis).get_view_interval())
+                for one in (panel, other)
+            )
+            assert np.ptp(shown) < 7 * np.ptp(before)
+
+
 def test_severity_curves_have_a_line_per_run_and_a_band():
     figure = severity_curves({"a": _rows(1), "b": _rows(2)})
     fog = figure.axes[0]

@@ -150,17 +150,28 @@ def new_figure(
 
 
 def fair_limits(
-    values: Iterable[float], least: float = LEAST_PX, *, zero: bool = False, room: float = 0.08
+    values: Iterable[float],
+    least: float = LEAST_PX,
+    *,
+    ends: Iterable[float] = (),
+    zero: bool = False,
+    room: float = 0.08,
 ) -> tuple[float, float]:
     """Choose the limits of a linear axis so that small differences do not look large: the span is at least the larger
-    of `least` and a quarter of the largest value.
+    of `least` and a quarter of the largest value. The `ends` of intervals extend it on
+    each side by at most the largest value or the span of the values.
 
     >>> fair_limits([2.5, 2.75], room=0)
     (2.125, 3.125)
     >>> fair_limits([0.02, 0.11], zero=True, room=0)
     (0.0, 1.0)
+    >>> fair_limits([1.0, 2.0], ends=[0.5, 900], zero=True, room=0)
+    (0.0, 4.0)
     """
     known = [*values, *([0.0] if zero else [])]
+    low, high = min(known), max(known)
+    reach = max(least, high - low, abs(low), abs(high))
+    known += np.clip([*ends], low - reach, high + reach).tolist()
     low, high = min(known), max(known)
     missing = max(least, 0.25 * max(abs(low), abs(high))) - (high - low)
     if missing > 0:
@@ -176,7 +187,7 @@ def ends_text(ends: IntervalEnds | None) -> str:
     return "" if ends is None else f" {interval_text(ends)}"
 
 
-WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
+WITH_INTERVALS = "Whiskers are 95 % confidence intervals; long ones end at the edge."
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float]) -> list[Annotation]:

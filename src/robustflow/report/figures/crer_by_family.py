@@ -45,12 +45,12 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
         by_name = distinct_styles({line.name: styling.styles.get(line) for line in lines})
         styles = {line: by_name[line.name] for line in lines}
     by_setting = published or len(lines) > len(shown)
-    reached: list[float] = []
+    heights: list[float] = []
     if published:
         figure, axes = new_figure(3.9, 3.0, len(shown), above=0.4)
         for panel, model in zip(axes, shown, strict=True):
             drawn = [line for line in lines if line.name == model]
-            reached += _bars(figure, panel, drawn, families, crer, styles, by_setting)
+            heights += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         legend = []
         figure.caption = "CREr of each corruption class, with all models on one axis."
@@ -58,7 +58,7 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
             figure.caption += " The amount by which an outlined bar exceeds the filled one is the cost of fine-tuning."
     else:
         figure, axes = new_figure(5.0, 3.4)
-        reached += _bars(figure, axes[0], lines, families, crer, styles, by_setting)
+        heights += _bars(figure, axes[0], lines, families, crer, styles, by_setting)
         legend = [(name, Style(style.colour, "s"), True) for name, style in by_name.items()]
         figure.caption = "Mean CREr (CRE divided by the clean EPE) over the corruptions of each class."
         if len(shown) < len(lowest):
@@ -68,9 +68,10 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
     if by_setting:
         settings = dict.fromkeys(line.setting for line in lines)
         legend += [(setting, Style(OTHER.colour, "s"), setting != "ID") for setting in settings]
+    ends = [end for panel in axes for end in panel.dataLim.intervaly]
     for panel in axes:
         panel.set_xlim(-0.6, len(families) - 0.4)
-        panel.set_ylim(fair_limits(reached, LEAST_CRER, zero=True))
+        panel.set_ylim(fair_limits(heights, LEAST_CRER, ends=ends, zero=True))
         panel.set_ylabel("CREr")
     if any(("crer", family) in line.intervals for line in lines for family in families):
         figure.caption += f" {WITH_INTERVALS}"
@@ -87,10 +88,9 @@ def _bars(
     styles: Mapping[ModelResult, Style],
     by_setting: bool,
 ) -> list[float]:
-    """Draw a bar for each line in each family; with `by_setting`, in-domain bars are outlined. Return all values on the
-    axis."""
+    """Draw a bar for each line in each family; with `by_setting`, in-domain bars are outlined. Return the heights."""
     width = 0.8 / max(2, len(lines))
-    reached: list[float] = []
+    drawn: list[float] = []
     for index, line in enumerate(lines):
         heights = [crer[line].get(family, np.nan) for family in families]
         at = np.arange(len(families)) + (index - (len(lines) - 1) / 2) * width
@@ -109,12 +109,12 @@ def _bars(
             ends = line.intervals.get(("crer", family))
             if ends is not None:
                 panel.plot([bar.get_x() + bar.get_width() / 2] * 2, ends, color="#000000", linewidth=0.9)
-            reached += (height, *(ends or ()))
+            drawn.append(height)
             value = ("CREr", f"{height:.2f}{ends_text(ends)}")
             figure.mark(bar, [Mark(line.name, line.setting, (("class", FAMILY_LABELS[family]), value))])
     panel.set_xticks(range(len(families)), [FAMILY_LABELS[family] for family in families], fontsize=8)
     panel.tick_params(axis="y", labelsize=8)
     panel.grid(False, axis="x")
-    if min(reached, default=0.0) < 0:
+    if panel.dataLim.y0 < 0:
         panel.axhline(0, color="#000000", linewidth=0.8)
-    return reached
+    return drawn

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
@@ -26,7 +27,7 @@ from .crer_by_family import LEAST_CRER
 from .styles import BLACK, MODEL_STYLES, Style, distinct_styles, model_styles
 
 _COLUMNS = 5
-_BANDS = " Bands are 95 % confidence intervals."
+_BANDS = " Bands are 95 % confidence intervals; wide ones end at the edge."
 MOST_LINES = 8
 """Maximum number of histograms in one figure."""
 _DASHES = tuple((colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-."))
@@ -120,9 +121,15 @@ def severity_curves(
 def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool = False) -> None:
     """Set the limits of the vertical axes from the curves of all panels or, with `apart`, of each panel separately.
     Each axis starts at 0 unless a value is negative, and spans at least `least`."""
-    together = [end for axes in figure.axes for end in axes.dataLim.intervaly]
+
+    def limits(panels: Sequence[Axes]) -> tuple[float, float]:
+        values = [y for axes in panels for line in axes.lines for y in np.asarray(line.get_ydata(), float)]
+        ends = [end for axes in panels for end in axes.dataLim.intervaly]
+        return fair_limits(values, least, ends=ends, zero=True)
+
+    together = None if apart else limits(figure.axes)
     for axes in figure.axes:
-        axes.set_ylim(fair_limits(axes.dataLim.intervaly if apart else together, least, zero=True))
+        axes.set_ylim(together or limits([axes]))
 
 
 def _severity_mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
@@ -141,7 +148,6 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
     figure, axes = new_figure(4.4, 3.4, len(norms))
     label = metric_label(points[0].metric)
-    reached = [end for point in points for end in (point.error, point.high) if end is not None]
     banded = False
     for panel, norm in zip(axes, norms, strict=True):
         budgets = sorted({point.budget for point in points if point.norm == norm})
@@ -151,10 +157,10 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
             ends, hollow = [(point.low, point.high) for point in curve], [point.warned for point in curve]
             banded |= _curve(figure, panel, places, errors, styles[name], list(map(_budget_mark, curve)), ends, hollow)
         panel.set_xticks(range(len(budgets)), [f"{budget:g}" for budget in budgets])
-        panel.set_ylim(fair_limits([0.0, *reached], zero=True))
         panel.set_title(NORMS[norm], fontsize=9)
         panel.set_xlabel("budget (%)" if norm == "area" else "budget (grey levels)", fontsize=8.5)
         panel.set_ylabel(label, fontsize=8.5)
+    scale_panels(figure)
     figure.explain([(name_text(name), style, True) for name, style in styles.items()])
     figure.caption = (
         f"{label} by budget of each attack; budget 0: the clean frames; budgets are not to scale. Hollow markers "

@@ -59,11 +59,6 @@ class _Point:
     name: str
     area: float = 30.0
 
-    @property
-    def reached(self) -> list[list[float]]:
-        """All values along each axis."""
-        return [[value, *(end or ())] for value, end in zip(self.at, self.ends, strict=True)]
-
 
 def _draw(
     figure: MarkedFigure, panel: Axes, points: Sequence[_Point], colours: Mapping[ModelResult, str], **look: Any
@@ -126,7 +121,10 @@ def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PL
         point.area = scale * max(point.at[1] / point.at[0], 0.02)
     figure, axes = new_figure(4.6, 4.2, len(groups))
     colours = {line: style.colour for line, style in styling.of(results).items()}
-    limits = [fair_limits([value for point in points for value in point.reached[axis]], room=0.15) for axis in (0, 1)]
+    limits = [
+        fair_limits((one.at[axis] for one in points), ends=_ends(one.ends[axis] for one in points), room=0.15)
+        for axis in (0, 1)
+    ]
     for panel, (title, group) in zip(axes, groups.items(), strict=True):
         _draw(figure, panel, group, colours, alpha=0.55, edgecolor="white", linewidth=0.8)
         for point in group:
@@ -177,8 +175,7 @@ def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAI
         panels.append((panel, points))
     every = [point for _, points in panels for point in points]
     for panel in axes:
-        panel.set_xlim(_log_limits([value for point in every for value in point.reached[0] if value > 0]))
-        panel.set_ylim(_log_limits([value for point in every for value in point.reached[1] if value > 0]))
+        panel.set(xlim=_log_limits(every, 0), ylim=_log_limits(every, 1))
     caption = (
         "Corrupted against clean EPE on logarithmic axes, with the trend through the models. The printed factor is the "
         "EPE divided by the EPE expected from the trend of the other models; below 1, and below the line, a model is "
@@ -188,11 +185,19 @@ def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAI
     return _finish(figure, panels, styling, caption, heading)
 
 
-def _log_limits(values: list[float]) -> tuple[float, float]:
-    """Choose limits of a logarithmic axis that differ by a factor of at least 2."""
-    low, high = min(values), max(values)
+def _log_limits(points: Sequence[_Point], axis: int) -> tuple[float, float]:
+    """Choose limits of a logarithmic axis that differ by a factor of at least 2; intervals widen it on each side by at
+    most a factor of 3."""
+    values = [point.at[axis] for point in points]
+    inside = np.clip(_ends(point.ends[axis] for point in points), min(values) / 3, max(values) * 3)
+    low, high = min(*values, *inside), max(*values, *inside)
     wider = max(1.12, (2 * low / high) ** 0.5)
     return low / wider, high * wider
+
+
+def _ends(intervals: Iterable[IntervalEnds | None]) -> list[float]:
+    """Return the ends of all known intervals."""
+    return [end for ends in intervals for end in ends or ()]
 
 
 @default_style()
@@ -220,7 +225,7 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
     figure, axes = new_figure(3.3, 3.2, 4, columns=2)
     ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _QUANTITIES.items()}
     limits = {
-        name: fair_limits([value for line in drawn for value in (drawn[line][name], *(ends[line, name] or ()))])
+        name: fair_limits((of[name] for of in drawn.values()), ends=_ends(ends[line, name] for line in drawn))
         for name in _QUANTITIES
     }
     for letter, panel, (x, y) in zip("abcd", axes, _RELATIONS, strict=True):
