@@ -39,6 +39,13 @@ class Veil:
         return np.maximum(frame, state).astype(np.uint8)
 
 
+class Slotted:
+    """An object without a dictionary of attributes."""
+
+    __slots__ = ("top",)
+    __init__, draw, apply = Veil.__init__, Veil.draw, Veil.apply
+
+
 class NearWhite(DepthCorruption):
     """White where the scene is closer than the severity in metres, with a random black dot shared by both frames."""
 
@@ -219,8 +226,20 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert len({before, imported, reimported()}) == 3
     assert load_corruption(Veil(3)).source == load_corruption(Veil(3)).source != load_corruption(Veil(4)).source
     assert load_corruption("fog").source == ""
+    assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
     for top in (object(), np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
+
+
+def test_a_property_source_adds_to_the_attributes_and_stands_for_those_that_cannot_be_recognised(monkeypatch):
+    monkeypatch.setattr(Veil, "source", "texture 1", raising=False)
+    made = [load_corruption(Veil(top)).source for top in (3, 4, object())]
+    assert load_corruption(Veil(object())).source == made[2]
+    monkeypatch.setattr(Veil, "source", b"texture 2")
+    made += [load_corruption(Veil(3)).source, load_corruption(Veil(object())).source]
+    assert len(set(made)) == 5
+    monkeypatch.setattr(Veil, "source", property(lambda self: 1 / 0))
+    refusal(lambda: load_corruption(Veil(3)).source, UsageError, "Veil")
 
 
 def test_the_source_names_modules_that_a_method_imports_and_no_installed_ones(rain_package, monkeypatch):

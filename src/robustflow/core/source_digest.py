@@ -13,22 +13,26 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from .errors import UsageError
+from .plugins import called
 
 _SELF = __name__.partition(".")[0]
 
 
 def source_digest(made: Any) -> str:
     """Return a hash of a class's or object's attributes and source, as 16 hexadecimal digits: the files of the class
-    and its base classes, and every module of the same folder or package that they import.
+    and its base classes, and every module of the same folder or package that they import. With a property `source`,
+    attributes that a later run could not recognise are left out.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
     for text in sorted(_sources(kind)):
         digest.update(hashlib.sha256(text).digest())
     if not inspect.isclass(made):
-        named = getattr(made, "source", "")
-        state = named if isinstance(named, str) and named else {k: v for k, v in vars(made).items() if k != "variant"}
-        digest.update(_value_text(state, f"{kind.__name__}").encode())
+        named = called(kind.__name__, "source", lambda: getattr(made, "source", ""))
+        state = _attributes(made)
+        if named:
+            state = {name: value for name, value in state.items() if _is_recognised(value)} | {"source": named}
+        digest.update(_value_text(state, kind.__name__).encode())
     digest.update(kind.__qualname__.encode())
     return digest.hexdigest()
 
@@ -111,6 +115,20 @@ def _class_source(kind: type[Any]) -> bytes:
 def _code(code: CodeType) -> str:
     constants = [_code(value) if isinstance(value, CodeType) else repr(value) for value in code.co_consts]
     return f"{code.co_code.hex()} {constants} {code.co_names}"
+
+
+def _attributes(made: Any) -> dict[str, Any]:
+    """Return an object's attributes, including those in slots, without the variant."""
+    state = object.__getstate__(made)
+    parts = state if isinstance(state, tuple) else (state,)
+    return {name: value for part in parts for name, value in (part or {}).items() if name != "variant"}
+
+
+def _is_recognised(value: Any) -> bool:
+    try:
+        return bool(_value_text(value, ""))
+    except UsageError:
+        return False
 
 
 def _value_text(value: Any, where: str) -> str:
