@@ -73,6 +73,10 @@ class NearGrey:
         return np.where((state[index] < 10)[..., None], np.uint8(128), frame)
 
 
+def times(factor):
+    return lambda level: factor * level
+
+
 def reimported():
     forget()
     return load_corruption(corruption_name("rain_module:Rain")).source
@@ -226,8 +230,10 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert len({before, imported, reimported()}) == 3
     assert load_corruption(Veil(3)).source == load_corruption(Veil(3)).source != load_corruption(Veil(4)).source
     assert load_corruption("fog").source == ""
+    functions = [lambda level: level, lambda level: 2 * level, times(2), times(3)]
+    assert len({load_corruption(Veil(each)).source for each in functions}) == 4
     assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
-    for top in (object(), np.array([object()])):  # the bytes of such an array are addresses
+    for top in (object(), Slotted(3).draw, np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
 
 

@@ -113,7 +113,8 @@ def _class_source(kind: type[Any]) -> bytes:
 
 
 def _code(code: CodeType) -> str:
-    constants = [_code(value) if isinstance(value, CodeType) else repr(value) for value in code.co_consts]
+    ordered = (sorted(value, key=repr) if isinstance(value, frozenset) else value for value in code.co_consts)
+    constants = [_code(value) if isinstance(value, CodeType) else repr(value) for value in ordered]
     return f"{code.co_code.hex()} {constants} {code.co_names}"
 
 
@@ -149,6 +150,12 @@ def _value_text(value: Any, where: str) -> str:
     if isinstance(value, dict):
         items = sorted((str(key), _value_text(each, f"{where}.{key}")) for key, each in value.items())
         return f"{{{','.join(f'{key}={each}' for key, each in items)}}}"
+    if inspect.isfunction(value):  # its name does not identify it: it can be a lambda or hold values
+        held = [cell.cell_contents for cell in value.__closure__ or () if cell.cell_contents is not value]
+        rest = _value_text([value.__defaults__, value.__kwdefaults__, held], where)
+        return f"{value.__module__}:{value.__qualname__}:{_code(value.__code__)}:{rest}"
+    if inspect.ismethod(value):
+        return f"{_value_text(value.__self__, where)}.{_value_text(value.__func__, where)}"
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
