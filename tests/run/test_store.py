@@ -1,12 +1,13 @@
 """The run folder: shards are complete or absent, merging them loses no row, and damage is reported."""
 
+import multiprocessing
 import os
 import threading
 
 import numpy as np
 import pytest
 
-from robustflow.core.errors import RunError
+from robustflow.core.errors import RunError, UsageError
 from robustflow.core.files import sealed_bytes
 from robustflow.core.types import Sample
 from robustflow.metrics.regions import Regions
@@ -242,3 +243,10 @@ def test_a_pipe_in_a_run_folder_is_refused_and_a_link_to_the_whole_folder_is_not
     folder.lock()
     folder.unlock()
     assert (tmp_path / "large" / "rows").is_dir()
+
+
+def test_fork_of_a_process_that_has_read_rows_is_refused_instead_of_hanging(folder):
+    _write(folder, "a", CLEAN, (0,))
+    folder.rows()
+    with multiprocessing.get_context("fork").Pool(1) as pool, pytest.raises(UsageError):
+        pool.apply_async(RunFolder(folder.path).rows).get(60)

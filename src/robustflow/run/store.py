@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import polars as pl
 from filelock import FileLock, Timeout
 
-from ..core.errors import RunError
+from ..core.errors import RunError, UsageError
 from ..core.files import TEMPORARY, digest_of_bytes, digest_of_value, make_folder, write_bytes
 from ..core.paths import refuse_links, user_path
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
@@ -191,8 +191,20 @@ def _slug(text: str) -> str:
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"
 
 
+_reader: int | None = None
+"""The first process that has listed shards."""
+
+
 def list_shards(folder: Path) -> list[Path]:
-    """Return the shards of a folder, by name; listed again until nothing changes, because a writer may be merging."""
+    """Return the shards of a folder, by name; listed again until nothing changes, because a writer may be merging.
+    Raise in a fork of a process that has used Polars, because its threads do not survive, and the fork would hang."""
+    global _reader
+    _reader = _reader or os.getpid()
+    if _reader != os.getpid():
+        raise UsageError(
+            "this process was forked from one that has run or read an evaluation, and cannot use its threads; start "
+            'it in another way, for example with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn"))'
+        )
     before: list[Path] | None = None
     for _ in range(20):
         now = sorted(path for path in folder.glob(f"*{_SUFFIX}") if not path.name.startswith("."))
