@@ -154,9 +154,16 @@ class Accelerated:
         ]
 
 
+class SilentError(Exception):
+    """Has no message, because making it fails."""
+
+    def __str__(self):
+        return self.missing
+
+
 class Trouble(Accelerated):
-    """Fails after some predictions: returns a NaN ("nan") or channels first ("shape"), "raises", "exits" (like a script
-    whose argument parser fails), "hangs" or "dies" (like a crash in native code)."""
+    """Fails after some predictions: returns a NaN ("nan") or channels first ("shape"), "raises" (or "raises silently"),
+    "exits" (like a script whose argument parser fails), "hangs" or "dies" (like a crash in native code)."""
 
     def __init__(self, trouble="", after=0, device="cpu", pause=0.0):
         super().__init__(device, pause)
@@ -174,6 +181,8 @@ class Trouble(Accelerated):
                 flow = flow.transpose(2, 0, 1)
             case "raises":
                 raise ValueError("no weights\nat all")
+            case "raises silently":
+                raise SilentError
             case "exits":
                 raise SystemExit(2)
             case "hangs":

@@ -130,6 +130,7 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
         ("exits", "serial", ModelError, "SystemExit: 2"),
         ("exits", "processes", ModelError, "SystemExit: 2"),
         ("raises", "processes", ModelError, "ValueError: no weights"),
+        ("raises silently", "processes", ModelError, "SilentError"),
         ("hangs", None, ModelError, " 0.5 "),
         ("dies", "processes", RunError, "17"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
@@ -111,6 +112,18 @@ def first_line(error: BaseException) -> str:
     ('bad magic', 'EOFError')
     """
     return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+def class_and_message(error: BaseException) -> str:
+    """Describe an exception on one line, even if its class is a user's and cannot give its message.
+
+    >>> class_and_message(ValueError("no weights\\nat all")), class_and_message(EOFError())
+    ('ValueError: no weights at all', 'EOFError: no message')
+    """
+    message = ""
+    with suppress(Exception):
+        message = " ".join(str(error).split())
+    return f"{type(error).__name__}: {message or 'no message'}"
 
 
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:

@@ -18,7 +18,7 @@ from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from .errors import AssetError, RobustFlowError, UsageError, first_line, unknown_name
+from .errors import AssetError, RobustFlowError, UsageError, class_and_message, first_line, unknown_name
 
 T = TypeVar("T")
 
@@ -191,7 +191,7 @@ def import_target(target: str, kind: str) -> Any:
 
 def _reason(name: str, cause: BaseException, missing: str) -> str:
     """Describe why an import failed and what to do about it."""
-    what = f"{type(cause).__name__}: {cause}"
+    what = class_and_message(cause)
     if missing == name.partition(".")[0]:
         return f"{what}; run from the folder that contains it, or install its package"
     if missing:
@@ -272,10 +272,10 @@ def called(culprit: str, doing: str, function: Callable[[], Any], advice: str = 
     except RobustFlowError:
         raise
     except (Exception, SystemExit) as error:
-        if read_only and "read-only" in str(error):
+        reason = class_and_message(error)
+        if read_only and "read-only" in reason:
             advice = f"copy {read_only} before changing it"
-        reason = f"{type(error).__name__}: {error}" + (f"; {advice}" if advice else "")
-        raise UsageError(culprit, f"{doing} raised {reason}") from error
+        raise UsageError(culprit, f"{doing} raised {reason}" + (f"; {advice}" if advice else "")) from error
 
 
 def described(made: Any) -> str:

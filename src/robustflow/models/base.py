@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args, runt
 
 import numpy as np
 
-from ..core.errors import ModelError, RobustFlowError, first_line
+from ..core.errors import ModelError, RobustFlowError, class_and_message, first_line
 from ..core.plugins import working_folder_kept
 from ..core.types import Flow, Frame, unmasked
 from .devices import traceback_hint
@@ -195,8 +195,8 @@ def naming_errors(where: str) -> Iterator[None]:
         *culprit, message = error.args
         raise ModelError(*culprit, f"{message} (on {where})") from error
     except (Exception, SystemExit) as error:
-        reason = f"{' '.join(str(error).split()) or 'no message'}{traceback_hint(error)}"
-        message = f"the model raised {type(error).__name__}: {reason}; use --debug for the full traceback"
+        reason = f"{class_and_message(error)}{traceback_hint(error)}"
+        message = f"the model raised {reason}; use --debug for the full traceback"
         raise ModelError(where, message) from error
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..core.errors import ModelError, RobustFlowError, UsageError, class_and_message, unknown_name
 from ..core.files import digest_of_bytes
 from ..core.paths import user_path
 from ..core.plugins import (
@@ -96,7 +96,7 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
     except RobustFlowError:
         raise
     except (Exception, SystemExit) as error:
-        raise ModelError(name, f"the model cannot be built: {type(error).__name__}: {error}") from error
+        raise ModelError(name, f"the model cannot be built: {class_and_message(error)}") from error
 
 
 def takes_two_frames(function: Callable[..., Any]) -> bool:

@@ -38,7 +38,7 @@ from torch._subclasses.fake_tensor import (
 )
 from torch.utils.flop_counter import FlopCounterMode
 
-from ..core.errors import AssetError, ModelError, RobustFlowError, UsageError
+from ..core.errors import AssetError, ModelError, RobustFlowError, UsageError, class_and_message
 from ..models import load_model
 from ..models.catalog import methods
 from ..models.tiling import TiledModel
@@ -70,10 +70,9 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
     except RobustFlowError:
         raise
     except Exception as error:
-        message = " ".join(str(error).split())
         raise ModelError(
             f"{height}x{width}",
-            f"the network fails on frames of this size ({type(error).__name__}: {message}); try a larger size",
+            f"the network fails on frames of this size ({class_and_message(error)}); try a larger size",
         ) from error
     finally:
         _LOGGER.disabled = False

@@ -23,7 +23,7 @@ from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
 from ..core.display import ProgressBar
-from ..core.errors import DataError, ModelError, RobustFlowError
+from ..core.errors import DataError, ModelError, RobustFlowError, class_and_message
 from ..core.files import write_bytes
 from ..core.rng import key_of
 from ..models.devices import traceback_hint
@@ -213,7 +213,7 @@ def _computing(recipe: Recipe, update: int) -> Iterator[None]:
         advice = "correct the network or its loss, or try a larger --crop"
         if isinstance(error, torch.OutOfMemoryError):
             advice = "use a smaller --batch-size (with --accumulate), a smaller --crop or --precision bf16"
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}{traceback_hint(error)}"
+        reason = f"{class_and_message(error)[:300]}{traceback_hint(error)}"
         raise ModelError(
             recipe.method,
             f"fails at update {update} on crops of {recipe.crop[0]}x{recipe.crop[1]} ({reason}); the "

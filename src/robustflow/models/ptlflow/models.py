@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_origin
 
 from ...core.arguments import check_count
-from ...core.errors import ModelError, UsageError, unknown_name
+from ...core.errors import ModelError, UsageError, class_and_message, unknown_name
 from ..base import Window
 from ..conventions import RAFT_SMALLEST, InputConvention
 from ..devices import Execution, with_execution
@@ -196,7 +196,7 @@ def is_of_ptlflow(name: str) -> bool:
 
 
 def _build_error(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
-    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    what = class_and_message(error)
     if architecture not in BESIDES and not isinstance(error, ImportError):
         return ModelError(name, f"the model cannot be built: {what}")
     needs = BESIDES.get(architecture, "something")

@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...core.errors import ModelError, RobustFlowError, UsageError, first_line, unknown_name
+from ...core.errors import ModelError, RobustFlowError, UsageError, class_and_message, first_line, unknown_name
 from ...core.types import Flow, Frame
 from ..base import Window
 from ..conventions import InputConvention
@@ -126,8 +126,7 @@ class NetworkModel(PairNetwork):
             advice = "many networks fail on small frames, so try larger ones"
             if isinstance(error, torch.OutOfMemoryError):
                 advice = "predict fewer pairs at once, in tiles (option tile), or on the CPU"
-            message = " ".join(str(error).split())
-            reason = f"{type(error).__name__}: {message}{traceback_hint(error)}"
+            reason = f"{class_and_message(error)}{traceback_hint(error)}"
             raise ModelError(
                 f"{height}x{width}", f"model '{self.name}' fails on such frames ({reason}); {advice}"
             ) from error

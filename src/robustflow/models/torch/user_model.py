@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
 from ...core.arguments import check_switch
-from ...core.errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ...core.errors import ModelError, RobustFlowError, UsageError, class_and_message, unknown_name
 from ..conventions import named_convention
 from ..devices import Execution, traceback_hint
 from ..pairs import describe_arrays, flow_layout
@@ -129,7 +129,7 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
     try:
         return copy.deepcopy(net)
     except Exception as error:
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}{traceback_hint(error)}"
+        reason = f"{class_and_message(error)}{traceback_hint(error)}"
         raise ModelError(kind, f"the module cannot be copied ({reason}); pass a newly built module") from error
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...core.errors import UsageError
+from ...core.errors import UsageError, class_and_message
 from ...metrics.rows import CLEAN
 from ..plan import Job, Unit
 from ..worker import FinishedUnit
@@ -33,7 +33,7 @@ def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
             dumps(job.model)
         except Exception:
             culprit, advice = "model", f"{advice}, or name the model as 'module:attribute'"
-        why = f"{type(error).__name__}: {error}"
+        why = class_and_message(error)
         raise UsageError(culprit, f"cannot be sent to worker processes ({why}); {advice}") from error
 
 
