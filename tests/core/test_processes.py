@@ -59,6 +59,12 @@ def test_child_imports_from_the_path_that_its_parent_has_changed(tmp_path):
     assert files_of_children(tmp_path, str(package.parent)) == [str(package / "__init__.py")] * 2
 
 
+def test_script_on_standard_input_can_have_children():
+    script = 'from robustflow.core.processes import in_child\nprint(*in_child("a count", range, 3))'
+    run = subprocess.run([sys.executable, "-"], input=script, capture_output=True, text=True, timeout=60)
+    assert run.stdout.split() == ["0", "1", "2"], run.stderr
+
+
 ENVIRONMENT = """
 import os
 from robustflow.core.processes import Child

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+from functools import partial
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -12,8 +13,9 @@ from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.run.config import Compute, RunConfig
 from robustflow.run.engines import choose
+from robustflow.run.engines.base import pickled
 from robustflow.run.engines.choose import choose_engine
-from robustflow.run.plan import NamedModel, Plan, Unit
+from robustflow.run.plan import Job, NamedModel, Plan, Unit
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -135,6 +137,7 @@ def test_data_of_a_class_from_a_notebook_stay_in_this_process(monkeypatch):
     notebook.Mine = type("Mine", (TexturePairs,), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)
     assert _describe(LIGHT, THREE_PAIRS, dataset=notebook.Mine(1)).startswith("serial (")
+    refusal(partial(pickled, Job(notebook.Mine(1))), UsageError, "class defined in a notebook or at a prompt")
     assert _describe(LIGHT, THREE_PAIRS) == "processes, 4 workers"
 
 

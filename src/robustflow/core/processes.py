@@ -140,7 +140,7 @@ class Child:
         self.pipe, child_end = multiprocessing.Pipe()
         watched, self._lifeline = multiprocessing.Pipe(duplex=False)
         self._began = False
-        script = nullcontext() if runs_script else _without_user_script()
+        script = nullcontext() if runs_script and user_script() else _without_user_script()
         with _starting, environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
             given = (dict(os.environ), child_end, watched, target, arguments)
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
@@ -240,19 +240,18 @@ def refuse_unguarded_script() -> None:
         raise UsageError(_UNGUARDED)
 
 
+def user_script() -> Path | None:
+    """Return the file that Python runs; None in a notebook, at a prompt, and for a script on standard input."""
+    file = Path(getattr(sys.modules["__main__"], "__file__", ""))
+    return file if file.is_file() else None
+
+
 def may_have_children() -> bool:
     """Return whether children can start without running the script again. They can if the script has a guard, if there
     is no script, or if the script is a package's `__main__`, which `multiprocessing` does not run again."""
-    main = __import__("__main__")
-    if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
-        return True
-    file = getattr(main, "__file__", None)
-    if file is None:
-        return True
-    try:
-        return "__main__" in Path(file).read_text(errors="replace")
-    except OSError:
-        return False
+    script = user_script()
+    package = getattr(getattr(sys.modules["__main__"], "__spec__", None), "name", "").endswith(".__main__")
+    return script is None or package or "__main__" in script.read_text(errors="replace")
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...core.errors import UsageError, class_and_message
+from ...core.processes import user_script
 from ...metrics.rows import CLEAN
 from ..plan import Job, Unit
 from ..worker import FinishedUnit
@@ -26,7 +27,7 @@ class Engine:
 def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
     """Return a job as it is sent to other processes."""
     try:
-        return dumps(job)
+        sent = dumps(job)
     except Exception as error:
         culprit, advice = "dataset or corruption", "use engine='serial' without a timeout"
         try:
@@ -35,6 +36,10 @@ def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
             culprit, advice = "model", f"{advice}, or name the model as 'module:attribute'"
         why = class_and_message(error)
         raise UsageError(culprit, f"cannot be sent to worker processes ({why}); {advice}") from error
+    if dumps is pickle.dumps and b"__main__" in sent and user_script() is None:
+        culprit = "class defined in a notebook or at a prompt"
+        raise UsageError(culprit, "cannot be sent to worker processes; define it in a file and import it from there")
+    return sent
 
 
 class Schedule:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -138,9 +137,7 @@ def _reason_for_one_process(job: Job) -> str:
     if not may_have_children():
         return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'
     try:
-        if b"__main__" not in pickled(job) or hasattr(sys.modules["__main__"], "__file__"):
-            return ""
-        what = "a class defined in a notebook or at a prompt"
+        pickled(job)
     except UsageError as error:
-        what = error.culprit
-    return f" (the {what} cannot be sent to another process)"
+        return f" (the {error.culprit} cannot be sent to another process)"
+    return ""
