@@ -71,6 +71,13 @@ def test_recheck_finds_changed_rows(run, change, what, model):
     assert what in str(error)
 
 
+@pytest.mark.parametrize("change", [{"name": "farneback"}, {"checkpoint": "0" * 64}])
+def test_recheck_with_another_model_than_the_run_names_is_refused(run, change):
+    identity = changed_identity(run.manifest.identity, {**run.manifest.identity.model.settings, **change})
+    culprit = f"{next(iter(change))} of the model"
+    refusal(lambda: recheck(identity, run.rows, model=ModelSpec("dis"), count=1), RunError, culprit)
+
+
 def test_recheck_names_an_unknown_sample(run):
     rows = run.rows.with_columns(sample=pl.lit("../../etc/passwd"))
     refusal(lambda: recheck(run.manifest.identity, rows, count=2), RunError, "../../etc/passwd")

@@ -16,6 +16,7 @@ import polars as pl
 
 from ..core.errors import RunError, UsageError
 from ..core.rng import Rng
+from ..core.text import plain
 from ..models import ModelSpec
 from ..models.base import describe_cell
 from .config import MeasuringOptions
@@ -39,11 +40,18 @@ def recheck(
     count: int = 20,
     seed: int | None = None,
 ) -> str:
-    """Measure some rows of a run again, and compare frames, ground truth and, with a model, mean errors."""
+    """Measure some rows of a run again, and compare frames, ground truth and, with a model, mean errors. The model must
+    be the one that the run names; versions of libraries and the device may differ."""
     if count < 1:
         raise UsageError("--check-frames", f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
     plan = recorded_plan(identity, data, options or {}, NO_MODEL if model is None else name_model(model))
+    if model is not None:
+        here, named = plan.identity.model.settings, identity.model.settings
+        for key in ("name", "object", "checkpoint"):
+            if here.get(key) != named.get(key):
+                what = plain(f"the run has {named.get(key)}, --model {here.get(key)}", 300)
+                raise RunError(f"{key} of the model", f"{what}; give the model and the weights of the run")
     measuring = MeasuringOptions(allow_invalid=True, draws=1 if model is None else identity.measuring.draws)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
