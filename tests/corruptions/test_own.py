@@ -6,6 +6,7 @@ import importlib
 import os
 import subprocess
 import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -235,6 +236,34 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
     for top in (object(), Slotted(3).draw, np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
+
+
+IN_SCRIPT = """
+AMOUNT, LATER = 3, 5
+def amount(): return AMOUNT
+class InScript:
+    severities = 1, 2, 7, 8, 9
+    @staticmethod
+    def draw(rng, severity, shape): return amount()
+    def apply(self, frame, state, index): return frame
+"""
+
+
+@pytest.mark.parametrize("is_file", [True, False])
+def test_the_source_of_a_class_of_a_script_or_session_includes_what_it_uses(tmp_path, monkeypatch, is_file):
+    def source(text):
+        (tmp_path / "script.py").write_text(text)
+        main = ModuleType("__main__")
+        if is_file:
+            main.__file__ = str(tmp_path / "script.py")
+        monkeypatch.setitem(sys.modules, "__main__", main)
+        exec(text, vars(main))
+        return load_corruption(main.InScript).source
+
+    assert source(IN_SCRIPT) == source(IN_SCRIPT) != source(IN_SCRIPT.replace("3", "4"))
+    for before, after in (("return AMOUNT", "return 2 * AMOUNT"), ("7", "6"), ("return frame", "return frame + 1")):
+        assert source(IN_SCRIPT) != source(IN_SCRIPT.replace(before, after))
+    assert (source(IN_SCRIPT) == source(IN_SCRIPT.replace("5", "6"))) != is_file
 
 
 def test_a_property_source_adds_to_the_attributes_and_stands_for_those_that_cannot_be_recognised(monkeypatch):

@@ -8,6 +8,7 @@ import hashlib
 import inspect
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -31,7 +32,7 @@ def source_digest(made: Any) -> str:
         named = called(kind.__name__, "source", lambda: getattr(made, "source", ""))
         state = _attributes(made)
         if named:
-            state = {name: value for name, value in state.items() if _is_recognised(value)} | {"source": named}
+            state = {**_recognised(state, set()), "source": named}
         digest.update(_value_text(state, kind.__name__).encode())
     digest.update(kind.__qualname__.encode())
     return digest.hexdigest()
@@ -44,11 +45,11 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
         if top in (_SELF, "builtins", "abc", "typing") or (top in sys.stdlib_module_names and top != "__main__"):
             continue
         module = sys.modules.get(base.__module__)
-        path = getattr(module, "__file__", None)
-        if module is None or path is None or base.__module__ == "__main__":
+        path = Path(getattr(module, "__file__", None) or "")
+        if not path.is_file() or base.__module__ == "__main__":  # defined in a session, which can follow a script
             yield _class_source(base)
-        else:
-            yield from _module_parts(base.__module__, Path(path).resolve(), _root(module), seen)
+        if module is not None and path.is_file():
+            yield from _module_parts(base.__module__, path.resolve(), _root(module), seen)
 
 
 def _root(module: ModuleType) -> Path:
@@ -103,13 +104,31 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
 
 
 def _class_source(kind: type[Any]) -> bytes:
-    """Return the source of a class defined in a script or session, or its compiled code if the source is
-    unavailable."""
-    try:
-        return inspect.getsource(kind).encode()
-    except (OSError, TypeError):
-        code = (getattr(value, "__code__", None) for _, value in sorted(vars(kind).items()))
-        return "\n".join(_code(each) for each in code if each is not None).encode()
+    """Return the attributes and the compiled code of a class defined in a script or session."""
+    bare = {name: getattr(value, "__func__", getattr(value, "fget", value)) for name, value in vars(kind).items()}
+    own = {name: value for name, value in bare.items() if inspect.isfunction(value) or not name.startswith("__")}
+    return _value_text(_recognised(own, set()), "").encode()
+
+
+def _function_text(function: Any, where: str, seen: set[Any]) -> str:
+    """Return a function's name and, where the name does not identify it, its code and the values that it holds; in a
+    script or session, also the values and functions that it uses."""
+    name, in_session = f"{function.__module__}:{function.__qualname__}", function.__module__ == "__main__"
+    is_named = getattr(sys.modules.get(function.__module__), function.__name__, None) is function
+    if function in seen or (is_named and not in_session):
+        return name
+    seen.add(function)
+    held = [function.__defaults__, function.__kwdefaults__, [c.cell_contents for c in function.__closure__ or ()]]
+    known = function.__globals__ if in_session else {}
+    used = _recognised({each: known[each] for each in sorted({*_names(function.__code__)} & known.keys())}, seen)
+    return f"{name}:{_code(function.__code__)}:{_value_text(held, where, seen)}:{used}"
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _names(value)
 
 
 def _code(code: CodeType) -> str:
@@ -125,16 +144,20 @@ def _attributes(made: Any) -> dict[str, Any]:
     return {name: value for part in parts for name, value in (part or {}).items() if name != "variant"}
 
 
-def _is_recognised(value: Any) -> bool:
-    try:
-        return bool(_value_text(value, ""))
-    except UsageError:
-        return False
+def _recognised(values: dict[str, Any], seen: set[Any]) -> dict[str, str]:
+    """Return the values as text, without those that a later run could not recognise."""
+    texts = {}
+    for name, value in values.items():
+        with suppress(UsageError):
+            texts[name] = _value_text(value, name, seen)
+    return texts
 
 
-def _value_text(value: Any, where: str) -> str:
-    """Return a value as text that is identical in every process."""
+def _value_text(value: Any, where: str, seen: set[Any] | None = None) -> str:
+    """Return a value as text that is identical in every process; `seen` holds the functions described so far."""
     import numpy as np
+
+    seen = set() if seen is None else seen
 
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
         return f"{type(value).__name__}:{value!r}"
@@ -144,18 +167,16 @@ def _value_text(value: Any, where: str) -> str:
     if isinstance(value, np.generic):
         return f"{value.dtype}:{value!r}"
     if isinstance(value, list | tuple):
-        return f"[{','.join(_value_text(each, f'{where}[{i}]') for i, each in enumerate(value))}]"
+        return f"[{','.join(_value_text(each, f'{where}[{i}]', seen) for i, each in enumerate(value))}]"
     if isinstance(value, set | frozenset):
-        return f"{{{','.join(sorted(_value_text(each, where) for each in value))}}}"
+        return f"{{{','.join(sorted(_value_text(each, where, seen) for each in value))}}}"
     if isinstance(value, dict):
-        items = sorted((str(key), _value_text(each, f"{where}.{key}")) for key, each in value.items())
+        items = sorted((str(key), _value_text(each, f"{where}.{key}", seen)) for key, each in value.items())
         return f"{{{','.join(f'{key}={each}' for key, each in items)}}}"
-    if inspect.isfunction(value):  # its name does not identify it: it can be a lambda or hold values
-        held = [cell.cell_contents for cell in value.__closure__ or () if cell.cell_contents is not value]
-        rest = _value_text([value.__defaults__, value.__kwdefaults__, held], where)
-        return f"{value.__module__}:{value.__qualname__}:{_code(value.__code__)}:{rest}"
+    if inspect.isfunction(value):
+        return _function_text(value, where, seen)
     if inspect.ismethod(value):
-        return f"{_value_text(value.__self__, where)}.{_value_text(value.__func__, where)}"
+        return f"{_value_text(value.__self__, where, seen)}.{_value_text(value.__func__, where, seen)}"
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
