@@ -21,8 +21,9 @@ _SELF = __name__.partition(".")[0]
 
 def source_digest(made: Any) -> str:
     """Return a hash of a class's or object's attributes and source, as 16 hexadecimal digits: the files of the class
-    and its base classes, and every module of the same folder or package that they import. With a property `source`,
-    attributes that a later run could not recognise are left out.
+    and its base classes, and every module of the same folder or package that they import. Of a script or session, only
+    the class counts, with the values and functions that it uses. With a property `source`, attributes that a later run
+    could not recognise are left out.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
@@ -70,7 +71,8 @@ def _module_parts(name: str, path: Path, root: Path, seen: set[str]) -> Iterator
         return  # installed beside the user's file, or in an environment in its folder
     seen.add(name)
     content = path.read_bytes()
-    yield content
+    if name != "__main__":  # a script also contains what does not matter, such as the samples to run
+        yield content
     levels = name.count(".") + (path.stem == "__init__")
     package, top = ".".join(name.split(".")[:levels]), path.parents[min(levels, len(path.parents) - 1)]
     for each in _imported(content, package):
