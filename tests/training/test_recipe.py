@@ -164,10 +164,23 @@ def test_unknown_recipe_is_refused(method, stage, culprit):
     refusal(lambda: load_recipe(method, stage), UsageError, culprit)
 
 
-@pytest.mark.parametrize("change", [{"steps": 0}, {"batch": -1}, {"learning_rate": 0.0}, {"precision": "fp8"}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"steps": 0},
+        {"batch": -1},
+        {"learning_rate": 0.0},
+        {"learning_rate": float("inf")},
+        {"precision": "fp8"},
+    ],
+)
 def test_invalid_value_of_a_recipe_is_refused(change):
     (name,) = change
     refusal(lambda: load_recipe("raft", "ood").changed(**change), UsageError, name)
+
+
+def test_steps_that_are_less_than_one_update_are_refused():
+    refusal(lambda: load_recipe("raft", "ood").changed(steps=3, accumulate=4), UsageError, "--steps")
 
 
 @given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))

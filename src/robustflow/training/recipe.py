@@ -22,14 +22,14 @@ from ..core.errors import UsageError, unknown_name
 from ..core.files import digest_of_value
 from ..core.paths import user_path
 from ..core.plugins import accepts
-from ..core.types import Frozen
+from ..core.types import FrozenFinite
 from ..models.catalog import PTLFLOW
 from ..models.registry import MODELS
 
 Range = tuple[float, float]
 
 
-class Appearance(Frozen):
+class Appearance(FrozenFinite):
     """Changes to the frames' colours for ARFlow's second pass, applied in this order."""
 
     brightness: float = Field(default=0.5, ge=0)
@@ -39,7 +39,7 @@ class Appearance(Frozen):
     gamma: Range | None = None
 
 
-class Spatial(Frozen):
+class Spatial(FrozenFinite):
     """Motion of the frames for ARFlow's second pass. `relative_*` is additional motion of the second frame."""
 
     translation: float = Field(default=0.04, ge=0)
@@ -56,7 +56,7 @@ class Spatial(Frozen):
     noise: float = Field(default=0.04, ge=0)
 
 
-class ArflowObjective(Frozen):
+class ArflowObjective(FrozenFinite):
     """ARFlow's objective (Liu et al., CVPR 2020)."""
 
     kind: Literal["arflow"]
@@ -68,7 +68,7 @@ class ArflowObjective(Frozen):
     spatial: Spatial = Spatial()
 
 
-class UpflowObjective(Frozen):
+class UpflowObjective(FrozenFinite):
     """UPFlow's objective (Luo et al., CVPR 2021)."""
 
     kind: Literal["upflow"]
@@ -80,7 +80,7 @@ class UpflowObjective(Frozen):
     radius: int = Field(3, ge=1)
 
 
-class BrightflowObjective(Frozen):
+class BrightflowObjective(FrozenFinite):
     """BrightFlow's objective (Marsal et al., WACV 2023)."""
 
     kind: Literal["brightflow"]
@@ -109,7 +109,7 @@ _NONE = BeforeValidator(lambda value: None if value == "none" else value)
 """TOML has no null value, so None is written as "none"."""
 
 
-class Optimizer(Frozen):
+class Optimizer(FrozenFinite):
     """The optimiser's settings, except the learning rate."""
 
     name: Literal["adamw", "adam"] = "adamw"
@@ -122,7 +122,7 @@ class Optimizer(Frozen):
     """Maximum total norm of all gradients; None ("none" in a file) for no clipping."""
 
 
-class Part(Frozen):
+class Part(FrozenFinite):
     """A dataset's part in a mix."""
 
     data: str
@@ -136,7 +136,7 @@ class Part(Frozen):
     margin: int = Field(0, ge=0)
 
 
-class Recipe(Frozen):
+class Recipe(FrozenFinite):
     """One stage of one method."""
 
     method: str
@@ -186,7 +186,10 @@ class Recipe(Frozen):
         set_values = {key: value for key, value in changes.items() if value is not None}
         if "steps" in set_values:
             set_values.setdefault("extra_update", False)
-        return _validated({**self.model_dump(), **set_values})
+        recipe = _validated({**self.model_dump(), **set_values})
+        if not recipe.updates:
+            raise UsageError("--steps", f"{recipe.steps} of the {recipe.accumulate} steps of one update; give more")
+        return recipe
 
 
 def load_recipe(method: str, stage: str) -> Recipe:
