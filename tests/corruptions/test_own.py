@@ -78,6 +78,14 @@ def times(factor):
     return lambda level: factor * level
 
 
+def local(level):
+    class Local(Veil):
+        def draw(self, rng, severity, shape):
+            return level
+
+    return Local
+
+
 def reimported():
     forget()
     return load_corruption(corruption_name("rain_module:Rain")).source
@@ -233,6 +241,7 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption("fog").source == ""
     functions = [lambda level: level, lambda level: 2 * level, times(2), times(3)]
     assert len({load_corruption(Veil(each)).source for each in functions}) == 4
+    assert load_corruption(local(3)).source == load_corruption(local(3)).source != load_corruption(local(4)).source
     assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
     for top in (object(), Slotted(3).draw, np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")

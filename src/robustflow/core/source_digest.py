@@ -47,7 +47,8 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
             continue
         module = sys.modules.get(base.__module__)
         path = Path(getattr(module, "__file__", None) or "")
-        if not path.is_file() or base.__module__ == "__main__":  # defined in a session, which can follow a script
+        in_session = not path.is_file() or base.__module__ == "__main__"  # a session can follow a script
+        if in_session or "<locals>" in base.__qualname__:
             yield _class_source(base)
         if module is not None and path.is_file():
             yield from _module_parts(base.__module__, path.resolve(), _root(module), seen)
@@ -106,7 +107,8 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
 
 
 def _class_source(kind: type[Any]) -> bytes:
-    """Return the attributes and the compiled code of a class defined in a script or session."""
+    """Return the attributes and the compiled code of a class that is not identified by a file: it is defined in a
+    script or session, or in a function, whose arguments it can use."""
     bare = {name: getattr(value, "__func__", getattr(value, "fget", value)) for name, value in vars(kind).items()}
     own = {name: value for name, value in bare.items() if inspect.isfunction(value) or not name.startswith("__")}
     return _value_text(_recognised(own, set()), "").encode()
