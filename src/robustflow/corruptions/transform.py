@@ -35,8 +35,8 @@ Image = npt.NDArray[Any]
 """An image, uint8 or float32 in [0, 1]; RGB (H, W, 3) or grey (H, W) or (H, W, 1)."""
 
 DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
-"""Default corruptions: all but psf_blur, which takes 0.1 to 0.3 s per pair of KITTI frames; the others take 16 ms at
-most.
+"""Default corruptions: all but psf_blur, which takes 0.05 to 0.2 s per pair of KITTI frames; the others take 16 ms
+at most.
 """
 
 _COUNTING = threading.Lock()

@@ -54,8 +54,9 @@ PITCHES = (34, 30, 24, 18, 12)
 """Maximum distances between nodes in pixels."""
 
 FINENESS = 27.0
-"""Minimum number of node spacings along half of the image diagonal. The interpolation error is inversely
-proportional to the square of this number, and the run time increases with it; see docs/optics.md for measurements.
+"""Minimum number of node spacings along half of the image diagonal, for diagonals of 648 pixels or more. The
+interpolation error is inversely proportional to the square of the number of spacings, and the run time increases with
+it; see docs/optics.md for measurements.
 """
 
 
