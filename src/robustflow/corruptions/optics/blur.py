@@ -15,18 +15,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...core.compiled import inner, njit
+from ...core.compiled import njit
 from ...core.types import Frame
 from ..kernels.cache import BytesCache
 from .psf_field import SIZE, Axis, PsfField, grid_of, kernels_at
-from .row_convolution import BLOCK, CHUNK, GROUP, LANES, convolve_rows
+from .row_convolution import BLOCK, CHUNK, GROUP, LANES, convolve_rows, work_arrays
 
 LENGTHS = (24, 27, 32, 36, 48, 54, 64, 72, 81, 96, 108, 128)
 """Supported transform lengths, which are products of 2 and 3; the largest suffices for the widest window and kernel."""
 
 _SIN_60 = np.float32(math.sqrt(3.0) / 2.0)
 _HALF = np.float32(0.5)
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 def transform_length(least: int) -> int:
@@ -51,82 +50,67 @@ def transform(work: npt.NDArray[np.float32], roots: npt.NDArray[np.float32]) -> 
     _transform(blocks, np.empty(blocks.shape[1:], np.float32), roots)
 
 
-@njit(**_OPTIONS)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _transform(blocks: Any, spare: Any, roots: Any) -> None:
-    for m in range(blocks.shape[0]):
-        block = blocks[m]
-        if _transform_block(block, spare, roots):
-            for t in range(spare.shape[0]):
-                source, target = spare[t], block[t]
+    length = roots.shape[0]
+    for number in range(blocks.shape[0]):
+        x, y = blocks[number], spare
+        n, s, in_spare = length, 1, False
+        while n > 1:
+            radix = 4 if n % 4 == 0 else (3 if n % 3 == 0 else 2)
+            m = n // radix
+            for p in range(m):
+                k = p * s
+                w1r, w1i = roots[k, 0], roots[k, 1]
+                w2r, w2i = roots[(2 * k) % length, 0], roots[(2 * k) % length, 1]
+                w3r, w3i = roots[(3 * k) % length, 0], roots[(3 * k) % length, 1]
+                for q in range(s):
+                    a, e = q + s * p, q + s * radix * p
+                    b, c, d = a + s * m, a + 2 * s * m, a + 3 * s * m
+                    f, g, h = e + s, e + 2 * s, e + 3 * s
+                    if radix == 2:
+                        for i in range(BLOCK):
+                            j = i + BLOCK
+                            ur, ui = x[a, i] - x[b, i], x[a, j] - x[b, j]
+                            y[e, i], y[e, j] = x[a, i] + x[b, i], x[a, j] + x[b, j]
+                            y[f, i], y[f, j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                    elif radix == 3:
+                        for i in range(BLOCK):
+                            j = i + BLOCK
+                            ar, ai = x[a, i], x[a, j]
+                            br, bi = x[b, i], x[b, j]
+                            cr, ci = x[c, i], x[c, j]
+                            tr, ti = br + cr, bi + ci
+                            dr, di = (br - cr) * _SIN_60, (bi - ci) * _SIN_60
+                            hr, hi = ar - _HALF * tr, ai - _HALF * ti
+                            y[e, i], y[e, j] = ar + tr, ai + ti
+                            ur, ui = hr + di, hi - dr
+                            y[f, i], y[f, j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                            ur, ui = hr - di, hi + dr
+                            y[g, i], y[g, j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
+                    else:
+                        for i in range(BLOCK):
+                            j = i + BLOCK
+                            ar, ai = x[a, i], x[a, j]
+                            br, bi = x[b, i], x[b, j]
+                            cr, ci = x[c, i], x[c, j]
+                            dr, di = x[d, i], x[d, j]
+                            t0r, t0i = ar + cr, ai + ci
+                            t1r, t1i = ar - cr, ai - ci
+                            t2r, t2i = br + dr, bi + di
+                            t3r, t3i = br - dr, bi - di
+                            y[e, i], y[e, j] = t0r + t2r, t0i + t2i
+                            ur, ui = t1r + t3i, t1i - t3r
+                            y[f, i], y[f, j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                            ur, ui = t0r - t2r, t0i - t2i
+                            y[g, i], y[g, j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
+                            ur, ui = t1r - t3i, t1i + t3r
+                            y[h, i], y[h, j] = ur * w3r - ui * w3i, ur * w3i + ui * w3r
+            n, s, x, y, in_spare = m, s * radix, y, x, not in_spare
+        if in_spare:
+            for t in range(length):
                 for i in range(2 * BLOCK):
-                    target[i] = source[i]
-
-
-@inner
-def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
-    """Transform one block; return whether the result is in `spare`."""
-    length, in_spare = roots.shape[0], False
-    n, s, x, y = length, 1, work, spare
-    while n > 1:
-        radix = 4 if n % 4 == 0 else (3 if n % 3 == 0 else 2)
-        m = n // radix
-        for p in range(m):
-            k = p * s
-            w1r, w1i = roots[k, 0], roots[k, 1]
-            w2r, w2i = roots[(2 * k) % length, 0], roots[(2 * k) % length, 1]
-            w3r, w3i = roots[(3 * k) % length, 0], roots[(3 * k) % length, 1]
-            for q in range(s):
-                a, b = x[q + s * p], x[q + s * (p + m)]
-                e, f = y[q + s * radix * p], y[q + s * (radix * p + 1)]
-                if radix == 2:
-                    for i in range(BLOCK):
-                        j = i + BLOCK
-                        ur, ui = a[i] - b[i], a[j] - b[j]
-                        e[i], e[j] = a[i] + b[i], a[j] + b[j]
-                        f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
-                    continue
-                c, g = x[q + s * (p + 2 * m)], y[q + s * (radix * p + 2)]
-                if radix == 3:
-                    for i in range(BLOCK):
-                        j = i + BLOCK
-                        tr, ti = b[i] + c[i], b[j] + c[j]
-                        dr, di = (b[i] - c[i]) * _SIN_60, (b[j] - c[j]) * _SIN_60
-                        hr, hi = a[i] - _HALF * tr, a[j] - _HALF * ti
-                        e[i], e[j] = a[i] + tr, a[j] + ti
-                        ur, ui = hr + di, hi - dr
-                        f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
-                        ur, ui = hr - di, hi + dr
-                        g[i], g[j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
-                    continue
-                d, h = x[q + s * (p + 3 * m)], y[q + s * (radix * p + 3)]
-                for i in range(BLOCK):
-                    j = i + BLOCK
-                    t0r, t0i = a[i] + c[i], a[j] + c[j]
-                    t1r, t1i = a[i] - c[i], a[j] - c[j]
-                    t2r, t2i = b[i] + d[i], b[j] + d[j]
-                    t3r, t3i = b[i] - d[i], b[j] - d[j]
-                    e[i], e[j] = t0r + t2r, t0i + t2i
-                    ur, ui = t1r + t3i, t1i - t3r
-                    f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
-                    ur, ui = t0r - t2r, t0i - t2i
-                    g[i], g[j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
-                    ur, ui = t1r - t3i, t1i + t3r
-                    h[i], h[j] = ur * w3r - ui * w3i, ur * w3i + ui * w3r
-        n, s, x, y, in_spare = m, s * radix, y, x, not in_spare
-    return in_spare
-
-
-@njit(**_OPTIONS)
-def _add_strip(blurred: Any, weights: Any, reach: Any, start: Any, total: Any) -> None:
-    """Add the weighted columns of a blurred strip and of its mirror image."""
-    for mirror in range(2):
-        for channel in range(3):
-            for j in range(weights.size):
-                x = total.shape[1] - 1 - start - j if mirror else start + j
-                for block in range(total.shape[2]):
-                    source, target = blurred[channel, block, 2 * reach + j, 1 - mirror], total[channel, x, block]
-                    for i in range(BLOCK):
-                        target[i] += source[i] * weights[j]
+                    blocks[number, t, i] = spare[t, i]
 
 
 GREY = 128.0
@@ -162,16 +146,23 @@ def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
     weights, reach, length = columns.windows.astype(np.float32), kernels.reach_x, kernels.length
     total = np.zeros((3, pixels.shape[1], -(-height // BLOCK), BLOCK), np.float32)
     strip = np.empty((3, pixels.shape[2] // BLOCK, length, 2, BLOCK), np.float32)
+    shape = height + 2 * kernels.reach_y, height
+    work = work_arrays(shape[0], kernels.top, LANES * len(kernels.groups))
     blurred = np.zeros((3, total.shape[2], length, 2, BLOCK), np.float32)
     for column, start in enumerate(columns.starts):
-        left, shape = start + margin - reach, (height + 2 * kernels.reach_y, height)
+        left = start + margin - reach
         for part, image in enumerate((pixels, pixels[:, ::-1])):
             columns_ = image[:, left : left + length].reshape(3, length, -1, BLOCK)
             strip[..., part, :] = columns_.transpose(0, 2, 1, 3)
         transform(strip, twiddles(length))
-        convolve_rows(kernels.spectra[column], strip, shape, kernels.groups, kernels.weights, kernels.top, blurred)
+        convolve_rows(
+            kernels.spectra[column], strip, shape, kernels.groups, kernels.weights, kernels.top, work, blurred
+        )
         transform(blurred, twiddles(length))  # swapping real and imaginary parts turns the transform into its inverse
-        _add_strip(blurred, weights[column], reach, start + margin, total)
+        span = slice(2 * reach, 2 * reach + weights.shape[1])
+        for part, image in enumerate((total, total[:, ::-1])):
+            strips = blurred[:, :, span, 1 - part] * weights[column, :, None]
+            image[:, start + margin :][:, : weights.shape[1]] += strips.swapaxes(1, 2)
     inside = total.reshape(3, pixels.shape[1], -1)[:, margin : margin + width, :height]
     return np.asarray(inside.transpose(2, 1, 0) + np.float32(GREY))
 

@@ -89,32 +89,39 @@ class Axis:
         return cls(length, pitch, offsets, starts, np.maximum(1.0 - np.abs(pixels - places[:, None]) / pitch, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+_MARGIN = SIZE // 4 + 1
+"""Pixels around a kernel in which its rotated corners lie; they are up to 0.21 times the size outside."""
+
+
 def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
     """Compute the kernels at image points (dx, dy) pixels from the image centre."""
+    _rotate(stack, dx, dy, corner, np.zeros((SIZE + 2 * _MARGIN, SIZE + 2 * _MARGIN)), out)
+
+
+@njit(cache=True, error_model="numpy")
+def _rotate(stack: Any, dx: Any, dy: Any, corner: float, at_distance: Any, out: Any) -> None:
     fields, colours, size, _ = stack.shape
-    middle, margin = (size - 1) / 2.0, size // 4 + 1  # rotated corners are up to 0.21 times the size outside
-    at_distance = np.zeros((size + 2 * margin, size + 2 * margin))
+    middle = (size - 1) / 2.0
     for p in range(dx.size):
         distance = np.sqrt(dx[p] * dx[p] + dy[p] * dy[p])
         cosine, sine = (dy[p] / distance, dx[p] / distance) if distance > 0.0 else (1.0, 0.0)
         place = min(distance / corner, 1.0) * (fields - 1)
-        lower = min(int(place), fields - 2)
+        lower = min(np.int64(place), fields - 2)
         share = place - lower
         for colour in range(colours):
             for row in range(size):
                 for column in range(size):
                     near = stack[lower, colour, row, column]
                     value = near + share * (stack[lower + 1, colour, row, column] - near)
-                    at_distance[row + margin, column + margin] = value
+                    at_distance[row + _MARGIN, column + _MARGIN] = value
             total = 0.0
             for row in range(size):
                 for column in range(size):
                     x, y = column - middle, row - middle
                     along, across = cosine * y + sine * x + middle, cosine * x - sine * y + middle
-                    i, j = int(np.floor(along)), int(np.floor(across))
+                    i, j = np.int64(np.floor(along)), np.int64(np.floor(across))
                     a, b = along - i, across - j
-                    i, j = i + margin, j + margin
+                    i, j = i + _MARGIN, j + _MARGIN
                     value = (1.0 - a) * (1.0 - b) * at_distance[i, j] + (1.0 - a) * b * at_distance[i, j + 1]
                     value = value + a * (1.0 - b) * at_distance[i + 1, j] + a * b * at_distance[i + 1, j + 1]
                     out[p, colour, row, column] = value

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...core.compiled import code_tools, inner, intrinsic, njit
 
@@ -125,65 +126,63 @@ def _convolve(_: Any, arrays: Any, starts: Any, sizes: Any) -> Any:
 
 
 @inner
-def _split(image: Any, sign: Any, rows: Any, lines: Any) -> None:
+def _split(image: Any, channel: Any, t: Any, sign: Any, rows: Any, lines: Any) -> None:
     """Store x + y, y and x of complex pixels, upright and flipped."""
-    up, down = lines[0], lines[1]
-    for block in range(image.shape[0]):
+    for block in range(image.shape[1]):
         begin = block * BLOCK
-        x, y = image[block, 0], image[block, 1]
-        both, second, first = up[0, begin:], up[1, begin:], up[2, begin:]
         for i in range(min(BLOCK, rows - begin)):
-            both[i], second[i], first[i] = x[i] + sign * y[i], sign * y[i], x[i]
-    for part in range(3):
-        source, target = up[part, :rows], down[part, :rows]
-        for r in range(rows):
-            target[np.uint64(rows - 1 - r)] = source[r]
+            x, y = image[channel, block, t, 0, i], sign * image[channel, block, t, 1, i]
+            up, down = np.uint64(begin + i), np.uint64(rows - 1 - begin - i)
+            lines[0, 0, up] = lines[1, 0, down] = x + y
+            lines[0, 1, up] = lines[1, 1, down] = y
+            lines[0, 2, up] = lines[1, 2, down] = x
+
+
+@inner
+def _join(halves: Any, height: Any, sign: Any, channel: Any, t: Any, out: Any) -> None:
+    """Add the upright and the flipped half, and store i times the conjugate of the sum, times `sign`."""
+    for block in range(out.shape[1]):
+        begin = block * BLOCK
+        for i in range(min(BLOCK, height - begin)):
+            up, down = np.uint64(begin + i), np.uint64(height - 1 - begin - i)
+            out[channel, block, t, 0, i] = sign * (halves[0, 1, up] + halves[1, 1, down])
+            out[channel, block, t, 1, i] = halves[0, 0, up] + halves[1, 0, down]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def convolve_rows(spectra: Any, image: Any, shape: Any, groups: Any, weights: Any, top: Any, out: Any) -> None:
+def convolve_rows(
+    spectra: Any, image: Any, shape: Any, groups: Any, weights: Any, top: Any, work: Any, out: Any
+) -> None:
     """Convolve an image along y; in the lower half, the kernel for each row is interpolated between the nearest
     nodes, and the upper half is the lower half of the flipped image.
 
     `groups` are, for LANES rows each, the number of groups with non-zero weights and their first nodes. `weights`
-    are those of each node and row from `top`, followed by GROUP rows of zeros.
+    are those of each node and row from `top`, followed by GROUP rows of zeros. `work` are the arrays of `work_arrays`.
     """
-    (rows, height), length, lags, count = shape, image.shape[2], spectra.shape[3], len(groups) * LANES
-    last = spectra.shape[0] - 1
-    lines = np.zeros((2, 2, 3, rows + LANES), np.float32)  # (k, T - k) x (upright, flipped) x (x + y, y, x)
-    convolved = np.empty((2, 2, 2, count), np.float32)  # (k, T - k) x (upright, flipped) x (real, imaginary)
-    joined = np.empty((2, height), np.float32)
+    (rows, height), (lines, halves) = shape, work
+    length, lags, last = image.shape[2], spectra.shape[3], spectra.shape[0] - 1
+    node = spectra.shape[1] * spectra.shape[2] * lags * 2
     for channel in range(3):
         for k in range(length // 2 + 1):
             both = 2 if 0 < 2 * k < length else 1
             for other in range(both):
                 t, sign = (length - k, _MINUS) if other else (k, _PLUS)
-                _split(image[channel, :, t], sign, rows, lines[other])
+                _split(image, channel, t, sign, rows, lines[other])
             kernel = (channel * (length // 2 + 1) + k) * lags * 2
             for n in range(len(groups)):
-                begin = n * LANES
-                starts = kernel, begin, n * groups.shape[1] + 1, top + begin, begin
-                sizes = groups[n, 0], lags, last, spectra[0].size, weights.shape[1], lines.shape[3], count
-                _convolve((spectra, weights, groups, lines, convolved), starts, sizes)
+                begin = top + n * LANES
+                starts = kernel, n * LANES, n * groups.shape[1] + 1, begin, begin
+                sizes = groups[n, 0], lags, last, node, weights.shape[1], lines.shape[3], halves.shape[3]
+                _convolve((spectra, weights, groups, lines, halves), starts, sizes)
             for other in range(both):
                 t, sign = (length - k, _MINUS) if other else (k, _PLUS)
-                _join(convolved[other], top, sign, joined, out[channel, :, t])
+                _join(halves[other], height, sign, channel, t, out)
 
 
-@inner
-def _join(halves: Any, top: Any, sign: Any, joined: Any, out: Any) -> None:
-    """Add the upright and the flipped half, and store i times the conjugate of the sum, times `sign`."""
-    height = joined.shape[1]
-    for part in range(2):
-        upright, flipped, both = halves[0, part], halves[1, part], joined[part]
-        for r in range(top):
-            both[r] = 0
-        for r in range(height - top):
-            both[np.uint64(r + top)] = upright[r]
-        for r in range(height - top):
-            both[np.uint64(height - top - 1 - r)] += flipped[r]
-    for block in range(out.shape[0]):
-        x, y = joined[0, block * BLOCK :], joined[1, block * BLOCK :]
-        first, second = out[block, 0], out[block, 1]
-        for i in range(min(BLOCK, x.size)):
-            first[i], second[i] = sign * y[i], x[i]
+def work_arrays(rows: int, top: int, lanes: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the lines k and T - k of an image with `rows` rows, and of the convolved halves from row `top`.
+
+    A compiled function that created them would take longer to compile. The first `top` rows of the halves stay zero.
+    """
+    lines = np.zeros((2, 2, 3, rows + LANES), np.float32)  # (k, T - k) x (upright, flipped) x (x + y, y, x)
+    return lines, np.zeros((2, 2, 2, top + lanes), np.float32)  # (k, T - k) x (upright, flipped) x (real, imaginary)
