@@ -88,75 +88,59 @@ def gaussian_plane(plane: npt.NDArray[Any], sigma: float) -> Plane:
 
 def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
     """Blur rows of pixels; horizontal neighbours within a channel are `step` values apart."""
-    out = np.empty(rows.shape, np.float32)
+    height, n = rows.shape
+    weights = gaussian_weights(sigma)
+    taps, lines = np.arange(len(weights)), np.arange(height)[:, None]
+    vertical = np.stack([np.maximum(lines - taps, 0), np.minimum(lines + taps, height - 1)]) * n
+    pad = (len(weights) - 1) * step
+    horizontal = np.stack([pad - taps * step, pad + taps * step])
+    padded, out = np.empty(n + 2 * pad, np.float32), np.empty(rows.shape, np.float32)
     # Always use float32 and pass the step as an argument, so that the loops are compiled only once.
     source = np.ascontiguousarray(rows, np.float32).reshape(-1)
-    _blur_to_float(source, len(rows), step, gaussian_weights(sigma), out.reshape(-1))
+    starts = vertical.astype(np.uint64), horizontal.astype(np.uint64)[:, None]
+    _blur_to_float(source, step, weights, *starts, padded, padded[pad : pad + n], out)
     return out
 
 
 @inner
-def _add_pair(values: Any, left: int, right: int, w: Any, total: Any) -> None:
-    a, b = values[left : left + total.size], values[right : right + total.size]
-    for i in range(total.size):
-        total[i] += w * (a[i] + b[i])
-
-
-@inner
-def _add_four_pairs(values: Any, left: Any, right: Any, w: Any, total: Any) -> None:
-    """Add four taps per pass over `total`, which requires a quarter of the loads and stores."""
-    n, w0, w1, w2, w3 = total.size, w[0], w[1], w[2], w[3]
-    a0, b0 = values[left[0] : left[0] + n], values[right[0] : right[0] + n]
-    a1, b1 = values[left[1] : left[1] + n], values[right[1] : right[1] + n]
-    a2, b2 = values[left[2] : left[2] + n], values[right[2] : right[2] + n]
-    a3, b3 = values[left[3] : left[3] + n], values[right[3] : right[3] + n]
+def _weigh(values: Any, starts: Any, y: Any, weights: Any, out: Any) -> None:
+    """Compute the sum over k of weights[k] * (values[starts[0, y, k] + i] + values[starts[1, y, k] + i]), with one
+    value for k = 0. Four taps per pass over `out` require a quarter of the loads and stores.
+    """
+    n, taps = np.uint64(out.size), weights.size
+    a0, w0 = starts[0, y, 0], weights[0]
     for i in range(n):
-        first = w0 * (a0[i] + b0[i]) + w1 * (a1[i] + b1[i])
-        second = w2 * (a2[i] + b2[i]) + w3 * (a3[i] + b3[i])
-        total[i] += first + second
-
-
-@inner
-def _weigh(values: Any, centre: int, left: Any, right: Any, weights: Any, out: Any) -> None:
-    """Compute weights[0] * values[centre + i] + sum of weights[k] * (values[left[k] + i] + values[right[k] + i])."""
-    n = out.size
-    row = values[centre : centre + n]
-    w0 = weights[0]
-    for i in range(n):
-        out[i] = w0 * row[i]
+        out[i] = w0 * values[a0 + i]
     k = 1
-    while k + 4 <= weights.size:
-        _add_four_pairs(values, left[k : k + 4], right[k : k + 4], weights[k : k + 4], out)
+    while k + 4 <= taps:
+        a0, a1, a2, a3 = starts[0, y, k], starts[0, y, k + 1], starts[0, y, k + 2], starts[0, y, k + 3]
+        b0, b1, b2, b3 = starts[1, y, k], starts[1, y, k + 1], starts[1, y, k + 2], starts[1, y, k + 3]
+        w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        for i in range(n):
+            first = w0 * (values[a0 + i] + values[b0 + i]) + w1 * (values[a1 + i] + values[b1 + i])
+            second = w2 * (values[a2 + i] + values[b2 + i]) + w3 * (values[a3 + i] + values[b3 + i])
+            out[i] += first + second
         k += 4
-    while k < weights.size:
-        _add_pair(values, left[k], right[k], weights[k], out)
+    while k < taps:
+        a0, b0, w0 = starts[0, y, k], starts[1, y, k], weights[k]
+        for i in range(n):
+            out[i] += w0 * (values[a0 + i] + values[b0 + i])
         k += 1
 
 
-@inner
-def _repeat_edges(padded: Any, step: int, pad: int) -> None:
-    n = padded.size
-    for i in range(pad):
-        padded[i] = padded[pad + i % step]
-        padded[n - pad + i] = padded[n - pad - step + i % step]
-
-
 @njit(cache=True, nogil=True)
-def _blur_to_float(source: Any, height: int, step: int, weights: Any, out: Any) -> None:
-    """Filter each row of a flattened image vertically into a padded row, and then horizontally."""
-    n, taps = source.size // height, weights.size
-    pad = (taps - 1) * step
-    padded = np.empty(n + 2 * pad, np.float32)
-    above, below = np.empty(taps, np.int64), np.empty(taps, np.int64)
-    left, right = np.empty(taps, np.int64), np.empty(taps, np.int64)
-    for k in range(taps):
-        left[k], right[k] = pad - k * step, pad + k * step
-    for y in range(height):
-        for k in range(taps):
-            above[k], below[k] = max(y - k, 0) * n, min(y + k, height - 1) * n
-        _weigh(source, y * n, above, below, weights, padded[pad : pad + n])
-        _repeat_edges(padded, step, pad)
-        _weigh(padded, pad, left, right, weights, out[y * n : y * n + n])
+def _blur_to_float(
+    source: Any, step: int, weights: Any, vertical: Any, horizontal: Any, padded: Any, middle: Any, out: Any
+) -> None:
+    """Filter each row of a flattened image vertically into the middle of a padded row, and then horizontally."""
+    n = padded.size
+    pad = (n - middle.size) // 2
+    for y in range(out.shape[0]):
+        _weigh(source, vertical, y, weights, middle)
+        for i in range(pad):
+            padded[i] = padded[pad + i % step]
+            padded[n - pad + i] = padded[n - pad - step + i % step]
+        _weigh(padded, horizontal, 0, weights, out[y])
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...core.compiled import inner, njit
+from ...core.compiled import njit
 from ...core.types import Frame
 
 
@@ -58,46 +58,34 @@ def _blurred(image: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[n
     length, step = padded[0].size, padded[0, 0].size
     starts = (kernel.offsets[:, 0] - up) * length + (kernel.offsets[:, 1] - left) * step
     out = np.empty((len(image), image[0].size), np.uint8)
-    _move(padded.reshape(-1), length, starts, kernel.weights, out)
+    _move(padded.reshape(-1), length, starts.astype(np.uint64), kernel.weights, np.empty(out.shape[1], np.uint16), out)
     return out.reshape(image.shape)
 
 
-@inner
-def _add_tap(padded: Any, start: int, w: Any, total: Any) -> None:
-    a = padded[start : start + total.size]
-    for i in range(total.size):
-        total[i] = np.uint16(total[i] + np.uint16(np.uint32(np.uint32(a[i]) * np.uint32(w)) >> 16))
-
-
-@inner
-def _add_four_taps(padded: Any, starts: Any, w: Any, total: Any) -> None:
-    n, s0, s1, s2, s3 = total.size, starts[0], starts[1], starts[2], starts[3]
-    a, b, c, d = padded[s0 : s0 + n], padded[s1 : s1 + n], padded[s2 : s2 + n], padded[s3 : s3 + n]
-    w0, w1, w2, w3 = np.uint32(w[0]), np.uint32(w[1]), np.uint32(w[2]), np.uint32(w[3])
-    for i in range(n):
-        first = np.uint16((np.uint32(a[i]) * w0) >> 16)
-        second = np.uint16((np.uint32(b[i]) * w1) >> 16)
-        third = np.uint16((np.uint32(c[i]) * w2) >> 16)
-        fourth = np.uint16((np.uint32(d[i]) * w3) >> 16)
-        total[i] = np.uint16(total[i] + first + second + third + fourth)
-
-
 @njit(cache=True, nogil=True)
-def _move(padded: Any, length: int, starts: Any, weights: Any, out: Any) -> None:
+def _move(padded: Any, length: int, starts: Any, weights: Any, total: Any, out: Any) -> None:
     """Sum the taps; tap k of row y begins at `padded[y * length + starts[k]]`."""
-    n, taps = out.shape[1], len(weights)
-    total = np.empty(n, np.uint16)
+    n, taps = np.uint64(total.size), len(weights)
     bias = np.uint16(128 + taps // 2)
     for y in range(out.shape[0]):
+        row, k = np.uint64(y * length), 0
         for i in range(n):
             total[i] = bias
-        rows, k = padded[y * length :], 0
         while k + 4 <= taps:
-            _add_four_taps(rows, starts[k : k + 4], weights[k : k + 4], total)
+            a, b, c, d = row + starts[k], row + starts[k + 1], row + starts[k + 2], row + starts[k + 3]
+            wa, wb = np.uint32(weights[k]), np.uint32(weights[k + 1])
+            wc, wd = np.uint32(weights[k + 2]), np.uint32(weights[k + 3])
+            for i in range(n):
+                first = np.uint16((np.uint32(padded[a + i]) * wa) >> 16)
+                second = np.uint16((np.uint32(padded[b + i]) * wb) >> 16)
+                third = np.uint16((np.uint32(padded[c + i]) * wc) >> 16)
+                fourth = np.uint16((np.uint32(padded[d + i]) * wd) >> 16)
+                total[i] = np.uint16(total[i] + first + second + third + fourth)
             k += 4
         while k < taps:
-            _add_tap(rows, starts[k], weights[k], total)
+            a, wa = row + starts[k], np.uint32(weights[k])
+            for i in range(n):
+                total[i] = np.uint16(total[i] + np.uint16(np.uint32(np.uint32(padded[a + i]) * wa) >> 16))
             k += 1
-        row = out[y]
         for i in range(n):
-            row[i] = np.uint8(total[i] >> 8)
+            out[y, i] = np.uint8(total[i] >> 8)
