@@ -91,22 +91,22 @@ def pixelated(frame: Frame, factor: float) -> Frame:
     most = int(columns.covered.max())
     picks = (columns.covered - fewest) * 3 * width + 3 * columns.first
     weights = np.array([columns.weight[columns.covered == n][:1].sum() for n in range(fewest, most + 1)], np.uint32)
-    _shrink_columns(np.require(frame, requirements=("C", "W")).reshape(height, -1), picks, fewest, weights, narrow)
+    source = np.require(frame, requirements=("C", "W")).reshape(height, -1)
+    sums, means = np.empty(3 * width, np.uint32), np.empty(weights.size * 3 * width, np.uint8)
+    _shrink_columns(source, picks, fewest, weights, sums, means, narrow)
     small = np.empty((rows.first.size, narrow.shape[1]), np.uint8)
-    _shrink_rows(narrow, rows.first, rows.covered, rows.weight, small)
+    _shrink_rows(narrow, rows.first, rows.covered, rows.weight, sums[: narrow.shape[1]], small)
     out = np.empty((height, 3 * width), np.uint8)
     _grow(small, rows.nearest, columns.nearest, out)
     return out.reshape(height, width, 3)
 
 
 @njit(cache=True, nogil=True)
-def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any) -> None:
+def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, sums: Any, means: Any, out: Any) -> None:
     """Compute box sums of every required width at every position in a loop that vectorises, then select the required
     sums.
     """
-    width = source.shape[1]
-    sums = np.empty(width, np.uint32)
-    means = np.empty(weights.size * width, np.uint8)
+    width = sums.size
     for y in range(source.shape[0]):
         s = source[y]
         sums[:] = 0
@@ -126,8 +126,7 @@ def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any
 
 
 @njit(cache=True, nogil=True)
-def _shrink_rows(source: Any, first: Any, count: Any, weight: Any, out: Any) -> None:
-    sums = np.empty(source.shape[1], np.uint32)
+def _shrink_rows(source: Any, first: Any, count: Any, weight: Any, sums: Any, out: Any) -> None:
     for y in range(out.shape[0]):
         sums[:] = 0
         for n in range(count[y]):

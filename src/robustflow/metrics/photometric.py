@@ -41,15 +41,18 @@ def photometric(frame1: Frame, frame2: Frame, flow: Flow, step: int = 1) -> Phot
     frame1, rows, flow = dense(frame1, frame2[::step], flow_array(flow))
     frame2 = rows if step == 1 else np.ascontiguousarray(frame2)
     errors, sums = np.empty(flow.shape[:2], np.int32), np.empty(3, np.int64)
-    _compare(frame1, frame2, flow, step, errors, sums)
+    columns = np.empty((frame2.shape[0], frame2.shape[1] + 1), np.int64)
+    _compare(frame1, frame2, flow, step, columns, errors, sums)
     n, total, still = sums.tolist()
     return Photometric(n, total / UNIT, still / 3, errors)
 
 
-@njit_late(f"void({_FRAME_TYPE}, {_FRAME_TYPE}, {FLOW_TYPE}, int64, int32[:, ::1], int64[::1])", cache=True)
-def _compare(frame1: Any, frame2: Any, flow: Any, step: Any, errors: Any, sums: Any) -> None:
+@njit_late(
+    f"void({_FRAME_TYPE}, {_FRAME_TYPE}, {FLOW_TYPE}, int64, int64[:, ::1], int32[:, ::1], int64[::1])", cache=True
+)
+def _compare(frame1: Any, frame2: Any, flow: Any, step: Any, columns: Any, errors: Any, sums: Any) -> None:
+    """Compare the frames; `columns` is filled with frame 2: a pixel in the low 32 bits, the one below in the high."""
     height, width = frame2.shape[0], frame2.shape[1]
-    columns = np.empty((height, width + 1), np.int64)  # a pixel in the low 32 bits, the one below it in the high 32
     for y in range(height):
         for x in range(width):
             columns[y, x] = np.int64(frame2[y, x, 0]) + frame2[y, x, 1] + frame2[y, x, 2]

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from ...core.compiled import contiguous, inner, njit
 from ...core.types import Frame
-from .filters import FLOOR, mirrored
+from .filters import FLOOR
 
 _NEGLIGIBLE = 1e-9
 """Taps of g below this value are set to zero; for a smoothing of 0.1 px, they are about 1e-22."""
@@ -80,6 +80,7 @@ def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int
 
 
 _U = np.uint64  # unsigned indices avoid numba's check for negative indices
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 _STRIP = 640
 """Number of columns processed at a time, chosen so that all rows needed for a sum fit in the L1 cache."""
 
@@ -90,72 +91,83 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
     source = contiguous(frame).reshape(height, width * 3)
     out = np.empty_like(source)
     offset = np.float32(FLOOR if floor else 0)
-    widths, taps, rim, rim_weights = disk_parts(radius, smoothing)
-    tallest = int(rim[:, 1::2].max()) + 2 if len(rim) else 0
+    parts = disk_parts(radius, smoothing)
+    reach = len(parts.widths) + len(parts.taps) - 2
+    lines, pixels = (np.pad(np.arange(size, dtype=np.uint64), reach, mode="reflect") for size in (height, width))
     for x in range(0, width, _STRIP):
-        _convolve(source, x, widths, taps, rim, rim_weights, tallest, offset, out)
+        columns = 3 * pixels[x : x + _STRIP + 2 * reach]
+        work = _work_arrays(parts, 3 * (len(columns) - 2 * reach))
+        _convolve(source, lines, columns, *parts, offset, work, 3 * x, out)
     return out.reshape(frame.shape)
 
 
+def _work_arrays(parts: DiskParts, n: int) -> tuple[npt.NDArray[Any], ...]:
+    """Return the arrays for a strip of rows of `n` values; compiled code that created them would take longer to
+    compile.
+    """
+    g = len(parts.taps) - 1
+    window = 2 * (len(parts.widths) + g) - 1
+    sums = np.empty((window, n + 3 * window), np.int32)
+    disk = np.empty(n + 6 * g, np.int32)
+    disks = np.empty((2 * g + 1, disk.size), np.float32)
+    tallest = int(parts.rim[:, 1::2].max()) + 2 if len(parts.rim) else 0
+    columns = np.zeros((tallest, sums.shape[1]), np.int32)
+    sides = np.zeros((2 * g + 1, n), np.float32)
+    return sums, disk, disks, columns, sides, np.empty(disk.size, np.float32), np.empty(n, np.float32)
+
+
 @inner
-def _running_sums(row: Any, start: int, sums: Any) -> None:
-    """Compute the running sums of each channel, starting at column `start`; columns outside the row are mirrored."""
-    width = row.size // 3
+def _running_sums(source: Any, y: Any, columns: Any, sums: Any, to: Any) -> None:
+    """Compute the running sums of each channel of row `y` at `columns`."""
     r = g = b = np.int32(0)
-    sums[0] = sums[1] = sums[2] = 0
-    for j in range(sums.size // 3 - 1):
-        x = start + j
-        at = 3 * x if 0 <= x < width else 3 * mirrored(x, width)
-        r = np.int32(r + row[at])
-        g = np.int32(g + row[at + 1])
-        b = np.int32(b + row[at + 2])
-        to = 3 * j + 3
-        sums[to], sums[to + 1], sums[to + 2] = r, g, b
-
-
-@inner
-def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
-    """Add a row segment, using start indices in a loop because numba compiles slices more slowly."""
-    for i in range(_U(total.size)):
-        total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
-
-
-@inner
-def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: Any, l1: Any, r1: Any) -> None:
-    for i in range(_U(total.size)):
-        first = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r0 + i] - b[l0 + i]))
-        second = np.int32(np.int32(c[r1 + i] - c[l1 + i]) + np.int32(d[r1 + i] - d[l1 + i]))
-        total[i] = np.int32(total[i] + np.int32(first + second))
+    sums[to, 0] = sums[to, 1] = sums[to, 2] = 0
+    for j in range(columns.size):
+        at = columns[j]
+        r = np.int32(r + source[y, at])
+        g = np.int32(g + source[y, at + _ONE])
+        b = np.int32(b + source[y, at + _TWO])
+        sums[to, 3 * j + 3], sums[to, 3 * j + 4], sums[to, 3 * j + 5] = r, g, b
 
 
 @inner
 def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
     """Sum over the uniform disk around row `y`; total[0] is centred on column `middle` of the running sums."""
-    window = len(ring)
-    for i in range(total.size):
-        total[i] = 0
-    _add_segment(total, ring[y % window], _U(3 * (middle - widths[0])), _U(3 * (middle + widths[0] + 1)))
+    window, n = len(ring), _U(total.size)
+    a = _U(y % window)
+    l0, r0 = _U(3 * (middle - widths[0])), _U(3 * (middle + widths[0] + 1))
+    for i in range(n):
+        total[i] = np.int32(ring[a, r0 + i] - ring[a, l0 + i])
     dy = 1
-    while dy + 1 < len(widths):
-        a, b = ring[(y - dy) % window], ring[(y + dy) % window]
-        c, d = ring[(y - dy - 1) % window], ring[(y + dy + 1) % window]
+    while dy < len(widths):
+        a, b = _U((y - dy) % window), _U((y + dy) % window)
         l0, r0 = _U(3 * (middle - widths[dy])), _U(3 * (middle + widths[dy] + 1))
-        l1, r1 = _U(3 * (middle - widths[dy + 1])), _U(3 * (middle + widths[dy + 1] + 1))
-        _add_four_segments(total, a, b, l0, r0, c, d, l1, r1)
+        if dy + 1 == len(widths):
+            for i in range(n):
+                first = np.int32(
+                    np.int32(ring[a, r0 + i] - ring[a, l0 + i]) + np.int32(ring[b, r0 + i] - ring[b, l0 + i])
+                )
+                total[i] = np.int32(total[i] + first)
+        else:
+            c, d = _U((y - dy - 1) % window), _U((y + dy + 1) % window)
+            l1, r1 = _U(3 * (middle - widths[dy + 1])), _U(3 * (middle + widths[dy + 1] + 1))
+            for i in range(n):
+                first = np.int32(
+                    np.int32(ring[a, r0 + i] - ring[a, l0 + i]) + np.int32(ring[b, r0 + i] - ring[b, l0 + i])
+                )
+                second = np.int32(
+                    np.int32(ring[c, r1 + i] - ring[c, l1 + i]) + np.int32(ring[d, r1 + i] - ring[d, l1 + i])
+                )
+                total[i] = np.int32(total[i] + np.int32(first + second))
         dy += 2
-    if dy < len(widths):
-        l0, r0 = _U(3 * (middle - widths[dy])), _U(3 * (middle + widths[dy] + 1))
-        _add_segment(total, ring[(y - dy) % window], l0, r0)
-        _add_segment(total, ring[(y + dy) % window], l0, r0)
 
 
 @inner
-def _add_rim(total: Any, weight: Any, first: Any, second: Any, third: Any, fourth: Any) -> None:
-    """Add two segments and subtract two, each given by running sums, its end and its start."""
+def _add_rim(total: Any, weight: Any, sums: Any, first: Any, second: Any, third: Any, fourth: Any) -> None:
+    """Add two segments and subtract two, each given by its row of the running sums, its end and its start."""
     (a, r0, l0), (b, r1, l1), (c, r2, l2), (d, r3, l3) = first, second, third, fourth
     for i in range(_U(total.size)):
-        inside = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r1 + i] - b[l1 + i]))
-        outside = np.int32(np.int32(c[r2 + i] - c[l2 + i]) + np.int32(d[r3 + i] - d[l3 + i]))
+        inside = np.int32(np.int32(sums[a, r0 + i] - sums[a, l0 + i]) + np.int32(sums[b, r1 + i] - sums[b, l1 + i]))
+        outside = np.int32(np.int32(sums[c, r2 + i] - sums[c, l2 + i]) + np.int32(sums[d, r3 + i] - sums[d, l3 + i]))
         total[i] += weight * np.float32(np.int32(inside - outside))
 
 
@@ -164,19 +176,13 @@ def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total:
     window = len(ring)
     for k in range(len(rim)):
         d, h, e, g = rim[k, 0], rim[k, 1], rim[k, 2], rim[k, 3]
-        a, b = ring[(y - d) % window], ring[(y + d) % window]
-        p, q = ring[(y - e) % window], ring[(y + e) % window]
+        a, b = _U((y - d) % window), _U((y + d) % window)
+        p, q = _U((y - e) % window), _U((y + e) % window)
         left, right = _U(3 * (middle - h)), _U(3 * (middle + h + 1))
         first, last = _U(3 * (middle - g)), _U(3 * (middle + g + 1))
         if g < 0:
             first = last
-        _add_rim(total, weights[k], (a, right, left), (b, right, left), (p, last, first), (q, last, first))
-
-
-@inner
-def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
-    for i in range(out.size):
-        out[i] = np.int32(a[i] + np.int32(b[i] + c[i]))
+        _add_rim(total, weights[k], ring, (a, right, left), (b, right, left), (p, last, first), (q, last, first))
 
 
 @inner
@@ -184,62 +190,64 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
     """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h to y + h, and `columns[-1]` is
     zero.
     """
-    window = len(ring)
-    row, first_sums = ring[y % window], columns[0]
-    for i in range(row.size):  # slice assignment would take three seconds longer to compile
-        first_sums[i] = row[i]
-    for h in range(1, len(columns) - 1):
-        _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])
+    window, tallest = len(ring), len(columns)
+    for h in range(tallest - 1):
+        a, b = _U((y - h) % window), _U((y + h) % window)
+        for i in range(_U(ring.shape[1])):
+            columns[h, i] = np.int32(columns[h - 1, i] + np.int32(ring[a, i] + ring[b, i])) if h > 0 else ring[a, i]
     three = _U(3)
     for k in range(len(rim)):
-        d, h, e, g = rim[k, 0], rim[k, 1], rim[k, 2], rim[k, 3]
-        a, b = columns[h], columns[g]
+        d, e, p, q = rim[k, 0], rim[k, 2], _U(rim[k, 1]), _U(rim[k, 3] % tallest)
         left, right = _U(3 * (middle - d)), _U(3 * (middle + d))
         first, last = _U(3 * (middle - e)), _U(3 * (middle + e))
-        added, removed = (a, left + three, left), (b, first + three, first)
-        _add_rim(total, weights[k], added, (a, right + three, right), removed, (b, last + three, last))
+        added, removed = (p, left + three, left), (q, first + three, first)
+        _add_rim(total, weights[k], columns, added, (p, right + three, right), removed, (q, last + three, last))
 
 
 @inner
 def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
     """Blur vertically: apply `taps` to rows y - g to y + g of a ring buffer."""
-    window = len(rows)
-    row = rows[y % window]
-    for i in range(out.size):
-        out[i] = taps[0] * row[i]
+    window, n = len(rows), _U(out.size)
+    a = _U(y % window)
+    for i in range(n):
+        out[i] = taps[0] * rows[a, i]
     for j in range(1, len(taps)):
-        a, b = rows[(y - j) % window], rows[(y + j) % window]
-        for i in range(out.size):
-            out[i] += taps[j] * (a[i] + b[i])
+        a, b = _U((y - j) % window), _U((y + j) % window)
+        for i in range(n):
+            out[i] += taps[j] * (rows[a, i] + rows[b, i])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _convolve(
-    source: Any, x0: int, widths: Any, taps: Any, rim: Any, rim_weights: Any, tallest: int, offset: Any, out: Any
+    source: Any,
+    lines: Any,
+    pixels: Any,
+    widths: Any,
+    taps: Any,
+    rim: Any,
+    rim_weights: Any,
+    offset: Any,
+    work: Any,
+    left: int,
+    out: Any,
 ) -> None:
-    """Compute the strip of columns that starts at column `x0`; the rim requires `tallest` rows of sums."""
-    height, n = out.shape[0], min(3 * _STRIP, out.shape[1] - 3 * x0)
-    g = len(taps) - 1
-    reach = len(widths) - 1 + g
-    window = 2 * reach + 1
-    sums = np.empty((window, n + 3 * window), np.int32)
-    disk = np.empty(n + 6 * g, np.int32)
-    disks = np.empty((2 * g + 1, disk.size), np.float32)
-    columns = np.zeros((tallest, sums.shape[1]), np.int32)
-    sides = np.zeros((2 * g + 1, n), np.float32)
-    down = np.empty(disk.size, np.float32)
-    total = np.empty(n, np.float32)
+    """Compute the strip of columns that starts at value `left` of each row; `lines` and `pixels` are the rows and the
+    starts of the pixels that it needs.
+    """
+    sums, disk, disks, columns, sides, down, total = work
+    n, g, window = _U(total.size), len(taps) - 1, len(sums)
+    reach = window // 2
     for y in range(-reach, reach - 2 * g):
-        _running_sums(source[mirrored(y, height)], x0 - reach, sums[y % window])
-    for y in range(-2 * g, height):
+        _running_sums(source, lines[y + reach], pixels, sums, y % window)
+    for y in range(-2 * g, out.shape[0]):
         ahead = y + g
-        _running_sums(source[mirrored(y + reach, height)], x0 - reach, sums[(y + reach) % window])
+        _running_sums(source, lines[y + 2 * reach], pixels, sums, (y + reach) % window)
         _sum_disk(sums, ahead, widths, reach - g, disk)
-        row = disks[ahead % len(disks)]
-        for i in range(row.size):
-            row[i] = np.float32(disk[i])
+        row = _U(ahead % len(disks))
+        for i in range(_U(disk.size)):
+            disks[row, i] = np.float32(disk[i])
         if len(rim) > 0:
-            side = sides[ahead % len(sides)]
+            side = sides[row]
             for i in range(n):
                 side[i] = 0
             _add_rim_columns(sums, ahead, rim, rim_weights, reach, columns, side)
@@ -249,10 +257,10 @@ def _convolve(
         _add_rim_rows(sums, y, rim, rim_weights, reach - g, down)
         _weigh(sides, y, taps, total)
         for j in range(g + 1):
-            a, b = down[3 * (g - j) : 3 * (g - j) + n], down[3 * (g + j) : 3 * (g + j) + n]
+            a, b = down[3 * (g - j) :], down[3 * (g + j) :]  # slices, without which this loop takes twice as long
             tap = taps[j] if j > 0 else taps[j] * np.float32(0.5)
             for i in range(n):
                 total[i] += tap * (a[i] + b[i])
-        target = out[y, 3 * x0 : 3 * x0 + n]
         for i in range(n):
-            target[i] = np.uint8(np.rint(min(max(total[i] + offset, np.float32(0)), np.float32(255))))
+            level = min(max(total[i] + offset, np.float32(0)), np.float32(255))
+            out[y, _U(left) + i] = np.uint8(np.rint(level))

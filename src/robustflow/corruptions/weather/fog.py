@@ -45,15 +45,15 @@ class Fog(Corruption):
         brightest = float(frame.max()) / 255
         gain = brightest / (brightest + strength)
         out = np.empty_like(rows)
-        _blend(rows, fog, np.float32(gain), np.float32(gain * strength * 255), out)
+        added = np.empty(rows.shape[1], np.float32)
+        _blend(rows, fog, np.float32(gain), np.float32(gain * strength * 255), added, out)
         return out.reshape(frame.shape)
 
 
 @njit(cache=True, nogil=True)
-def _blend(rows: Any, fog: Any, gain: Any, strength: Any, out: Any) -> None:
+def _blend(rows: Any, fog: Any, gain: Any, strength: Any, added: Any, out: Any) -> None:
     """Compute gain * rows + strength * fog, at most 255 because gain * (1 + strength / brightest) is 1."""
     height, width = fog.shape
-    added = np.empty(3 * width, np.float32)
     for y in range(height):
         layer = fog[y]
         for x in range(width):

@@ -68,7 +68,8 @@ def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
     rows, row_weights = _taps(image.shape[0], shape[0])
     columns, column_weights = _taps(image.shape[1], shape[1])
     out = np.empty((*shape, 3), np.uint8)
-    _resize(image.reshape(len(image), -1), rows, row_weights, columns, column_weights, out)
+    lines = image.reshape(len(image), -1)
+    _resize(lines, rows, row_weights, columns, column_weights, np.empty(lines.shape[1], np.float32), out)
     return out
 
 
@@ -85,8 +86,7 @@ def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[
 
 
 @njit(cache=True, nogil=True)
-def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any) -> None:
-    line = np.empty(image.shape[1], np.float32)
+def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, line: Any, out: Any) -> None:
     for y in range(out.shape[0]):
         a, b = image[rows[y, 0]], image[rows[y, 1]]
         c, d = image[rows[y, 2]], image[rows[y, 3]]

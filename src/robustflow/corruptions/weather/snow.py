@@ -65,10 +65,12 @@ class Snow(Corruption):
         field = normal_field(state.flakes.spawn("frame", index), rows, columns)
         flakes = np.empty((round(rows * level.zoom), round(columns * level.zoom)), np.uint16)
         places = _linear_positions(len(flakes), rows), _linear_positions(flakes.shape[1], columns)
-        _enlarge(field, level.mean, level.deviation * UNIT, level.threshold, *places, flakes)
+        work = np.zeros((2, columns), np.float32)
+        _enlarge(field, level.mean, level.deviation * UNIT, level.threshold, *places, *work, flakes)
         layer = move_plane(flakes, state.motion)
         out = np.empty((height, 3 * width), np.uint8)
-        _whiten(contiguous(frame).reshape(out.shape), layer, np.float32(level.share), out)
+        veils = np.empty((2, 3 * width), np.float32)
+        _whiten(contiguous(frame).reshape(out.shape), layer, np.float32(level.share), *veils, out)
         return out.reshape(frame.shape)
 
 
@@ -82,11 +84,12 @@ def _linear_positions(long: int, short: int) -> tuple[npt.NDArray[np.uint32], np
 
 
 @njit(cache=True, nogil=True)
-def _enlarge(field: Any, mean: float, unit: float, threshold: float, rows: Any, columns: Any, out: Any) -> None:
+def _enlarge(
+    field: Any, mean: float, unit: float, threshold: float, rows: Any, columns: Any, row: Any, slope: Any, out: Any
+) -> None:
     """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]."""
     (top, down), (left, along) = rows, columns
     last = field.shape[0] - 1, field.shape[1] - 1
-    row, slope = np.empty(field.shape[1], np.float32), np.zeros(field.shape[1], np.float32)
     full, floor = np.float32(65280), np.float32(max(threshold, 0.0) * 65280)
     offset, scale = np.float32(mean * 65280), np.float32(unit * 65280)
     for y in range(out.shape[0]):
@@ -103,10 +106,9 @@ def _enlarge(field: Any, mean: float, unit: float, threshold: float, rows: Any, 
 
 
 @njit(cache=True, nogil=True)
-def _whiten(rows: Any, layer: Any, share: Any, out: Any) -> None:
+def _whiten(rows: Any, layer: Any, share: Any, veil: Any, snow: Any, out: Any) -> None:
     height, width = rows.shape[0], rows.shape[1] // 3
     rest, top = np.float32(1) - share, np.float32(255)
-    veil, snow = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     for y in range(height):
         source, target = rows[y], out[y]
         flakes, turned = layer[y], layer[height - 1 - y, :width][::-1]

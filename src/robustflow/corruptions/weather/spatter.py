@@ -77,7 +77,8 @@ class Spatter(Corruption):
         rows = frame.reshape(len(frame), -1)
         out = np.empty_like(rows)
         colour = np.array(state.colour, np.float32)
-        _blend(rows, state.opacity, colour, np.float32(state.covers), out)
+        work = np.empty((2, rows.shape[1]), np.float32)
+        _blend(rows, state.opacity, colour, np.float32(state.covers), *work, out)
         return out.reshape(frame.shape)
 
 
@@ -103,10 +104,9 @@ def _quantise(noise: Any, limit: Any, mean: Any, scale: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _blend(rows: Any, opacity: Any, colour: Any, covers: Any, out: Any) -> None:
+def _blend(rows: Any, opacity: Any, colour: Any, covers: Any, keep: Any, add: Any, out: Any) -> None:
     """Add the layer; it is first copied to all three channels, so that the last loop processes contiguous rows."""
     height, width = opacity.shape
-    keep, add = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(height):
         source, layer, target = rows[y], opacity[y], out[y]
@@ -126,7 +126,7 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     far = limit * _STRAIGHT
     distance = np.where(edges > 0, 0, far).astype(np.int32)
     for _ in range(2):  # first from the upper left, then from the lower right
-        _sweep(distance, far, np.full((2, distance.shape[1] + 4), far, np.int32))
+        _sweep(distance, far, np.full((2, distance.shape[1] + 4), far, np.int32), np.empty(distance.shape[1], np.int32))
         distance = np.ascontiguousarray(distance[::-1, ::-1])  # contiguous, so the loops are compiled only once
     return distance
 
@@ -140,12 +140,11 @@ def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
 
 
 @njit(cache=True, nogil=True)
-def _sweep(distance: Any, far: int, above: Any) -> None:
+def _sweep(distance: Any, far: int, above: Any, line: Any) -> None:
     """Propagate shortest paths from the left and from the rows above; a work array contains the latest two of them,
     with a margin of two pixels.
     """
     height, width = distance.shape
-    line = np.empty(width, np.int32)
     for y in range(height):
         one, two = above[(y + 1) % 2], above[y % 2]
         for x in range(width):
