@@ -213,6 +213,13 @@ def test_cre_of_a_model_without_error_on_clean_frames_has_the_interval_of_its_ep
     assert found.filter(metric="epe")["low"].item() > 0
 
 
+def test_cre_of_a_model_without_error_under_corruption_has_no_interval():
+    errors = np.random.default_rng(12).lognormal(0, 1, 20)
+    found = intervals(rows_of(errors, np.zeros((20, 3)), np.ones((20, 3)))).filter(corruption="average")
+    assert found.filter(metric="crer")["estimate"].item() == -1
+    assert found["low"].is_null().to_list() == [metric == "cre" for metric in found["metric"]]
+
+
 def test_log_deviation_is_that_of_the_mean_errors_of_groups():
     errors = np.array([1.0, 2.0, 4.0, 8.0, 1.0, 1.0])
     rows = rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((6, 3)), ["a", "a", "b", "b", "c", "c"])

@@ -206,7 +206,7 @@ def _logarithmic_interval(values: Estimates, shifts: Mapping[str, tuple[float, A
     if error == 0 and shifts:
         return Interval(estimate, error, estimate, estimate, None)
     reaches = [np.quantile(np.abs(shift), level, method="inverted_cdf") for _, shift in shifts.values()]
-    if not reaches or not max(reaches) < _WIDEST_LOGARITHM:
+    if not reaches or not np.max(reaches) < _WIDEST_LOGARITHM:  # NaN where an error is 0
         return without_interval(values)
     draws = np.ones(1)
     with np.errstate(over="ignore", invalid="ignore"):
