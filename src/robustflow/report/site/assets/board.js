@@ -64,7 +64,7 @@ function build(element, index) {
     const body = make("tbody", {}, make("tr", { class: "group" }, group), ...rows);
     return { body, heading: body.rows[0], lines: rows };
   });
-  const caption = make("caption", { class: "aside" }, `${title}: lower is better in every column.`);
+  const caption = make("caption", { class: "aside" }, `${title}: lower errors are better.`);
   const table = make("table", {}, caption, make("thead", {}, make("tr", {}, ...head)), ...bodies.map(({ body }) => body));
   const meanings = settings.filter((name) => data.settings[name][2]).map((name) => `${data.settings[name][0]}: ${data.settings[name][2]}`);
   const below = [meanings.join("; "), ...remarks].map((text) => (text ? make("p", { class: "aside" }, text) : null));
