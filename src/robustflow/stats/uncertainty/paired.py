@@ -182,8 +182,10 @@ def _differences(
         if not np.isfinite(found.estimate):
             continue
         row: _Row = {"metric": key[0], "corruption": key[1], "difference": found.estimate, "p": found.p}
-        row |= {"low": found.low, "high": found.high, "level": level, "images": first.images, "clusters": clusters}
-        row["equal"] = int(np.count_nonzero(np.equal(*(one.of_images(key) for one in sums))))
+        row |= {"low": found.low, "high": found.high, "level": level}
+        row["clusters"] = int(np.count_nonzero(first.error_mean(*key).mean.count))
+        one, other = (each.of_images(key) for each in sums)
+        row |= {"images": int(np.isfinite(one).sum()), "equal": int(np.count_nonzero(one == other))}
         values = first.mean(*key), second.mean(*key)
         of_models = zip(("first", "second"), names, values, _blow_ups(sums, key), strict=True)
         for place, name, value, count in of_models:
