@@ -245,34 +245,43 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
     for top in (object(), Slotted(3).draw, np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
+    refusal(lambda: load_corruption(Veil(times(object()))).source, UsageError, "Veil")
 
 
 IN_SCRIPT = """
-AMOUNT, LATER = 3, 5
-def amount(): return AMOUNT
+from argparse import Namespace
+from functools import partial
+AMOUNT, LATER, OPTIONS = 3, 5, Namespace(top=11)
+def amount(): return AMOUNT + OPTIONS.top
+class Helper:
+    def twice(self): return 22
 class InScript:
     severities = 1, 2, 7, 8, 9
     @staticmethod
-    def draw(rng, severity, shape): return amount()
+    def draw(rng, severity, shape): return amount() + Helper().twice()
     def apply(self, frame, state, index): return frame
 """
 
 
-@pytest.mark.parametrize("is_file", [True, False])
-def test_the_source_of_a_class_of_a_script_or_session_includes_what_it_uses(tmp_path, monkeypatch, is_file):
+@pytest.mark.parametrize(("name", "is_file"), [("__main__", True), ("__main__", False), ("wave", True)])
+def test_the_source_of_a_class_of_a_script_or_session_includes_what_it_uses(tmp_path, monkeypatch, name, is_file):
     def source(text):
         (tmp_path / "script.py").write_text(text)
-        main = ModuleType("__main__")
+        main = ModuleType(name)  # `wave` is also a module of the standard library
         if is_file:
             main.__file__ = str(tmp_path / "script.py")
-        monkeypatch.setitem(sys.modules, "__main__", main)
+        monkeypatch.setitem(sys.modules, name, main)
         exec(text, vars(main))
         return load_corruption(main.InScript).source
 
     assert source(IN_SCRIPT) == source(IN_SCRIPT) != source(IN_SCRIPT.replace("3", "4"))
-    for before, after in (("return AMOUNT", "return 2 * AMOUNT"), ("7", "6"), ("return frame", "return frame + 1")):
+    edits = (("return AMOUNT", "return 2 * AMOUNT"), ("7", "6"), ("return frame", "return frame + 1"), ("11", "8"))
+    for before, after in (*edits, ("22", "33")):
         assert source(IN_SCRIPT) != source(IN_SCRIPT.replace(before, after))
-    assert source(IN_SCRIPT) == source(IN_SCRIPT.replace("5", "6")), "a value that the class does not use"
+    assert (source(IN_SCRIPT) == source(IN_SCRIPT.replace("5", "6"))) == (name == "__main__"), "an unused value"
+    holding = IN_SCRIPT.replace("def amount():", "HELD = partial(round, 44)\ndef amount(held=HELD):")
+    assert source(holding) == source(holding) != source(holding.replace("return AMOUNT", "return 2 * AMOUNT"))
+    assert (source(holding) != source(holding.replace("44", "55"))) == is_file, "an object that cannot be recognised"
 
 
 def test_a_property_source_adds_to_the_attributes_and_stands_for_those_that_cannot_be_recognised(monkeypatch):

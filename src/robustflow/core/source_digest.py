@@ -6,9 +6,10 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import os
 import sys
+from argparse import Namespace
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -17,6 +18,13 @@ from .errors import UsageError
 from .plugins import called
 
 _SELF = __name__.partition(".")[0]
+_UNRECOGNISED = object()
+_NOT_RECOGNISED = (
+    "which a later run could not recognise; give it a property `source` that describes, as text, everything that "
+    "determines its result"
+)
+_STANDARD = Path(os.__file__).parent
+"""Folder of the standard library; a user's file can have the name of one of its modules."""
 
 
 def source_digest(made: Any) -> str:
@@ -31,10 +39,13 @@ def source_digest(made: Any) -> str:
         digest.update(hashlib.sha256(text).digest())
     if not inspect.isclass(made):
         named = called(kind.__name__, "source", lambda: getattr(made, "source", ""))
+        seen: set[Any] = set()
         state = _attributes(made)
         if named:
             state = {**_recognised(state, set()), "source": named}
-        digest.update(_value_text(state, kind.__name__).encode())
+        digest.update(_value_text(state, kind.__name__, seen).encode())
+        if _UNRECOGNISED in seen:
+            raise UsageError(kind.__name__, f"a function in its attributes uses something {_NOT_RECOGNISED}")
     digest.update(kind.__qualname__.encode())
     return digest.hexdigest()
 
@@ -43,13 +54,14 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
     seen: set[str] = set()
     for base in kind.__mro__:
         top = base.__module__.partition(".")[0]
-        if top in (_SELF, "builtins", "abc", "typing") or (top in sys.stdlib_module_names and top != "__main__"):
-            continue
         module = sys.modules.get(base.__module__)
         path = Path(getattr(module, "__file__", None) or "")
+        standard = top in sys.stdlib_module_names and (not path.is_file() or _STANDARD in path.parents)
+        if top in (_SELF, "builtins", "abc", "typing") or (standard and top != "__main__"):
+            continue
         in_session = not path.is_file() or base.__module__ == "__main__"  # a session can follow a script
         if in_session or "<locals>" in base.__qualname__:
-            yield _class_source(base)
+            yield _class_source(base, path)
         if module is not None and path.is_file():
             yield from _module_parts(base.__module__, path.resolve(), _root(module), seen)
 
@@ -106,12 +118,19 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _class_source(kind: type[Any]) -> bytes:
+def _class_source(kind: type[Any], script: Path) -> bytes:
     """Return the attributes and the compiled code of a class that is not identified by a file: it is defined in a
-    script or session, or in a function, whose arguments it can use."""
+    script or session, or in a function, whose arguments it can use; and the whole script, if the class uses something
+    that a later run could not recognise."""
+    seen: set[Any] = set()
+    text = _class_text(kind, seen).encode()
+    return text + script.read_bytes() if _UNRECOGNISED in seen and script.is_file() else text
+
+
+def _class_text(kind: type[Any], seen: set[Any]) -> str:
     bare = {name: getattr(value, "__func__", getattr(value, "fget", value)) for name, value in vars(kind).items()}
     own = {name: value for name, value in bare.items() if inspect.isfunction(value) or not name.startswith("__")}
-    return _value_text(_recognised(own, set()), "").encode()
+    return f"{kind.__qualname__}:{_recognised(own, seen)}"
 
 
 def _function_text(function: Any, where: str, seen: set[Any]) -> str:
@@ -122,10 +141,11 @@ def _function_text(function: Any, where: str, seen: set[Any]) -> str:
     if function in seen or (is_named and not in_session):
         return name
     seen.add(function)
-    held = [function.__defaults__, function.__kwdefaults__, [c.cell_contents for c in function.__closure__ or ()]]
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    held = dict(enumerate([*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *cells]))
     known = function.__globals__ if in_session else {}
-    used = _recognised({each: known[each] for each in sorted({*_names(function.__code__)} & known.keys())}, seen)
-    return f"{name}:{_code(function.__code__)}:{_value_text(held, where, seen)}:{used}"
+    used = {each: known[each] for each in sorted({*_names(function.__code__)} & known.keys())}
+    return f"{name}:{_code(function.__code__)}:{_recognised(held, seen)}:{_recognised(used, seen)}"
 
 
 def _names(code: CodeType) -> Iterator[str]:
@@ -148,17 +168,20 @@ def _attributes(made: Any) -> dict[str, Any]:
     return {name: value for part in parts for name, value in (part or {}).items() if name != "variant"}
 
 
-def _recognised(values: dict[str, Any], seen: set[Any]) -> dict[str, str]:
+def _recognised(values: dict[Any, Any], seen: set[Any]) -> dict[Any, str]:
     """Return the values as text, without those that a later run could not recognise."""
     texts = {}
     for name, value in values.items():
-        with suppress(UsageError):
-            texts[name] = _value_text(value, name, seen)
+        try:
+            texts[name] = _value_text(value, str(name), seen)
+        except UsageError:
+            seen.add(_UNRECOGNISED)
     return texts
 
 
 def _value_text(value: Any, where: str, seen: set[Any] | None = None) -> str:
-    """Return a value as text that is identical in every process; `seen` holds the functions described so far."""
+    """Return a value as text that is identical in every process; `seen` holds the functions and classes described so
+    far, and `_UNRECOGNISED` if they use something else."""
     import numpy as np
 
     seen = set() if seen is None else seen
@@ -181,10 +204,16 @@ def _value_text(value: Any, where: str, seen: set[Any] | None = None) -> str:
         return _function_text(value, where, seen)
     if inspect.ismethod(value):
         return f"{_value_text(value.__self__, where, seen)}.{_value_text(value.__func__, where, seen)}"
+    if inspect.ismodule(value):
+        return value.__name__
+    if isinstance(value, Namespace):
+        return _value_text(vars(value), where, seen)
+    if inspect.isclass(value) and value.__module__ == "__main__" and value not in seen:
+        seen.add(value)
+        return _class_text(value, seen)
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
         where,
-        f"contains a {type(value).__name__}, which a later run could not recognise; give it a property "
-        "`source` that describes, as text, everything that determines its result",
+        f"contains a {type(value).__name__}, {_NOT_RECOGNISED}",
     )
