@@ -112,6 +112,23 @@ def test_ctrl_c_while_a_child_starts_ends_the_program(tmp_path):
     assert run.stderr.endswith("KeyboardInterrupt\n")
 
 
+DYING = """
+import sys
+from robustflow.core.processes import Child, preload
+
+preload("dying")
+if __name__ == "__main__":
+    Child(print)
+"""
+
+
+def test_death_of_the_process_that_forks_children_is_an_error(tmp_path):
+    (tmp_path / "dying.py").write_text("import os\nos._exit(1)\n")
+    (tmp_path / "script.py").write_text(DYING)
+    run = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=60)
+    assert run.stderr.splitlines()[-1].startswith("robustflow.core.errors.RunError: "), run.stderr
+
+
 def count_down(start: int):
     while start:
         yield start

@@ -145,7 +145,13 @@ class Child:
             given = (dict(os.environ), child_end, watched, target, arguments)
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
             self._process = _context().Process(target=child_main, args=given, daemon=False)
-            self._process.start()
+            try:
+                self._process.start()
+            except (EOFError, ConnectionError) as error:
+                raise RunError(
+                    "a worker process failed to start: the process that forks workers has ended; the usual cause is "
+                    "lack of memory: try fewer --workers"
+                ) from error
             self.end = Finalize(self, _end, (self._process, self.pipe, self._lifeline), exitpriority=10)
             """Stop the process immediately."""
         child_end.close()
