@@ -284,6 +284,19 @@ def test_the_source_of_a_class_of_a_script_or_session_includes_what_it_uses(tmp_
     assert (source(holding) != source(holding.replace("44", "55"))) == is_file, "an object that cannot be recognised"
 
 
+@pytest.mark.parametrize("imported", ["import rain_depth as at", "from rain_depth import DEPTH, wet, Wet"])
+def test_the_source_of_a_class_of_a_session_includes_the_modules_that_it_uses(rain_package, monkeypatch, imported):
+    def source(depth):
+        forget()
+        (rain_package / "rain_depth.py").write_text(f"DEPTH = 1\ndef wet(): return {depth}\nclass Wet: ...\n")
+        main = ModuleType("__main__")
+        monkeypatch.setitem(sys.modules, "__main__", main)
+        exec(imported + IN_SCRIPT.replace("amount() +", "at.wet() +" if " as " in imported else "wet() +"), vars(main))
+        return load_corruption(main.InScript).source
+
+    assert source(1) == source(1) != source(2)
+
+
 def test_a_property_source_adds_to_the_attributes_and_stands_for_those_that_cannot_be_recognised(monkeypatch):
     monkeypatch.setattr(Veil, "source", "texture 1", raising=False)
     made = [load_corruption(Veil(top)).source for top in (3, 4, object())]

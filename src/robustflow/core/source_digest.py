@@ -61,7 +61,7 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
             continue
         in_session = not path.is_file() or base.__module__ == "__main__"  # a session can follow a script
         if in_session or "<locals>" in base.__qualname__:
-            yield _class_source(base, path)
+            yield from _class_source(base, path)
         if module is not None and path.is_file():
             yield from _module_parts(base.__module__, path.resolve(), _root(module), seen)
 
@@ -118,13 +118,22 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _class_source(kind: type[Any], script: Path) -> bytes:
+def _class_source(kind: type[Any], script: Path) -> Iterator[bytes]:
     """Return the attributes and the compiled code of a class that is not identified by a file: it is defined in a
     script or session, or in a function, whose arguments it can use; and the whole script, if the class uses something
-    that a later run could not recognise."""
+    that a later run could not recognise. Of a session without a file, the user's modules that the class uses count."""
     seen: set[Any] = set()
-    text = _class_text(kind, seen).encode()
-    return text + script.read_bytes() if _UNRECOGNISED in seen and script.is_file() else text
+    yield _class_text(kind, seen).encode()
+    if script.is_file():
+        if _UNRECOGNISED in seen:
+            yield script.read_bytes()
+        return
+    for name in sorted({getattr(each, "__module__", None) or each.__name__ for each in seen - {_UNRECOGNISED}}):
+        module = sys.modules.get(name)
+        path = Path(getattr(module, "__file__", None) or "")
+        installed = _STANDARD in path.parents or "site-packages" in path.parts or name.partition(".")[0] == _SELF
+        if module is not None and path.is_file() and not installed:
+            yield from _module_parts(name, path.resolve(), _root(module), set())
 
 
 def _class_text(kind: type[Any], seen: set[Any]) -> str:
@@ -138,9 +147,10 @@ def _function_text(function: Any, where: str, seen: set[Any]) -> str:
     script or session, also the values and functions that it uses."""
     name, in_session = f"{function.__module__}:{function.__qualname__}", function.__module__ == "__main__"
     is_named = getattr(sys.modules.get(function.__module__), function.__name__, None) is function
-    if function in seen or (is_named and not in_session):
-        return name
+    known_before = function in seen
     seen.add(function)
+    if known_before or (is_named and not in_session):
+        return name
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     held = dict(enumerate([*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *cells]))
     known = function.__globals__ if in_session else {}
@@ -205,12 +215,14 @@ def _value_text(value: Any, where: str, seen: set[Any] | None = None) -> str:
     if inspect.ismethod(value):
         return f"{_value_text(value.__self__, where, seen)}.{_value_text(value.__func__, where, seen)}"
     if inspect.ismodule(value):
+        seen.add(value)
         return value.__name__
     if isinstance(value, Namespace):
         return _value_text(vars(value), where, seen)
-    if inspect.isclass(value) and value.__module__ == "__main__" and value not in seen:
+    if inspect.isclass(value) and value not in seen:
         seen.add(value)
-        return _class_text(value, seen)
+        if value.__module__ == "__main__":
+            return _class_text(value, seen)
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
