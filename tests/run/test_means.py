@@ -125,6 +125,16 @@ def test_run_averages_what_was_requested():
     assert (*numbers(only, "average", "epe", "cre"), measured.averaged_over) == (102.0, 101.0, [OTHERS[1]])
 
 
+def test_corruption_without_any_prediction_is_not_named_as_averaged():
+    lost = {"n_valid": 0, "n_all": 0, "epe_sum": 0.0}
+    rows = [row(sample, epe=1.0) for sample in "ab"] + [row("a", "fog", 1, epe=2.0), row("b", "fog", 1, **lost)]
+    rows += [row(sample, "snow", level, **lost) for sample in "ab" for level in (1, 2)]
+    means, measured = summarize(rows_frame(rows))
+    assert (numbers(means, "average", "epe"), measured.averaged_over) == ((2.0,), ["fog"])
+    assert set(measured.corruptions) == {"fog", "snow"}
+    assert summarize(rows_frame(rows), paper=["fog", "snow"])[1].paper_over == []
+
+
 def test_mean_over_the_papers_corruptions_needs_all_of_them():
     paper = [row("a", name, 1, epe=2.0 + i) for i, name in enumerate(IMAGE_PAIR)]
     clean, elastic = row("a", epe=1.0), row("a", "elastic_transform", 1, epe=100.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
@@ -37,9 +37,9 @@ class Measured(FrozenFinite):
         samples: number of samples.
         n_invalid: number of pixels without a finite prediction, over all rows; excluded from all means.
         corruptions: the severities of each corruption, in table order.
-        averaged_over: corruptions included in the means over corruptions: all that were run, except those that leave no
-            ground truth (`Corruption.truth`) if there are others.
-        paper_over: the paper's corruptions on this benchmark if all of them were run; otherwise empty.
+        averaged_over: corruptions included in the means over corruptions: all that were measured, except those that
+            leave no ground truth (`Corruption.truth`) if others were run.
+        paper_over: the paper's corruptions on this benchmark if all of them were measured; otherwise empty.
     """
 
     missing: list[MissingCells]
@@ -81,9 +81,8 @@ class Averages(NamedTuple):
     def without_truth(self) -> list[str]:
         """The corruptions that leave no ground truth (`Corruption.truth`), as far as the means show it."""
         known, averaged = self.mean("epe", CLEAN) is not None, self.measured.averaged_over
-        blind = (name for name in self.measured.corruptions if known and self.mean("epe", name) is None)
-        seen = {name for name in blind if self.mean("rcre", name) is not None}
-        return [name for name in self.measured.corruptions if name in seen or name not in averaged]
+        seen = (name for name in self.measured.corruptions if self.mean("rcre", name) is not None)
+        return [name for name in seen if name not in averaged or (known and self.mean("epe", name) is None)]
 
     def document(self, averaging: Averaging) -> dict[str, Any]:
         """Return the means in the form of `summary.json`."""
@@ -136,17 +135,20 @@ def summarize(
     """Compute the means of a run."""
     of_run = checked_rows(rows)
     corruptions = {name: of_run.corruptions[name] for name in ordered(of_run.corruptions)}
-    averaged = of_run.averaged()
-    in_paper = [name for name in corruptions if name in paper]
-    whole = bool(in_paper) and set(in_paper) == set(paper)
     lost = of_run.rows.filter(pl.coalesce("n_valid", "n_all") == 0).select(ROW_KEY).collect()
+    every = Counter({at: len(places) for at, places in of_run.places.items()})
+    every.subtract(lost.select("corruption", "severity").iter_rows())
+    known = [name for name, levels in corruptions.items() if any(every[name, level] for level in levels)]
+    averaged = of_run.averaged()
+    in_paper = [name for name in known if name in paper]
+    whole = bool(in_paper) and set(in_paper) == set(paper)
     measured = Measured(
         missing=_by_condition(of_run.missing(planned)),
         unmeasured=_by_condition(lost.iter_rows()),
         samples=len(of_run.samples),
         n_invalid=int(of_run.rows.select(pl.col("n_invalid").sum()).collect().item()),
         corruptions=corruptions,
-        averaged_over=[name for name in corruptions if name in averaged],
+        averaged_over=[name for name in known if name in averaged],
         paper_over=in_paper if whole else [],
     )
     groups = MEMBERS | ({PAPER: tuple(in_paper)} if whole else {})
