@@ -21,6 +21,13 @@ class Sizes(TexturePairs):
         return TexturePairs(self._count, (side, side + 8)).load(key)
 
 
+class NotRestored(TexturePairs):
+    """Cannot be unpickled."""
+
+    def __setstate__(self, state):
+        raise ValueError("no state")
+
+
 class KillsItsReader(TexturePairs):
     """Kills a process that reads its second pair, unless it is the run's main process."""
 

@@ -20,6 +20,7 @@ from robustflow.run.store import RunFolder
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal
+from .models_for_tests import NotRestored
 from .processes import wait_until
 
 MODELS = "tests.run.models_for_tests"
@@ -66,6 +67,14 @@ def test_a_dataset_that_cannot_be_sent_to_workers_is_named(tmp_path, model):
     benchmark = rf.Benchmark("mine", data, ("0",), ("contrast",))
     run = partial(rf.evaluate, f"{MODELS}:{model}", benchmark, output=tmp_path / "run", engine="processes")
     refusal(run, UsageError, "dataset or corruption")
+
+
+@pytest.mark.parametrize("model", ["Sure", "Accelerated"])
+def test_a_dataset_that_workers_cannot_restore_is_a_usage_error(tmp_path, model):
+    data = NotRestored(1, (24, 32))
+    benchmark = rf.Benchmark("mine", data, ("0",), ("contrast",))
+    run = partial(rf.evaluate, f"{MODELS}:{model}", benchmark, output=tmp_path / "run", engine="processes", workers=1)
+    refusal(run, UsageError, "model, dataset or corruption")
 
 
 def test_an_engine_does_not_start_without_units(tmp_path, monkeypatch):
@@ -140,7 +149,7 @@ def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, monkeypatch)
     for done in processes(job, units, 2, 0.6):
         time.sleep(0.7)
         finished.append(done.unit.key)
-    assert finished == ["0", "1"]
+    assert sorted(finished) == ["0", "1"]
 
 
 def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeypatch):

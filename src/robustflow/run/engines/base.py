@@ -6,9 +6,11 @@ import pickle
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from ...core.errors import UsageError, class_and_message
+from ...core.plugins import called
 from ...core.processes import user_script
 from ...metrics.rows import CLEAN
 from ..plan import Job, Unit
@@ -40,6 +42,12 @@ def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
         culprit = "class defined in a notebook or at a prompt"
         raise UsageError(culprit, "cannot be sent to worker processes; define it in a file and import it from there")
     return sent
+
+
+def unpickled(sent: bytes) -> Any:
+    """Return, in a worker process, the job or the model that was sent to it."""
+    what, advice = "model, dataset or corruption", "define classes at the top level of a module, and test pickling them"
+    return called(what, "restoring it in a worker process", partial(pickle.loads, sent), advice)
 
 
 class Schedule:

@@ -27,6 +27,7 @@ from ..cells import Cell
 from ..plan import Job, NamedModel, Unit
 from ..stages import PredictionRequest, PredictStage, Seconds, timed
 from ..worker import Computation, Steps
+from .base import unpickled
 
 BATCHES_PER_FEEDER = 4
 """Number of batches that a feeder fills or has in flight; one is kept free for a batch that must be separate."""
@@ -85,8 +86,9 @@ Link = tuple[Connection, list[SharedBatch]]
 that the prediction took, in the same order."""
 
 
-def predict_forever(driver: Connection, model: NamedModel, confidence: str | None, links: list[Link]) -> None:
+def predict_forever(driver: Connection, sent: bytes, confidence: str | None, links: list[Link]) -> None:
     """Predict batches in the order in which they arrive; the main function of a predicting process."""
+    model: NamedModel = unpickled(sent)
     stage = PredictStage(model.load(), confidence, lambda what: driver.send(("doing", what)))
     batches = dict(links)
     waiting: deque[tuple[Connection, int, list[SharedRequest]]] = deque()
@@ -131,9 +133,9 @@ class _Running:
     """Number of cells that have been measured."""
 
 
-def feed_forever(driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
+def feed_forever(driver: Connection, sent: bytes, device: Connection, batches: list[SharedBatch]) -> None:
     """Corrupt and measure cells until the driver ends this process; the main function of a feeder."""
-    feeder = Feeder(driver, job, device, batches)
+    feeder = Feeder(driver, unpickled(sent), device, batches)
     while True:
         feeder.step()
 

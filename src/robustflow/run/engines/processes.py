@@ -9,6 +9,7 @@ crashes ends the run with a one-line error.
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import time
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import ExitStack
@@ -22,7 +23,7 @@ from ...core.processes import Child, one_opencv_thread, preload
 from ...models.base import describe_cell
 from ..plan import NO_MODEL, Job, Unit
 from ..worker import UNITS_AHEAD, FinishedUnit, Worker
-from .base import Engine, FinishedUnits, Schedule, pickled
+from .base import Engine, FinishedUnits, Schedule, pickled, unpickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
 preload("robustflow.run.engines.preloaded")
@@ -100,7 +101,7 @@ def processes(
 
 def compute_units(pipe: Connection) -> None:
     """Compute the units of a job; the main function of a worker process that has the model."""
-    worker = Worker(pipe.recv(), lambda what: pipe.send(("doing", what)))
+    worker = Worker(unpickled(pipe.recv()), lambda what: pipe.send(("doing", what)))
     while True:
         unit = pipe.recv()
         pipe.send(("rows", worker.finished(unit, worker.run(unit))))
@@ -118,9 +119,10 @@ def _started(
         stack.callback(kind[-1].child.end)
 
     if not devices:
+        sent = pickled(job)
         for _ in range(workers):
             start(pool, timeout, "try fewer --workers", compute_units)
-            pool[-1].child.send(job)
+            pool[-1].child.send(sent)
         return predicting, pool
     with ExitStack() as shared:  # closed here as soon as the children have it
         pipes = [multiprocessing.Pipe() for _ in range(workers)]
@@ -129,10 +131,10 @@ def _started(
             shared.callback(close)
         for number, device in enumerate(devices):
             links = [(pipes[one][1], batches[one]) for one in range(number, workers, len(devices))]
-            model = job.model.on(device) if len(devices) > 1 else job.model
+            model = pickle.dumps(job.model.on(device) if len(devices) > 1 else job.model)
             confidence = job.measuring.confidence
             start(predicting, timeout, "try a smaller --batch-size", predict_forever, model, confidence, links)
-        without_model = replace(job, model=NO_MODEL)
+        without_model = pickled(replace(job, model=NO_MODEL))
         for (link, _), memory in zip(pipes, batches, strict=True):
             start(pool, None, "try fewer --workers", feed_forever, without_model, link, memory)
     return predicting, pool
