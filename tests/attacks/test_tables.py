@@ -130,6 +130,16 @@ def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows_of_commo
     assert noise.interval[0] <= noise.rho <= noise.interval[1]
 
 
+def test_severity_at_which_a_model_predicts_nothing_is_left_out_for_all_models(models, monkeypatch):
+    rows = {id(one): one.attack_rows for one in models}
+    lost = (pl.col("corruption") == "random_sign") & (pl.col("severity") == 3)
+    rows[id(models[0])] = models[0].attack_rows.with_columns(n_valid=pl.when(lost).then(0).otherwise("n_valid"))
+    monkeypatch.setattr(rf.Result, "attack_rows", property(lambda one: rows[id(one)]))
+    noise = next(one for one in predictions(models) if one.attack == "random_sign")
+    assert noise.severities == (1,)
+    assert len(noise.models) == len(models)
+
+
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models, count):
     table = prediction_table(models[:count])

@@ -27,9 +27,10 @@ from .config import FrameOptions, option_of
 from .run import Run
 
 AnyRun = TypeVar("AnyRun", bound=Run)
+MEASURED = pl.coalesce("n_valid", "n_all") > 0
+"""Whether a row has a pixel to measure."""
 
 _DIGESTS = ("frames_digest", "truth_digest")
-_MEASURED = pl.coalesce("n_valid", "n_all") > 0
 _MOST_NAMED = 4
 _LONGEST_VALUE = 24
 _DIGITS = 8
@@ -63,13 +64,13 @@ def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence
 
 def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
     """Return the rows with a pixel to measure, in the form that `sample_set_of` expects."""
-    return rows.filter(_MEASURED).select(*ROW_KEY, *_DIGESTS).rows()
+    return rows.filter(MEASURED).select(*ROW_KEY, *_DIGESTS).rows()
 
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
     """Return the rows that several runs measured on the same data, and a remark about omitted rows (or "")."""
     every = joined(list(names))
-    cells = pl.concat(one.filter(_MEASURED).select(*ROW_KEY, *_DIGESTS) for one in rows).group_by(ROW_KEY)
+    cells = pl.concat(one.filter(MEASURED).select(*ROW_KEY, *_DIGESTS) for one in rows).group_by(ROW_KEY)
     equal = [pl.col(name).n_unique() == 1 for name in _DIGESTS]
     same = cells.agg(*equal, runs=pl.len()).filter(runs=len(rows))
     if same.is_empty():

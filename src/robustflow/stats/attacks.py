@@ -17,7 +17,7 @@ from ..attacks.result import EXPLAINED, LOWER_BOUND
 from ..metrics.means import means
 from ..metrics.measures import ATTACK, MEASURES, METRICS
 from ..metrics.rows import CLEAN, ROW_KEY
-from ..run.comparable import common_cells, common_to, named_runs
+from ..run.comparable import MEASURED, common_cells, common_to, named_runs
 from ..run.run import Run
 from ..run.store import RunFolder
 from .exclusion import exclusions
@@ -190,7 +190,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     }
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     common = common_to(named)
-    samples = set.intersection(*(set(rows["sample"]) for rows in common.rows.values()))
+    samples = set.intersection(*(set(rows.filter(corruption=CLEAN)["sample"]) for rows in common.rows.values()))
     measure = {metric: MEASURES[metric]}
     increase = {name: means(rows, {}, measure)[metric, "average", None] for name, rows in common.rows.items()}
     predicted = []
@@ -207,9 +207,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
             if serious := sorted(keys - set(LOWER_BOUND)):
                 left_out.setdefault(name, "; ".join(EXPLAINED.get(key, key) for key in serious))
         known = {name: means(rows, {}, measure) for name, rows in attacked.items() if name not in left_out}
-        after = {
-            name: math.fsum(of.get((metric, attack, level), 0.0) for level in shared) for name, of in known.items()
-        }
+        after = {name: math.fsum(of[metric, attack, level] for level in shared) for name, of in known.items()}
         rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
         lower = tuple(name for name in after if warnings[name])
         predicted.append(
@@ -219,8 +217,8 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
-    """Return, by model name, the clean rows and the attack's rows that all runs with this attack have in common."""
-    of_attack = (pl.col("corruption") == attack) & pl.col("sample").is_in(list(samples))
+    """Return, by model name, the clean rows and the attack's rows that all runs with this attack measured."""
+    of_attack = (pl.col("corruption") == attack) & pl.col("sample").is_in(list(samples)) & MEASURED
     rows = {name: run.attack_rows.filter(of_attack) for name, run in runs.items()}
     attacked = {name: of_run for name, of_run in rows.items() if not of_run.is_empty()}
     return {
