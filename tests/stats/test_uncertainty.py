@@ -414,6 +414,14 @@ def test_the_interval_of_a_difference_is_symmetric():
     np.testing.assert_allclose(found["high"] - found["difference"], found["difference"] - found["low"])
 
 
+@pytest.mark.filterwarnings("error")
+def test_model_without_error_on_most_clean_images_is_compared_without_a_warning():
+    clean, corrupted = Truth().draw(np.random.default_rng(0), np.ones(14, int))
+    clean[1:] = 0
+    found = compare_rows(rows_of(clean, corrupted, corrupted), rows_of(clean, corrupted + 1, corrupted))
+    assert found.filter(metric="epe", corruption="average")["difference"].item() == pytest.approx(-1)
+
+
 def test_only_what_both_measured_is_compared():
     found = compare_rows(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
     assert set(found["corruption"]) == {"clean", "average", "fog"}

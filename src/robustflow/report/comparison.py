@@ -168,7 +168,7 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     about = (
         f"Intervals: {100 * frame['level'][0]:g} %, over {images} images; p is corrected for {len(pairs)} comparisons."
     )
-    remarks = (f"{about} A marked EPE is significantly lower.", note)
+    remarks = (about + " A marked EPE is significantly lower." * (frame["metric"][0] == "epe"), note)
     sections = {f"Average {metric_label(frame['metric'][0])}": pairs}
     return _table("pairs", "Every two models", ("first", "second"), sections, remarks, "Models", frame)
 

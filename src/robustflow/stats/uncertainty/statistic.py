@@ -48,7 +48,8 @@ class Estimates:
     seen: npt.NDArray[np.bool_]
 
     def __sub__(self, other: Estimates) -> Estimates:
-        return self._joined(other, self.theta - other.theta, self.slopes, -other.slopes)
+        with np.errstate(invalid="ignore"):
+            return self._joined(other, self.theta - other.theta, self.slopes, -other.slopes)
 
     def __truediv__(self, other: Estimates) -> Estimates:
         with np.errstate(divide="ignore", invalid="ignore"):
