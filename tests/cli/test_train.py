@@ -87,6 +87,7 @@ def test_the_command_after_training_repeats_the_options_of_the_model(robustflow,
     assert "iterations: none instead of 12" in robustflow.prints(
         "train", "my.nets:Net", "--like", "raft", "--recipe", "kitti", "-d", tmp_path, "--plan"
     )
+    assert "--like:" in robustflow.refuses("train", "my.nets:Net", "--recipe", "kitti")
     train = ("train", "my.nets:Net", "--like", "tiny", "--recipe", "shapes")
     command = shlex.split(robustflow.prints(*train, *given, "-o", tmp_path).partition("measure it with: ")[2])
     assert command == ["robustflow", "run", "--model", "my.nets:Net", *given, "--checkpoint", f"{tmp_path}/last.pth"]

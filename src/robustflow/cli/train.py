@@ -81,6 +81,8 @@ def train(
         raise UsageError(
             "--iterations", f"not an option of {method}; omit it, or give an option of your network with -O"
         )
+    if like is None and is_own(method):
+        raise UsageError("--like", f"give the method whose recipe trains {method}, for example raft")
     original = load_recipe(like or method, recipe)
     chosen = original.changed(
         method=method if like else None,
