@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from functools import partial
+from importlib import import_module, invalidate_caches
 
 import cv2
 import numpy as np
@@ -106,6 +107,23 @@ def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatc
     (tmp_path / "mine_for_test.py").write_text(source.format(2))
     again = partial(rf.evaluate, "mine_for_test:flow", output=tmp_path / "run", **SMALLEST)
     assert "model" in str(refusal(again, RunError, tmp_path / "run"))
+
+
+def test_an_object_of_an_edited_class_does_not_get_the_rows_of_the_old_one(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    source = (
+        "import numpy as np\n\n\nclass Mine:\n    def predict(self, a, b):\n"
+        "        return np.full((*a.shape[:2], 2), {} * (a.std() < 40), np.float32)\n"  # zero on the clean pair
+    )
+    monkeypatch.chdir(tmp_path)
+    means = []
+    for value in (1, 20):  # of different length, because Python compares it with that of the compiled file
+        monkeypatch.delitem(sys.modules, "mine_as_object", raising=False)
+        (tmp_path / "mine_as_object.py").write_text(source.format(value))
+        invalidate_caches()
+        mine = import_module("mine_as_object").Mine
+        means.append(rf.evaluate(mine(), corruptions=["contrast"], severities=[5]).epe)
+    assert means[0] != means[1]
 
 
 def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path):

@@ -28,16 +28,17 @@ _STANDARD = Path(os.__file__).parent
 
 
 def source_digest(made: Any) -> str:
-    """Return a hash of a class's or object's attributes and source, as 16 hexadecimal digits: the files of the class
-    and its base classes, and every module of the same folder or package that they import. Of a script or session, only
-    the class counts, with the values and functions that it uses. With a property `source`, attributes that a later run
-    could not recognise are left out.
+    """Return a hash of the source of a class or function, or of an object's attributes and class, as 16 hexadecimal
+    digits: the files of the class and its base classes, and every module of the same folder or package that they
+    import. Of a script or session, only the class counts, with the values and functions that it uses. With a property
+    `source`, attributes that a later run could not recognise are left out.
     """
-    kind = made if inspect.isclass(made) else type(made)
+    is_code = inspect.isclass(made) or inspect.isfunction(made)
+    kind = made if is_code else type(made)
     digest = hashlib.blake2b(digest_size=8)
     for text in sorted(_sources(kind)):
         digest.update(hashlib.sha256(text).digest())
-    if not inspect.isclass(made):
+    if not is_code:
         named = called(kind.__name__, "source", lambda: getattr(made, "source", ""))
         seen: set[Any] = set()
         state = _attributes(made)
@@ -50,9 +51,9 @@ def source_digest(made: Any) -> str:
     return digest.hexdigest()
 
 
-def _sources(kind: type[Any]) -> Iterator[bytes]:
+def _sources(kind: Any) -> Iterator[bytes]:
     seen: set[str] = set()
-    for base in kind.__mro__:
+    for base in getattr(kind, "__mro__", (kind,)):
         top = base.__module__.partition(".")[0]
         module = sys.modules.get(base.__module__)
         path = Path(getattr(module, "__file__", None) or "")

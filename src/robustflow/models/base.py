@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..core.errors import ModelError, RobustFlowError, class_and_message, first_line
 from ..core.plugins import working_folder_kept
+from ..core.source_digest import source_digest
 from ..core.types import Flow, Frame, unmasked
 from .devices import traceback_hint
 
@@ -96,7 +98,8 @@ AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
 
 
 def model_identity(model: Any) -> dict[str, Any]:
-    """Return the model's part of a run's identity, or its class name if it does not define an identity."""
+    """Return the model's part of a run's identity; if it defines none, the name of its class or function, and its
+    source if that is a file."""
     if hasattr(model, "identity"):
         identity = model.identity()
         if not isinstance(identity, Mapping):
@@ -111,7 +114,10 @@ def model_identity(model: Any) -> dict[str, Any]:
         named: dict[str, Any] = json.loads(text)
         return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
-    return {"object": f"{kind.__module__}.{kind.__qualname__}"}
+    is_code = inspect.isclass(kind) or inspect.isfunction(kind)
+    has_file = is_code and kind.__module__ != "__main__" and "<locals>" not in kind.__qualname__
+    source = {"source": source_digest(kind)} if has_file else {}
+    return {"object": f"{kind.__module__}.{kind.__qualname__}", **source}
 
 
 def given_name(model: Any) -> str | None:
