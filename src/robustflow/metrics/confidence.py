@@ -113,9 +113,8 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
 
 def _bilinear(field: Values, x: Values, y: Values) -> Values:
     """Interpolate a field (H, W, 2) bilinearly at points inside the field."""
-    left = np.minimum(x.astype(np.int64), max(field.shape[1] - 2, 0))
-    top = np.minimum(y.astype(np.int64), max(field.shape[0] - 2, 0))
-    right, below = np.minimum(left + 1, field.shape[1] - 1), np.minimum(top + 1, field.shape[0] - 1)
+    left, top = x.astype(np.int64), y.astype(np.int64)
+    right, below = np.ceil(x).astype(np.int64), np.ceil(y).astype(np.int64)  # NaN beside a point does not affect it
     across, down = (x - left)[:, None], (y - top)[:, None]
     upper = field[top, left] * (1 - across) + field[top, right] * across
     lower = field[below, left] * (1 - across) + field[below, right] * across
