@@ -186,8 +186,8 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
     runs = [line for line in cells if line.run is not None]
     if any(cell.best for cell in every):
         yield (
-            "Bold: lowest value among models in the same setting on the same frames; of runs, only the EPE, because a "
-            "flow that is too short has a low CRE, CREr and RCRE."
+            "Bold: lowest value among learned models in the same setting on the same frames; of runs, only the EPE, "
+            "because a flow that is too short has a low CRE, CREr and RCRE."
         )
     if any(GROUP in of_line for of_line in cells.values()):
         yield (

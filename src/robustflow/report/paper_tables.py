@@ -30,7 +30,7 @@ from .table import Column, Row, Table, TableCell, Wanted, full_note, seed_row, w
 PAPER_TABLES = {"epe": "epe", "cre": "cre", "rcre": "rcre", "gopro-rcre": "rcre"}
 """The tables of a metric by corruption, with the metric. Two are of RCRE: one for benchmarks without ground truth."""
 
-_BEST = "Bold: lowest value among models in the same setting on the same frames."
+_BEST = "Bold: lowest value among learned models in the same setting on the same frames."
 _SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these pixels."
 
 
