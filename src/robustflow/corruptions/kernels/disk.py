@@ -109,11 +109,11 @@ def _work_arrays(parts: DiskParts, n: int) -> tuple[npt.NDArray[Any], ...]:
     window = 2 * (len(parts.widths) + g) - 1
     sums = np.empty((window, n + 3 * window), np.int32)
     disk = np.empty(n + 6 * g, np.int32)
-    disks = np.empty((2 * g + 1, disk.size), np.float32)
+    rows = np.zeros((2 * g + 1, disk.size + n), np.float32)  # sums over the disk, and the columns of the rim
+    blurred = np.empty(rows.shape[1], np.float32)
     tallest = int(parts.rim[:, 1::2].max()) + 2 if len(parts.rim) else 0
     columns = np.zeros((tallest, sums.shape[1]), np.int32)
-    sides = np.zeros((2 * g + 1, n), np.float32)
-    return sums, disk, disks, columns, sides, np.empty(disk.size, np.float32), np.empty(n, np.float32)
+    return sums, disk, rows, columns, blurred, blurred[: disk.size], blurred[disk.size :]
 
 
 @inner
@@ -137,28 +137,18 @@ def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
     l0, r0 = _U(3 * (middle - widths[0])), _U(3 * (middle + widths[0] + 1))
     for i in range(n):
         total[i] = np.int32(ring[a, r0 + i] - ring[a, l0 + i])
-    dy = 1
-    while dy < len(widths):
+    for dy in range(1, len(widths), 2):
+        more = np.minimum(dy + 1, len(widths) - 1)
         a, b = _U((y - dy) % window), _U((y + dy) % window)
+        c, d = _U((y - more) % window), _U((y + more) % window)
         l0, r0 = _U(3 * (middle - widths[dy])), _U(3 * (middle + widths[dy] + 1))
-        if dy + 1 == len(widths):
-            for i in range(n):
-                first = np.int32(
-                    np.int32(ring[a, r0 + i] - ring[a, l0 + i]) + np.int32(ring[b, r0 + i] - ring[b, l0 + i])
-                )
-                total[i] = np.int32(total[i] + first)
-        else:
-            c, d = _U((y - dy - 1) % window), _U((y + dy + 1) % window)
-            l1, r1 = _U(3 * (middle - widths[dy + 1])), _U(3 * (middle + widths[dy + 1] + 1))
-            for i in range(n):
-                first = np.int32(
-                    np.int32(ring[a, r0 + i] - ring[a, l0 + i]) + np.int32(ring[b, r0 + i] - ring[b, l0 + i])
-                )
-                second = np.int32(
-                    np.int32(ring[c, r1 + i] - ring[c, l1 + i]) + np.int32(ring[d, r1 + i] - ring[d, l1 + i])
-                )
-                total[i] = np.int32(total[i] + np.int32(first + second))
-        dy += 2
+        l1, r1 = _U(3 * (middle - widths[more])), _U(3 * (middle + widths[more] + 1))
+        if more == dy:
+            l1 = r1
+        for i in range(n):
+            first = np.int32(np.int32(ring[a, r0 + i] - ring[a, l0 + i]) + np.int32(ring[b, r0 + i] - ring[b, l0 + i]))
+            second = np.int32(np.int32(ring[c, r1 + i] - ring[c, l1 + i]) + np.int32(ring[d, r1 + i] - ring[d, l1 + i]))
+            total[i] = np.int32(total[i] + np.int32(first + second))
 
 
 @inner
@@ -234,28 +224,27 @@ def _convolve(
     """Compute the strip of columns that starts at value `left` of each row; `lines` and `pixels` are the rows and the
     starts of the pixels that it needs.
     """
-    sums, disk, disks, columns, sides, down, total = work
+    sums, disk, rows, columns, blurred, down, total = work
     n, g, window = _U(total.size), len(taps) - 1, len(sums)
     reach = window // 2
-    for y in range(-reach, reach - 2 * g):
-        _running_sums(source, lines[y + reach], pixels, sums, y % window)
-    for y in range(-2 * g, out.shape[0]):
-        ahead = y + g
+    for y in range(-2 * reach, out.shape[0]):
         _running_sums(source, lines[y + 2 * reach], pixels, sums, (y + reach) % window)
+        if y < -2 * g:
+            continue
+        ahead = y + g
         _sum_disk(sums, ahead, widths, reach - g, disk)
-        row = _U(ahead % len(disks))
-        for i in range(_U(disk.size)):
-            disks[row, i] = np.float32(disk[i])
+        row = rows[ahead % len(rows)]
+        for i in range(disk.size):
+            row[i] = np.float32(disk[i])
         if len(rim) > 0:
-            side = sides[row]
+            side = row[disk.size :]
             for i in range(n):
                 side[i] = 0
             _add_rim_columns(sums, ahead, rim, rim_weights, reach, columns, side)
         if y < 0:
             continue
-        _weigh(disks, y, taps, down)
+        _weigh(rows, y, taps, blurred)
         _add_rim_rows(sums, y, rim, rim_weights, reach - g, down)
-        _weigh(sides, y, taps, total)
         for j in range(g + 1):
             a, b = down[3 * (g - j) :], down[3 * (g + j) :]  # slices, without which this loop takes twice as long
             tap = taps[j] if j > 0 else taps[j] * np.float32(0.5)
