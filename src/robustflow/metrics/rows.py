@@ -21,9 +21,9 @@ import polars as pl
 from ..core.compiled import njit_late
 from ..core.errors import DataError
 from ..core.types import Flow, Sample
-from .error_maps import ERRORS_TYPE, FLOW_TYPE, WAUC_UNIT, dense, flow_array, flow_pair, is_fl_outlier, wauc_points
+from .error_maps import WAUC_UNIT, dense, flow_array, flow_pair, is_fl_outlier, wauc_points
 from .photometric import photometric
-from .regions import LABELS, LABELS_TYPE, MEMBERS, OUTSIDE, REGIONS, Regions
+from .regions import LABELS, MEMBERS, OUTSIDE, REGIONS, Regions
 
 CLEAN = "clean"
 """Corruption name in the rows of clean frames; their severity is 0."""
@@ -250,7 +250,9 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
         arrays = dense(a, b, regions.labels, flow_array(truth), regions.magnitude)
     counts, totals = np.empty(len(_COUNTS) + 1, np.int64), np.empty(len(_TOTALS))
     label_counts, label_totals = np.zeros((2, LABELS), np.int64), np.zeros((3, LABELS))
-    _sums(*arrays, counts, totals, label_counts, label_totals)
+    pixels = [array.reshape(-1, *array.shape[2:]) for array in arrays]
+    _sums(*pixels, counts, totals, label_counts, label_totals)
+    counts[2:4] = label_counts.sum(axis=1)
     *counted, points = counts.tolist()
     sums: dict[str, int | float] = dict(zip((*_COUNTS, *_TOTALS), (*counted, *totals.tolist()), strict=True))
     if regions is None:
@@ -265,9 +267,12 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
     return sums
 
 
+_VECTORS = "Array(float32, 2, 'C', readonly=True)"
+
+
 @njit_late(
-    f"void({FLOW_TYPE}, {FLOW_TYPE}, {LABELS_TYPE}, {FLOW_TYPE}, {ERRORS_TYPE}, "
-    "int64[::1], float64[::1], int64[:, ::1], float64[:, ::1])",
+    f"void({_VECTORS}, {_VECTORS}, Array(uint8, 1, 'C', readonly=True), {_VECTORS}, "
+    "Array(float64, 1, 'C', readonly=True), int64[::1], float64[::1], int64[:, ::1], float64[:, ::1])",
     cache=True,
 )
 def _sums(
@@ -281,48 +286,44 @@ def _sums(
     label_counts: Any,
     label_totals: Any,
 ) -> None:
-    n_invalid, n_all, n_valid, fl, px1, px3, px5, points = 0, 0, 0, 0, 0, 0, 0, 0
+    n_invalid, n_all, px1, px3, px5, points = 0, 0, 0, 0, 0, 0
     moved_all, length_all, errors, moved_valid, magnitudes, before_all = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for y in range(labels.shape[0]):
-        for x in range(labels.shape[1]):
-            u, v = np.float64(pred[y, x, 0]), np.float64(pred[y, x, 1])
-            length_square = u * u + v * v
-            if not math.isfinite(length_square):
-                n_invalid += 1
-            clean_u, clean_v = np.float64(clean[y, x, 0]), np.float64(clean[y, x, 1])
-            du, dv = u - clean_u, v - clean_v
-            moved_square = du * du + dv * dv
-            if not math.isfinite(moved_square):
-                continue
-            moved = math.sqrt(moved_square)
-            n_all += 1
-            moved_all += moved
-            length_all += math.sqrt(length_square)
-            label = labels[y, x]
-            if label == OUTSIDE:
-                continue
-            true_u, true_v = np.float64(truth[y, x, 0]), np.float64(truth[y, x, 1])
-            du, dv = u - true_u, v - true_v
-            error = math.sqrt(du * du + dv * dv)
-            du, dv = clean_u - true_u, clean_v - true_v
-            before = math.sqrt(du * du + dv * dv)
-            outlier = is_fl_outlier(error, magnitude[y, x])
-            n_valid += 1
-            fl += outlier
-            px1 += error > 1.0
-            px3 += error > 3.0
-            px5 += error > 5.0
-            points += wauc_points(error)
-            errors += error
-            moved_valid += moved
-            magnitudes += magnitude[y, x]
-            before_all += before
-            label_counts[0, label] += 1
-            label_counts[1, label] += outlier
-            label_totals[0, label] += error
-            label_totals[1, label] += moved
-            label_totals[2, label] += before
-    counts[0], counts[1], counts[2], counts[3] = n_invalid, n_all, n_valid, fl
-    counts[4], counts[5], counts[6], counts[7] = px1, px3, px5, points
+    for i in range(labels.size):
+        u, v = np.float64(pred[i, 0]), np.float64(pred[i, 1])
+        length_square = u * u + v * v
+        if not math.isfinite(length_square):
+            n_invalid += 1
+        clean_u, clean_v = np.float64(clean[i, 0]), np.float64(clean[i, 1])
+        du, dv = u - clean_u, v - clean_v
+        moved_square = du * du + dv * dv
+        if not math.isfinite(moved_square):
+            continue
+        moved = math.sqrt(moved_square)
+        n_all += 1
+        moved_all += moved
+        length_all += math.sqrt(length_square)
+        label = labels[i]
+        if label == OUTSIDE:
+            continue
+        true_u, true_v = np.float64(truth[i, 0]), np.float64(truth[i, 1])
+        du, dv = u - true_u, v - true_v
+        error = math.sqrt(du * du + dv * dv)
+        du, dv = clean_u - true_u, clean_v - true_v
+        before = math.sqrt(du * du + dv * dv)
+        outlier = is_fl_outlier(error, magnitude[i])
+        px1 += error > 1.0
+        px3 += error > 3.0
+        px5 += error > 5.0
+        points += wauc_points(error)
+        errors += error
+        moved_valid += moved
+        magnitudes += magnitude[i]
+        before_all += before
+        label_counts[0, label] += 1
+        label_counts[1, label] += outlier
+        label_totals[0, label] += error
+        label_totals[1, label] += moved
+        label_totals[2, label] += before
+    counts[0], counts[1], counts[4], counts[5], counts[6], counts[7] = n_invalid, n_all, px1, px3, px5, points
     totals[0], totals[1], totals[2] = moved_all, length_all, errors
     totals[3], totals[4], totals[5] = moved_valid, magnitudes, before_all
