@@ -98,7 +98,11 @@ class _Compiled:
 
 
 def njit(**options: Any) -> Callable[[Function], Any]:
-    """Apply `numba.njit`, which compiles a function on its first call."""
+    """Apply `numba.njit`, which compiles a function on its first call.
+
+    Functions compile faster if they get their work arrays as arguments, and if they call `np.minimum` instead of `min`:
+    numba compiles `np.empty` and `min` separately for each type.
+    """
     return lambda function: _Compiled(function, lambda: _dispatcher(function, options))
 
 

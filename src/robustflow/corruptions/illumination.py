@@ -120,5 +120,5 @@ def _look_up(source: Any, table: Any, out: Any) -> None:
         s, o = source[y], out[y]
         for x in range(s.shape[0]):
             r, g, b = s[x, 0], s[x, 1], s[x, 2]
-            row = table[max(r, max(g, b))]
+            row = table[np.maximum(r, np.maximum(g, b))]
             o[x, 0], o[x, 1], o[x, 2] = row[r], row[g], row[b]

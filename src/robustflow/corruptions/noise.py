@@ -110,8 +110,8 @@ def _add_noise(source: Any, table: Any, key: Any, work: Any, out: Any) -> None:
             primary = np.int32(e & np.uint32(511))
             alias = np.int32((e >> np.uint32(9)) & np.uint32(511))
             below = (e >> np.uint32(18)) > ((lanes[i] >> np.uint32(9)) & np.uint32(16383))
-            value = np.int32(s[i]) + (primary if below else alias) - np.int32(255)
-            o[i] = min(max(value, np.int32(0)), np.int32(255))
+            value = np.int32(np.int32(s[i]) + (primary if below else alias) - np.int32(255))
+            o[i] = np.minimum(np.maximum(value, np.int32(0)), np.int32(255))
 
 
 class ShotNoise(Noise):

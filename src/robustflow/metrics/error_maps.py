@@ -58,7 +58,7 @@ def wauc_points(error: Any) -> Any:
     """Return the WAUC of one pixel, in units of 1 / `WAUC_UNIT`."""
     if error > WAUC_STEPS / WAUC_PER_PIXEL:
         return 0
-    k = max(1, math.ceil(error * WAUC_PER_PIXEL))
+    k = np.maximum(1, math.ceil(error * WAUC_PER_PIXEL))
     # For an error just above a threshold, the product may be rounded down to the threshold.
     if error > k / WAUC_PER_PIXEL:
         k += 1

@@ -53,13 +53,12 @@ def photometric(frame1: Frame, frame2: Frame, flow: Flow, step: int = 1) -> Phot
 def _compare(frame1: Any, frame2: Any, flow: Any, step: Any, columns: Any, errors: Any, sums: Any) -> None:
     """Compare the frames; `columns` is filled with frame 2: a pixel in the low 32 bits, the one below in the high."""
     height, width = frame2.shape[0], frame2.shape[1]
-    for y in range(height):
+    for y in range(height - 1, -1, -1):
         for x in range(width):
-            columns[y, x] = np.int64(frame2[y, x, 0]) + frame2[y, x, 1] + frame2[y, x, 2]
+            here = np.int64(frame2[y, x, 0]) + frame2[y, x, 1] + frame2[y, x, 2]
+            below = columns[y + 1, x] & 0xFFFFFFFF if y + 1 < height else here
+            columns[y, x] = here | below << 32
         columns[y, width] = columns[y, width - 1]
-    for y in range(height):
-        for x in range(width + 1):
-            columns[y, x] |= columns[min(y + 1, height - 1), x] << 32
     n, total, still = 0, 0, 0
     for row in range(errors.shape[0]):
         y = row * step

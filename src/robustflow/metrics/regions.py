@@ -62,8 +62,8 @@ def edge_distance(edges: Mask) -> Errors:
 def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: Any) -> Any:
     du = np.float64(flow[y0, x0, 0]) - np.float64(flow[y1, x1, 0])
     dv = np.float64(flow[y0, x0, 1]) - np.float64(flow[y1, x1, 1])
-    longer = max(magnitude[y0, x0], magnitude[y1, x1])
-    return math.sqrt(du * du + dv * dv) > gap * max(EDGE_PIXELS, EDGE_SHARE * longer)
+    jump, longer = math.sqrt(du * du + dv * dv), np.maximum(magnitude[y0, x0], magnitude[y1, x1])
+    return jump > gap * EDGE_PIXELS and jump > gap * (EDGE_SHARE * longer)
 
 
 @njit_late(f"void({FLOW_TYPE}, {ERRORS_TYPE}, {MASK_TYPE}, int64[::1], boolean[:, ::1])", cache=True)
@@ -95,7 +95,6 @@ MEMBERS: dict[str, npt.NDArray[np.int64]] = {
     name: part.ravel()
     for name, part in zip(REGIONS, (*_GRID, *_GRID.transpose(1, 0, 2), *_GRID.transpose(2, 0, 1)), strict=True)
 }
-LABELS_TYPE = "Array(uint8, 2, 'C', readonly=True)"
 
 
 @dataclass(frozen=True, eq=False)

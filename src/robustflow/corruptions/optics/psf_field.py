@@ -105,8 +105,8 @@ def _rotate(stack: Any, dx: Any, dy: Any, corner: float, at_distance: Any, out: 
     for p in range(dx.size):
         distance = np.sqrt(dx[p] * dx[p] + dy[p] * dy[p])
         cosine, sine = (dy[p] / distance, dx[p] / distance) if distance > 0.0 else (1.0, 0.0)
-        place = min(distance / corner, 1.0) * (fields - 1)
-        lower = min(np.int64(place), fields - 2)
+        place = np.minimum(distance / corner, 1.0) * (fields - 1)
+        lower = np.minimum(np.int64(place), fields - 2)
         share = place - lower
         for colour in range(colours):
             for row in range(size):

@@ -130,7 +130,7 @@ def _split(image: Any, channel: Any, t: Any, sign: Any, rows: Any, lines: Any) -
     """Store x + y, y and x of complex pixels, upright and flipped."""
     for block in range(image.shape[1]):
         begin = block * BLOCK
-        for i in range(min(BLOCK, rows - begin)):
+        for i in range(np.minimum(BLOCK, rows - begin)):
             x, y = image[channel, block, t, 0, i], sign * image[channel, block, t, 1, i]
             up, down = np.uint64(begin + i), np.uint64(rows - 1 - begin - i)
             lines[0, 0, up] = lines[1, 0, down] = x + y
@@ -143,7 +143,7 @@ def _join(halves: Any, height: Any, sign: Any, channel: Any, t: Any, out: Any) -
     """Add the upright and the flipped half, and store i times the conjugate of the sum, times `sign`."""
     for block in range(out.shape[1]):
         begin = block * BLOCK
-        for i in range(min(BLOCK, height - begin)):
+        for i in range(np.minimum(BLOCK, height - begin)):
             up, down = np.uint64(begin + i), np.uint64(height - 1 - begin - i)
             out[channel, block, t, 0, i] = sign * (halves[0, 1, up] + halves[1, 1, down])
             out[channel, block, t, 1, i] = halves[0, 0, up] + halves[1, 0, down]

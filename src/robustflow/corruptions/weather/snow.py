@@ -66,7 +66,8 @@ class Snow(Corruption):
         flakes = np.empty((round(rows * level.zoom), round(columns * level.zoom)), np.uint16)
         places = _linear_positions(len(flakes), rows), _linear_positions(flakes.shape[1], columns)
         work = np.zeros((2, columns), np.float32)
-        _enlarge(field, level.mean, level.deviation * UNIT, level.threshold, *places, *work, flakes)
+        levels = (level.mean, level.deviation * UNIT, max(level.threshold, 0.0))
+        _enlarge(field, *(np.float32(value * 65280) for value in levels), *places, *work, flakes)
         layer = move_plane(flakes, state.motion)
         out = np.empty((height, 3 * width), np.uint8)
         veils = np.empty((2, 3 * width), np.float32)
@@ -85,15 +86,14 @@ def _linear_positions(long: int, short: int) -> tuple[npt.NDArray[np.uint32], np
 
 @njit(cache=True, nogil=True)
 def _enlarge(
-    field: Any, mean: float, unit: float, threshold: float, rows: Any, columns: Any, row: Any, slope: Any, out: Any
+    field: Any, offset: Any, scale: Any, floor: Any, rows: Any, columns: Any, row: Any, slope: Any, out: Any
 ) -> None:
-    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]."""
+    """Zoom `offset + scale * field` bilinearly, set values below `floor` to zero, and clip to 65280."""
     (top, down), (left, along) = rows, columns
     last = field.shape[0] - 1, field.shape[1] - 1
-    full, floor = np.float32(65280), np.float32(max(threshold, 0.0) * 65280)
-    offset, scale = np.float32(mean * 65280), np.float32(unit * 65280)
+    full = np.float32(65280)
     for y in range(out.shape[0]):
-        a, b, t = field[top[y]], field[min(top[y] + 1, last[0])], down[y]
+        a, b, t = field[top[y]], field[np.minimum(top[y] + 1, last[0])], down[y]
         for j in range(row.size):
             low, high = np.float32(a[j]), np.float32(b[j])
             row[j] = offset + scale * (low + t * (high - low))

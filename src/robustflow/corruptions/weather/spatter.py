@@ -149,12 +149,12 @@ def _sweep(distance: Any, far: int, above: Any, line: Any) -> None:
         one, two = above[(y + 1) % 2], above[y % 2]
         for x in range(width):
             straight = np.int32(one[x + 2] + _STRAIGHT)
-            diagonal = np.int32(min(one[x + 1], one[x + 3]) + _DIAGONAL)
-            knight = np.int32(min(min(one[x], one[x + 4]), min(two[x + 1], two[x + 3])) + _KNIGHT)
-            line[x] = min(min(straight, diagonal), knight)
+            diagonal = np.int32(np.minimum(one[x + 1], one[x + 3]) + _DIAGONAL)
+            knights = np.minimum(np.minimum(one[x], one[x + 4]), np.minimum(two[x + 1], two[x + 3]))
+            line[x] = np.minimum(np.minimum(straight, diagonal), np.int32(knights + _KNIGHT))
         row = distance[y]
         left = np.int32(far)
         for x in range(width):
-            left = np.int32(min(min(row[x], line[x]), np.int32(left + _STRAIGHT)))
+            left = np.minimum(np.minimum(row[x], line[x]), np.int32(left + _STRAIGHT))
             row[x] = left
             two[x + 2] = left
