@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import robustflow as rf
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.media.images import write_image
@@ -18,23 +16,9 @@ from robustflow.testing import TexturePairs
 
 from ..made_rows import made_run
 from ..shared_data import shared_folder
-from .stripes import Stripes
+from .own import Stripes, brightness_flow, partly_invalid_flow
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
-
-
-def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """A flow that depends on every pixel of both frames, computed with integer arithmetic only."""
-    u = -(frame1.astype(np.int32).sum(axis=2) // 8)
-    v = (frame2.astype(np.int32).sum(axis=2) - frame1.astype(np.int32).sum(axis=2)) // 16
-    return np.stack([u, v], axis=2).astype(np.float32)
-
-
-def partly_invalid_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """`brightness_flow` without values where the first frame is bright."""
-    flow = brightness_flow(frame1, frame2)
-    flow[frame1[..., 0] > 200] = np.nan
-    return flow
 
 
 @dataclass(frozen=True)
