@@ -1,6 +1,8 @@
 """Run the command line in this process."""
 
+import os
 import sys
+from unittest.mock import patch
 
 import pytest
 
@@ -20,7 +22,8 @@ class CommandLine:
 
         self._monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
         try:
-            main()
+            with patch.dict(os.environ):  # a command sets variables for its child processes
+                main()
             code = 0
         except SystemExit as stop:
             code = int(stop.code or 0)

@@ -8,11 +8,13 @@ preceding line says otherwise:
     <!-- torch -->             the block needs the extra torch; may be combined with another mark, separated by a comma
 """
 
+import os
 import re
 import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -125,7 +127,7 @@ class Reader:
             if "--limit" in words:
                 words[words.index("--limit") + 1] = "1"
         self._patch.setattr(sys, "argv", words)
-        with pytest.raises(SystemExit) as stop:
+        with patch.dict(os.environ), pytest.raises(SystemExit) as stop:
             main()
         captured = self._capsys.readouterr()
         assert stop.value.code in (0, None), f"{' '.join(words)}: {captured.err}"
