@@ -47,7 +47,7 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.run.displacement": {"keep_displacement": "displacements"},
     "robustflow.report.gallery.panel": {"draw_panel": "pictures: panels"},
     "robustflow.report.gallery.examples": {"write_examples": "pictures: rest"},
-    "robustflow.report.site.page": {"write_report": "page"},
+    "robustflow.report.site.page": {"draw_figures": "page: figures", "write_report": "page: rest"},
     "robustflow.cli.tables": {"print_result": "table"},
 }
 """The timed functions: module -> function -> name in the report, as a format string for the function's arguments."""
@@ -133,7 +133,8 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
     hook.mkdir(parents=True, exist_ok=True)
     (hook / "sitecustomize.py").write_text(Path(__file__).read_text())
     caches = {"XDG_CACHE_HOME": "cache", "MPLCONFIGDIR": "matplotlib", "NUMBA_CACHE_DIR": "numba"}
-    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")} | {
+    ignored = ("_NUM_THREADS", "PYTHONDONTWRITEBYTECODE")  # an installed package has been compiled to bytecode
+    environment = {name: value for name, value in os.environ.items() if not name.endswith(ignored)} | {
         "PYTHONPATH": f"{hook}{os.pathsep}{source}",
         REPORTS: str(reports),
         "ROBUSTFLOW_CACHE": str(folder / "cache"),
