@@ -158,8 +158,8 @@ def fair_limits(
     room: float = 0.08,
 ) -> tuple[float, float]:
     """Choose the limits of a linear axis so that small differences do not look large: the span is at least the larger
-    of `least` and a quarter of the largest value. The `ends` of intervals extend it on
-    each side by at most the largest value or the span of the values.
+    of `least` and a quarter of the largest value. The `ends` of intervals extend it on each side by at most the largest
+    value or the span of the values.
 
     >>> fair_limits([2.5, 2.75], room=0)
     (2.125, 3.125)
