@@ -143,7 +143,7 @@ def test_intervals_of_independent_images_have_the_stated_coverage(clusters, seed
 @pytest.mark.parametrize(("clusters", "seed"), [(5, 20), (10, 21), (20, 22), (40, 23)])
 def test_intervals_of_clustered_images_have_the_stated_coverage(clusters, seed):
     found = _interval_coverage(Truth(spread=0.4, within=0.4), clusters, images=20, repeats=1500, seed=seed)
-    assert all(LOW <= value <= HIGH + 1 for value in found.values()), found
+    assert all(LOW <= value <= HIGH + (clusters == 5) for value in found.values()), found
 
 
 @pytest.mark.slow
