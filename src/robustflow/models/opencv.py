@@ -73,15 +73,21 @@ class Dis:
         """Predict a flow as in `FlowModel.predict`."""
         check_pair(frame1, frame2)
         height, width = frame1.shape[:2]
-        if min(height, width) < 8 or max(height, width) < 12:
-            raise ModelError(f"{height}x{width}", "dis needs frames of at least 8x12 pixels; use model dis_rgb")
+        # A new object for each pair; otherwise DIS would start from the previous flow.
+        method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
+        least = _least_height(width, method.getFinestScale())
+        if width < 8 or height < least:
+            why = f"too small for preset {self._preset} of dis, which needs {least} rows at this width, and 8 columns"
+            raise ModelError(f"{height}x{width}", f"{why}; use model dis_rgb")
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
-            # A new object for each pair; otherwise DIS would start from the previous flow.
-            method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
-            try:
-                flow = method.calc(grey1, grey2, None)
-            except cv2.error:  # OpenCV chooses the number of levels for the width, and the height becomes zero
-                message = "the pyramid of dis is too deep for the shorter side of such frames; use model dis_rgb"
-                raise ModelError(f"{height}x{width}", message) from None
+            flow = method.calc(grey1, grey2, None)
         return np.asarray(flow, np.float32)
+
+
+def _least_height(width: int, finest: int) -> int:
+    """Return the smallest height that OpenCV's DIS can process. If a frame has no room for the preset's finest scale,
+    the coarsest scale depends on the width alone, log2(width / 20), and may have no room for a patch of 8 pixels: then
+    OpenCV reads outside of the frame. Below 12 pixels on both sides, it refuses.
+    """
+    return max(8 if width >= 12 else 12, 8 << min(finest, max(0, (width // 20).bit_length() - 1)))
