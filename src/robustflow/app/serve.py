@@ -29,6 +29,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ..core.errors import UsageError
+from ..core.output import echo
 from ..models import ModelSpec
 from .pairs import Models, SourceStore
 from .prediction_queue import PredictionQueue
@@ -145,7 +146,7 @@ def serve(given: Sequence[ModelSpec], host: str | None = None, port: int | None 
             proxy_headers=False,
             timeout_graceful_shutdown=1,
         )
-        print(f"robustflow app: {address} (press Ctrl-C to stop)", flush=True)
+        echo(f"robustflow app: {address} (press Ctrl-C to stop)")
         if browser:
             threading.Timer(0.5, webbrowser.open, (_redirect(Path(uploads), address).as_uri(),)).start()
         try:

@@ -3,10 +3,10 @@
 from inspect import isroutine
 from typing import Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from ..core.errors import UsageError, unknown_name
+from ..core.output import echo
 from ..core.plugins import called, import_target, needed_options
 from ..core.text import plain
 
@@ -39,7 +39,7 @@ def check(
             )
         if kind in ("model", "dataset"):
             thing = called(target, "building it", thing)
-    typer.echo(f"{kind} '{plain(checks[kind](thing))}': all checks passed")
+    echo(f"{kind} '{plain(checks[kind](thing))}': all checks passed")
 
 
 def _kind(thing: Any) -> str:

@@ -8,6 +8,7 @@ from typer import Argument, Option
 
 from ..core.errors import UsageError
 from ..core.files import make_folder
+from ..core.output import echo
 from .options import FRAMES, depth_of, names, numbers, refuse_unused, shared
 
 
@@ -62,7 +63,7 @@ def corrupt(
             corrupted = corrupt_pair(*sample.frames, one, level, given["seed"], sample.key, **options)
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
-            typer.echo(str(folder))
+            echo(str(folder))
 
 
 def _check_machine() -> None:
@@ -73,8 +74,8 @@ def _check_machine() -> None:
     compared = [*compare_with_package(), *clips.compare_with_package()]
     for name, difference in compared:
         if difference:
-            typer.echo(f"{name}: {difference}")
+            echo(f"{name}: {difference}")
     same = sum(not difference for _, difference in compared)
-    typer.echo(f"{same} of {len(compared)} corruptions match the reference bytes on this machine")
+    echo(f"{same} of {len(compared)} corruptions match the reference bytes on this machine")
     if same < len(compared):
         raise typer.Exit(1)

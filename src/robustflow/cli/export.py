@@ -10,6 +10,7 @@ from typer import Argument, Option
 from ..core.display import ProgressBar
 from ..core.errors import UsageError, unknown_name
 from ..core.files import make_folder, write_bytes
+from ..core.output import echo
 from ..core.text import counted
 from .options import DATASET, FRAMES, MODEL, data_options, model_options, names, refuse_unused, run_arguments, shared
 
@@ -83,7 +84,7 @@ def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
     if given["severity_scale"] == "calibrated" and fewer:
         typer.echo(f"the calibrated scale lacks some severities of {', '.join(fewer)}", err=True)
     written = f"{fresh} written and {total - fresh} already present"
-    typer.echo(f"{output}: {counted(len(chosen.keys), 'pair')}; clean and corrupted copies: {written}")
+    echo(f"{output}: {counted(len(chosen.keys), 'pair')}; clean and corrupted copies: {written}")
 
 
 def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
@@ -104,7 +105,7 @@ def _export_run(context: typer.Context, path: Path, format: str, output: Path | 
     for target, data in files.items():
         make_folder(target.parent)
         write_bytes(target, data)
-        typer.echo(str(target))
+        echo(str(target))
 
 
 def _export_submission(path: Path, given: dict[str, Any]) -> None:
@@ -132,15 +133,15 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
         if one.moved is not None:
             moved.setdefault(one.condition, []).append(one.moved)
     fresh = sum(one.fresh for one in flows)
-    typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
+    echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
     if moved:
         means = robustness_means(moved)
         write_bytes(output / "results.csv", results_csv(robustspring_results(run, flows)).encode())
         write_bytes(output / "robustness.csv", robustness_csv(means).encode())
         epe, fl, px1 = means[AVERAGE][1]
-        typer.echo(
+        echo(
             f"change of the flow: {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over all "
             "pixels; the server takes about 0.1 % of them, in float16"
         )
     if missing := sum(not (output / flow).is_file() for flow in submitted()):
-        typer.echo(f"incomplete submission: {missing} of {len(list(submitted()))} flows are missing")
+        echo(f"incomplete submission: {missing} of {len(list(submitted()))} flows are missing")

@@ -11,6 +11,7 @@ from ..core.arguments import SEVERITIES, check_severity
 from ..core.display import ProgressBar
 from ..core.errors import UsageError
 from ..core.files import make_folder, write_bytes
+from ..core.output import echo
 from .options import depth_of, names, refuse_unused, shared
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _write(output: Path, files: dict[str, bytes]) -> None:
     make_folder(output)
     for name, data in files.items():
         write_bytes(output / name, data)
-        typer.echo(str(output / name))
+        echo(str(output / name))
 
 
 def _pair_files(

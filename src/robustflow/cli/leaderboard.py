@@ -8,6 +8,7 @@ from typer import Argument, Option
 
 from ..core.errors import RobustFlowError, UsageError
 from ..core.files import make_folder, write_bytes
+from ..core.output import echo
 from ..core.text import plain
 from .options import refuse_unused, shared
 
@@ -92,4 +93,4 @@ def leaderboard(
     write_bytes(output / "results.csv", results_csv(content.frame).encode())
     for run in runs:
         run.keep()
-    typer.echo(str(output / "index.html"))
+    echo(str(output / "index.html"))

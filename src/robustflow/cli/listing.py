@@ -9,6 +9,7 @@ from typer import Argument
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError, unknown_name
+from ..core.output import echo, stream
 from . import complete
 from .complete import KINDS
 
@@ -40,8 +41,8 @@ def listing(
         raise unknown_name("kind", kind, (*KINDS, "all"))
     for name in KINDS if kind == "all" else (kind,):
         if kind == "all":
-            typer.secho(f"\n{name}", bold=True)
-        typer.echo("\n".join(_published(search) if search else _LISTERS[name]()))
+            typer.secho(f"\n{name}", bold=True, file=stream())
+        echo("\n".join(_published(search) if search else _LISTERS[name]()))
 
 
 def _models() -> list[str]:

@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from typer.core import TyperCommand, TyperOption
 from .. import __version__
 from ..core.display import ignore_local_settings
 from ..core.errors import RobustFlowError, UsageError, plain_warning
+from ..core.output import results_only
 from ..core.paths import user_path
 from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
@@ -109,9 +111,14 @@ class _Command(TyperCommand):
                 raise UsageError(
                     option.opts[0], f"given {times} times; give it once, with commas between several values"
                 )
-        rest = super().parse_args(ctx, args)
+        with nullcontext() if values.get("help") else results_only():  # an option may import a user's module
+            rest = super().parse_args(ctx, args)
         ctx.params.update({name: _expanded(value) for name, value in ctx.params.items()})
         return rest
+
+    def invoke(self, ctx: Any) -> Any:
+        with results_only():
+            return super().invoke(ctx)
 
 
 def _expanded(value: Any) -> Any:

@@ -8,6 +8,7 @@ from typer import Option
 
 from ..core.errors import DataError, UsageError
 from ..core.files import make_folder, sealed, write_bytes, write_json
+from ..core.output import echo
 from .options import names, numbers, refuse_unused, shared
 
 app = typer.Typer(no_args_is_help=True)
@@ -37,19 +38,19 @@ def design(
     from ..corruptions.optics.render import render_psfs
 
     lens = search_lens(severity, seed, report=typer.echo)
-    typer.echo(f"found: {structure_line(lens)}")
+    echo(f"found: {structure_line(lens)}")
     if ship:
         ship_lens(severity, lens, render_psfs(lens))
-        typer.echo("saved in the package")
+        echo("saved in the package")
     elif seed == 0:
         _print_shipped("lens", lens_digest(lens) == manifest()[f"lens_s{severity}"])
     if given["output"] is not None:
         write_lens(lens, given["output"])
-        typer.echo(str(given["output"]))
+        echo(str(given["output"]))
 
 
 def _print_shipped(what: str, same: bool) -> None:
-    typer.echo(f"{'identical to' if same else 'differs from'} the shipped {what}")
+    echo(f"{'identical to' if same else 'differs from'} the shipped {what}")
 
 
 @app.command()
@@ -83,7 +84,7 @@ def show(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _Len
     for name, figure in figures.items():
         for suffix in (".png", ".pdf"):
             save_figure(figure, output / f"{name}{suffix}")
-            typer.echo(str(output / f"{name}{suffix}"))
+            echo(str(output / f"{name}{suffix}"))
 
 
 @app.command()
@@ -114,12 +115,12 @@ def render(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _L
         buffer = io.BytesIO()
         np.save(buffer, render_psfs(read_lens(lens)).stack, allow_pickle=False)
         write_bytes(output, buffer.getvalue())
-        typer.echo(str(output))
+        echo(str(output))
         return
     wrong = []
     for level in numbers(severity) or []:
         same = half_digest(halved(render_psfs(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
-        typer.echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
+        echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
         if not same:
             wrong.append(str(level))
     if wrong:
@@ -151,7 +152,7 @@ def calibrate(
     def show(name: str, result: CalibratedCorruption) -> None:
         low, high = result.reachable
         levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in result.levels)
-        typer.echo(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}")
+        echo(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}")
 
     corruptions, seed, output = names(given["corruptions"]), given["seed"], given["output"]
     table = measure(corruptions or calibratable(), reference_pictures(data), seed, draws, report=show)
@@ -159,6 +160,6 @@ def calibrate(
         if corruptions is not None and output.exists():
             table = merged_tables(read_table(output), table)
         write_json(output, sealed(table.model_dump(mode="json")))
-        typer.echo(str(output))
+        echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
         _print_shipped("table", all(shipped().corruptions.get(name) == one for name, one in table.corruptions.items()))

@@ -10,6 +10,7 @@ from typer import Argument, Option
 from ..core.display import ProgressBar
 from ..core.errors import UsageError
 from ..core.files import make_folder, write_bytes
+from ..core.output import echo
 from ..core.plugins import require
 from ..core.text import counted, plain
 from .options import data_options, keyword_options, numbers, refuse_unused, shared
@@ -42,17 +43,17 @@ def audit(
 
     audit = audit_published() if source is None else audit_results(read_results(source), str(source))
     if given["as_json"]:
-        typer.echo(audit.model_dump_json(indent=2))
+        echo(audit.model_dump_json(indent=2))
     else:
         for check, count in audit.checked.items():
             findings = [finding for finding in audit.findings if finding.check == check]
-            typer.echo(f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent")
+            echo(f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent")
             for finding in findings:
                 where = f"{finding.source}: " if finding.source else ""
-                typer.echo(f"  {plain(where + finding.message, 400)}")
+                echo(f"  {plain(where + finding.message, 400)}")
         if not audit.checked:
-            typer.echo("no number can be derived from the others, so nothing was checked")
-        typer.echo(f"{plain(audit.audited, 200)}: {counted(len(audit.findings), 'finding')}")
+            echo("no number can be derived from the others, so nothing was checked")
+        echo(f"{plain(audit.audited, 200)}: {counted(len(audit.findings), 'finding')}")
     if not audit.fits:
         raise typer.Exit(FOUND)
 
@@ -67,7 +68,7 @@ def observations() -> None:
     from ..paper.observations import observations_table
     from .tables import for_stdout
 
-    typer.echo(for_stdout(observations_table()), nl=False)
+    echo(for_stdout(observations_table()), end="")
 
 
 @shared(
@@ -120,12 +121,12 @@ def displacement(
         )
     if folder is not None:
         write_bytes(folder / "displacement.csv", table.write_csv().encode())
-        typer.echo(str(folder / "displacement.csv"))
+        echo(str(folder / "displacement.csv"))
         label = label_of(chosen.name, len(chosen.keys), table["source"][0])
         for path in write_figures({"displacement": displacement_figure({label: table})}, folder):
-            typer.echo(str(path))
+            echo(str(path))
     if run is not None:
-        typer.echo(str(write_displacement(run, table)))
+        echo(str(write_displacement(run, table)))
         write_report(run)
 
 
@@ -174,4 +175,4 @@ def experiment(
     text, table = findings(runs)
     write_bytes(asked.output / "effects.csv", table.write_csv().encode())
     write_bytes(asked.output / "findings.md", text.encode())
-    typer.echo(text)
+    echo(text)

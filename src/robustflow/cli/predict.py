@@ -8,6 +8,7 @@ from typer import Argument, Option
 
 from ..core.display import ProgressBar
 from ..core.errors import UsageError
+from ..core.output import echo
 from .options import MODEL, keyword_options, model_options, refuse_unused, shared
 
 
@@ -63,4 +64,4 @@ def predict(
         if video is not None:
             write_video(video, done, dataset, longest, fps)
     for written in filter(None, (output, video)):
-        typer.echo(str(written))
+        echo(str(written))

@@ -11,6 +11,7 @@ from typer import Option
 
 from ..core.display import ProgressBar
 from ..core.errors import DataError, UsageError, unknown_name
+from ..core.output import echo
 from ..core.text import counted
 from .options import refuse_unused, shared
 
@@ -75,7 +76,7 @@ def gopro_fc(
         clips = prepare_folder(sources, output, preparation, workers or 1, limit, progress.stage, prepare_all)
     pairs = sum(len(clip.pairs) for clip in clips)
     counts = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
-    typer.echo(f"{output}: {counts}; next: robustflow run --benchmark gopro-fc --data {output}")
+    echo(f"{output}: {counts}; next: robustflow run --benchmark gopro-fc --data {output}")
 
 
 @app.command("digests")
@@ -105,16 +106,16 @@ def digests(
         found = dict(progress.track(digests_in(data, names), f"{data}: reading", len(names)))
     if before is None:
         path = write_list(data, found)
-        typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
+        echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
         return
     differing = [name for name, digest in before.items() if found.get(name) != digest]
     if differing:
         state = "has changed" if differing[0] in found else "is missing"
         of = f"{len(differing)} of {counted(len(before), 'listed file')} differ"
         raise DataError(data / differing[0], f"{state} ({of}); copy the data again, or give --overwrite")
-    typer.echo(f"{counted(len(before), 'file')}: no differences from {data / DIGEST_LIST}")
+    echo(f"{counted(len(before), 'file')}: no differences from {data / DIGEST_LIST}")
     if added := len(found) - len(before):
-        typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
+        echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 
 
 def _ray_preparation(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from ..core.arguments import parse_size
 from ..core.errors import UsageError
+from ..core.output import echo
 from ..core.plugins import require
 from ..core.text import plain
 from . import complete
@@ -89,29 +90,29 @@ def _print_model(
     rounds = network.identity().get("iterations")
     about = f"{name}, frames of {height}x{width}, network input 1x3x{fitted[0]}x{fitted[1]}"
     about += f", {tiles} tiles" if tiles > 1 else ""
-    typer.echo(about + (f", {rounds} iterations" if rounds else ""))
-    typer.echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
-    typer.echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")
-    typer.echo(f"FLOPs        {2 * counts.macs / 1e9:.2f} G")
+    echo(about + (f", {rounds} iterations" if rounds else ""))
+    echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
+    echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")
+    echo(f"FLOPs        {2 * counts.macs / 1e9:.2f} G")
     measured = measure_prediction(model, height, width, repeat) if repeat else None
     if measured is not None:
         kind = "of tensors" if measured.device.startswith("cuda") else "of the whole process"
-        typer.echo(f"one pair     {measured.seconds:.2f} s on {measured.device}")
-        typer.echo(f"peak memory  {measured.peak_bytes / 2**30:.2f} GiB {kind}")
+        echo(f"one pair     {measured.seconds:.2f} s on {measured.device}")
+        echo(f"peak memory  {measured.peak_bytes / 2**30:.2f} GiB {kind}")
     if run is not None:
         facts = asdict(counts) | (asdict(measured) if measured is not None else {})
         cost = RunCost(run=run.manifest.identity_digest, height=height, width=width, iterations=rounds, **facts)
-        typer.echo(f"written to   {cost.write(run.path)}")
+        echo(f"written to   {cost.write(run.path)}")
     return counts, measured
 
 
 def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]") -> None:
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
-    typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
+    echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:
         timed = ("-", "-") if measured is None else (f"{measured.seconds:.2f}", f"{measured.peak_bytes / 2**30:.2f}")
         counted = f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}"
-        typer.echo(line.format(plain(name, 20), *counted, *timed))
+        echo(line.format(plain(name, 20), *counted, *timed))
 
 
 def _print_paper() -> None:
@@ -120,12 +121,12 @@ def _print_paper() -> None:
     from ..stats.published.tables import published_costs
 
     line = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
-    typer.echo(line.format("", "", "params", "(M)", "", "", "MACs", "(G)", "", "").rstrip())
-    typer.echo(line.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
+    echo(line.format("", "", "params", "(M)", "", "", "MACs", "(G)", "", "").rstrip())
+    echo(line.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
     costs = published_costs()
     for method, size, counts in count_as_the_paper(costs, COUNTED_SIZE):
         if isinstance(counts, str):
-            typer.echo(f"{method:13s} {counts}")
+            echo(f"{method:13s} {counts}")
             continue
         published = {name: float(costs[method][name]) for name in ("parameters_m", "flops_g")}
         parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
@@ -139,6 +140,6 @@ def _print_paper() -> None:
             *(f"{published['flops_g']:.1f}", f"{macs:.2f}", f"{macs - published['flops_g']:+.2f}"),
             f"{counts.macs / 1e9:.2f}",
         )
-        typer.echo(line.format(method, "x".join(map(str, size)), *cells))
-    typer.echo("12 iterations. The paper truncates its numbers; its FLOPs are thop's MACs.")
-    typer.echo("See docs/design/profiling.md for the remaining differences.")
+        echo(line.format(method, "x".join(map(str, size)), *cells))
+    echo("12 iterations. The paper truncates its numbers; its FLOPs are thop's MACs.")
+    echo("See docs/design/profiling.md for the remaining differences.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from ..core.output import echo
 from ..core.text import plain
 from .options import DATASET, data_options, model_spec, refuse_unused, shared
 
@@ -44,7 +45,7 @@ def pack(
 
     texts = {"author": author, "link": link, "description": description}
     path = pack_run(Run(run), given["output"], **texts, partial=partial, keep_paths=keep_paths, overwrite=overwrite)
-    typer.echo(plain(str(path), None))
+    echo(plain(str(path), None))
 
 
 @app.command()
@@ -92,7 +93,7 @@ def verify(
     compare_exported = partial(check_exported, paths=exported) if exported else None
     results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]
     if given["as_json"]:
-        typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
+        echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
     else:
         for result in results:
             _print(result)
@@ -116,20 +117,20 @@ def _print(result: "Verification") -> None:
 
     container, *others = result.checks
     if container.status == "failed" and not any(check.status == "ok" for check in others):
-        typer.echo(f"not verified: {plain(container.message, None)}")  # not a record, so there are no further checks
+        echo(f"not verified: {plain(container.message, None)}")  # not a record, so there are no further checks
         return
-    typer.echo(plain(result.file, 200))
+    echo(plain(result.file, 200))
     descriptions = {name: words for name, (words, _) in CHECKS.items()} | CHECKS_ON_REQUEST
     for check in result.checks:
         about = f"{descriptions[check.name]}{f': {check.message}' if check.message else ''}"
-        typer.echo(f"  {check.status:11s}  {check.name:12s}  {about}")
+        echo(f"  {check.status:11s}  {check.name:12s}  {about}")
     stated = result.facts.model_dump(include={"author", "link", "description"}) if result.facts else {}
     for name, text in stated.items():
         if text:
-            typer.echo(f"  {name}: {plain(text, None)}")
+            echo(f"  {name}: {plain(text, None)}")
     verdict = "verified" if result.ok else "not verified"
-    typer.echo(f"  {verdict}{f', SHA-256 {result.sha256}' if result.sha256 else ''}")
+    echo(f"  {verdict}{f', SHA-256 {result.sha256}' if result.sha256 else ''}")
     if result.ok and result.subject is not None:
-        typer.echo(f"  {result.subject.sentence}")
+        echo(f"  {result.subject.sentence}")
         for claim in result.unproven:
-            typer.echo(f"  not proven: {claim}")
+            echo(f"  not proven: {claim}")

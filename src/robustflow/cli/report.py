@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from ..core.errors import DataError, UsageError, unknown_name
 from ..core.files import write_bytes
+from ..core.output import echo
 from ..core.plugins import is_target
 from . import complete
 from .options import DATASET, data_options, keyword_options, names, refuse_unused, shared
@@ -138,7 +139,7 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
         except DataError as error:
             warnings.warn(f"the summary and the report were not updated: {error}", stacklevel=1)
     if as_json:
-        typer.echo(as_json_text(runs))
+        echo(as_json_text(runs))
     elif len(runs) > 1 and metric is None:
         print_results(runs)
     else:
@@ -166,7 +167,7 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     if sample is not None and corruption is not None and severity is not None:
         target = given["output"] or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
         write_bytes(target, draw_example(run, plan, sample, corruption, severity))
-        typer.echo(str(target))
+        echo(str(target))
         return
     store = RunFolder(run.path)
     store.lock()
@@ -177,4 +178,4 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
             write_report(run)
     finally:
         store.unlock()
-    typer.echo(str(run.path / FOLDER))
+    echo(str(run.path / FOLDER))

@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from ..core.errors import UsageError
 from ..core.files import make_folder, write_bytes
+from ..core.output import echo
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import names, run_arguments, shared
 from .paper import audit, displacement, experiment, observations
@@ -84,22 +85,22 @@ def table(
     data, format, output = given["data"], given["format"], given["output"] or Path("reproduced")
     renderer(format)
     if what is None:
-        typer.echo("\n".join(contents()))
+        echo("\n".join(contents()))
         return
     artefact = artefact_of(what)
     if not artefact.benchmark:
-        typer.echo(f"{artefact.name}: {artefact.title}. It does not compare models. Instead: {artefact.instead}")
+        echo(f"{artefact.name}: {artefact.title}. It does not compare models. Instead: {artefact.instead}")
         return
     variants = paper_variants(artefact.benchmark, names(models))
     choices = choose(variants, artefact.benchmark, weights_in(checkpoints or []), random=random)
     if data is None or dry_run:
         published = [paper_alone(artefact, variant) for variant in variants]
         _print(plan_table(artefact, choices) if dry_run else comparison_table(artefact, published), format)
-        typer.echo(summary_sentence(choices))
+        echo(summary_sentence(choices))
         if data is None:
-            typer.echo(data_hint(artefact))
+            echo(data_hint(artefact))
         if artefact.table and artefact.instead:
-            typer.echo(f"See also: {artefact.instead}")
+            echo(f"See also: {artefact.instead}")
         return
     if not data.exists():
         raise UsageError("--data", f"{data}: no such file or folder. {data_hint(artefact)}")
@@ -160,17 +161,17 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
         _print(comparison_table(artefact, [one for one in variants if one.here]), format)
     if missing:
         _print(plan_table(artefact, missing), format)
-    typer.echo(summary_sentence([each if isinstance(each, Missing) else each[0] for each in measured]))
+    echo(summary_sentence([each if isinstance(each, Missing) else each[0] for each in measured]))
     written = output / f"{artefact.name}.csv"
     write_bytes(written, comparison_csv(artefact, variants).encode())
-    typer.echo(f"all values: {written}")
+    echo(f"all values: {written}")
     if artefact.table and artefact.instead:
-        typer.echo(f"See also: {artefact.instead}")
+        echo(f"See also: {artefact.instead}")
     if artefact.figure and ran:
         drawn = figures_of(list({run.path: run for _, run in ran}.values()), published=True)
         matching = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
         for path in write_figures(matching, output / "figures", ("png", "svg")):
-            typer.echo(str(path))
+            echo(str(path))
     if not ran and any(each.failed for each in missing):
         raise typer.Exit(1)
 
@@ -178,4 +179,4 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
 def _print(table: "Table", format: str) -> None:
     from .tables import as_text
 
-    typer.echo(as_text(table, format, None), nl=False)
+    echo(as_text(table, format, None), end="")

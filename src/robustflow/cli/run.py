@@ -2,10 +2,10 @@
 
 from typing import Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from ..core.errors import UsageError
+from ..core.output import echo
 from ..core.text import file_name
 from ..run.config import OUTPUT, WHAT
 from . import complete
@@ -85,6 +85,6 @@ def run(
     from .tables import as_json_text, print_results
 
     if as_json:
-        typer.echo(as_json_text(results))
+        echo(as_json_text(results))
     elif len(results) > 1:
         print_results(results)

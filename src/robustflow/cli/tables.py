@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import typer
-
 from ..core.errors import UsageError, unknown_name
 from ..core.files import write_bytes
+from ..core.output import echo, stream
 from ..core.text import counted, plain
 from ..data.benchmarks.facts import is_still, sample_noun, truth_remark
 from ..metrics.means import AVERAGE, PAPER
@@ -93,7 +91,7 @@ def _print_lines(lines: Sequence[str], facts: Sequence[str], rest: str) -> None:
     room = max(MOST_LINES // 2, MOST_LINES - len(facts))
     if len(lines) > room:
         lines = [*lines[: room - 1], f"... {len(lines) - room + 1} more lines: {rest}"]
-    print("\n".join([*lines, *facts]))  # not by click, which writes UTF-8 to a terminal with a small character set
+    echo("\n".join([*lines, *facts]))
 
 
 def _facts(run: Run, report: bool) -> Iterator[str]:
@@ -182,14 +180,14 @@ def as_text(table: Table, format: str, output: Path | None) -> str:
 def write_text(text: str, output: Path | None) -> None:
     """Print a text, or write it to a file and print its path."""
     if output is None:
-        typer.echo(text, nl=False)
+        echo(text, end="")
     else:
         write_bytes(output, text.encode())
-        typer.echo(str(output))
+        echo(str(output))
 
 
 def for_stdout(table: Table) -> str:
     """Return the text of a table; if stdout is a terminal, it is coloured and fitted to the window."""
-    if not sys.stdout.isatty():
+    if not stream().isatty():
         return render_terminal(table)
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from ..core.arguments import parse_size
 from ..core.errors import UsageError
+from ..core.output import echo
 from ..core.plugins import require
 from . import complete
 from .interrupt import Interrupted, stopped
@@ -100,7 +101,7 @@ def train(
     if plan:
         from ..training.plan import plan_text
 
-        typer.echo(plan_text(chosen, reading, original))
+        echo(plan_text(chosen, reading, original))
         return
     if not data and needs_data(chosen):
         raise UsageError("--data", "nothing to train on: give the folder that contains the datasets; --plan lists them")
@@ -128,4 +129,4 @@ def train(
         raise stopped(f"{checkpoint} is kept. Run the same command with --resume")
     options = [word for text in given["option"] or [] for word in ("-O", text)]
     measure = ["robustflow", "run", "--model", chosen.method, *options, "--checkpoint", str(checkpoint)]
-    typer.echo(f"trained; measure it with: {shlex.join(measure)}")
+    echo(f"trained; measure it with: {shlex.join(measure)}")
