@@ -7,6 +7,7 @@ import sys
 import tracemalloc
 import zlib
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -45,7 +46,7 @@ def flows(draw: st.DrawFn, limit: float, non_finite: bool = False) -> tuple[np.n
     return draw(hnp.arrays(np.float32, (*shape, 2), elements=numbers)), draw(hnp.arrays(np.bool_, shape))
 
 
-@pytest.mark.parametrize("suffix", [".flo", ".pfm", ".flo5"])
+@pytest.mark.parametrize("suffix", [".flo", ".pfm", ".flo5", ".npy"])
 @given(data=flows(1e8, non_finite=True))
 @quick
 def test_float_formats_keep_every_bit(tmp_path: Path, suffix: str, data: tuple[np.ndarray, np.ndarray]) -> None:
@@ -109,6 +110,48 @@ def test_kitti_encoding_equals_hand_computed_values(tmp_path: Path) -> None:
         flow, valid = read_flow(path)
         assert valid.tolist() == [[True, False]]
         assert flow.tolist() == [[[0.5, -3.0], [0.0, 0.0]]]
+
+
+def channels(red: Any, green: Any, blue: Any, kind: type = np.uint16) -> np.ndarray:
+    """A PNG's channels in OpenCV's order."""
+    return np.dstack([np.broadcast_to(np.asarray(one), (4, 5)).astype(kind) for one in (blue, green, red)])
+
+
+OTHER_PNGS = {
+    "Virtual KITTI 2": channels(35000, 30000, 65535),
+    "Virtual KITTI 2 with sky": channels(35000, 30000, np.where(np.eye(4, 5), 0, 65535)),
+    "a mask of 255": channels(33000, 32000, 255),
+    "the channels in reverse": channels(1, 32000, 33000),
+    "a picture of flow in 16 bits": channels(65535, 30000, 2),
+    "a picture of flow": channels(255, 128, 1, np.uint8),
+    "a picture of flow with alpha": np.dstack([channels(255, 128, 1), np.full((4, 5), 1, np.uint16)]),
+}
+
+
+@pytest.mark.parametrize("case", OTHER_PNGS)
+def test_png_of_another_data_set_is_refused(tmp_path: Path, case: str) -> None:
+    assert cv2.imwrite(str(tmp_path / "flow.png"), OTHER_PNGS[case])
+    refused(tmp_path / "flow.png")
+
+
+@pytest.mark.parametrize(
+    ("array", "first"),
+    [
+        (np.moveaxis(FLOW, 2, 0), -3.0),
+        (np.asfortranarray(FLOW.astype(np.float64)), -3.0),
+        (np.full((2, 3, 2), 7, np.int32), 7.0),
+        *((wrong, None) for wrong in (FLOW[..., 0], FLOW[None], FLOW.repeat(2, axis=2), FLOW.astype(complex))),
+        *((np.zeros((4, 5, 2), kind), None) for kind in (np.uint16, bool, object)),
+    ],
+)
+def test_npy_is_read_with_the_components_first_or_last(tmp_path: Path, array: np.ndarray, first: float | None) -> None:
+    np.save(tmp_path / "flow.npy", array)
+    if first is None:
+        refused(tmp_path / "flow.npy")
+        return
+    flow, valid = read_flow(tmp_path / "flow.npy")
+    np.testing.assert_array_equal(flow, FLOW if first == -3 else array)
+    assert (flow.dtype, flow.flags.c_contiguous, valid.all()) == (np.float32, True, True)
 
 
 @given(data=flows(1e8))
@@ -210,7 +253,7 @@ def test_truncated_flow_files_are_refused(tmp_path: Path, suffix: str) -> None:
     for length in [*range(0, end, step), end - 1]:
         path.write_bytes(whole[:length])
         refused(path)
-    if suffix in (".flo", ".pfm"):
+    if suffix in (".flo", ".pfm", ".npy"):
         path.write_bytes(whole + b"\0")
         refused(path)
 

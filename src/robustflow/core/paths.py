@@ -39,11 +39,24 @@ def locate(
                 return folder
         near = next((f for f in _neighbours(root) if any(_holds(f / p, markers) for p in prefixes)), None)
         empty = next(root.iterdir(), None) is None
+        refuse_backslashes(root)
     except OSError as error:
         raise DataError(root, f"cannot be listed ({error.strerror or error}); check its permissions") from error
     hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset into it"
     state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
     raise DataError(root, f"{state} {layout}{hint}")
+
+
+def refuse_backslashes(folder: Path) -> None:
+    """Raise if names in a folder contain backslashes: an archive made on Windows was unpacked without its folders."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        name = min((entry.name for entry in islice(entries, _LOOK_AT) if "\\" in entry.name), default=None)
+        if name is not None:
+            raise DataError(
+                folder / name,
+                "the backslashes in its name separate folders of an archive made on Windows, which were not created; "
+                "unpack the archive again with unzip or 7-Zip",
+            )
 
 
 def user_path(path: str | Path) -> Path:

@@ -7,6 +7,7 @@ from the bottom to the top of the image. Source: Mayer et al., CVPR 2016, and De
 
 from __future__ import annotations
 
+import io
 import re
 import zlib
 from collections.abc import Iterator
@@ -120,8 +121,32 @@ def read_float_map(path: Path, channels: int) -> npt.NDArray[np.float32]:
     return values.reshape(height, width, channels)[::-1]
 
 
+def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArray[Any]:
+    """Read an .npy file with an array of real numbers, (H, W, *channels) or, as PyTorch stores it, (*channels, H, W);
+    `what` names the expected content in errors. Returns (H, W, *channels).
+    """
+    with readable(path):
+        stored = np.lib.format.open_memmap(path, mode="r")  # refuses pickled objects, and files that are too short
+        shape, dtype = stored.shape, stored.dtype
+        first = len(shape) == 3 and shape[:1] == channels != shape[2:]
+        kinds = "fi" if channels else "fiu"  # the components of a vector have a sign
+        if len(shape) != 2 + len(channels) or not (first or shape[2:] == channels) or dtype.kind not in kinds:
+            expected = ", ".join(("H", "W", *map(str, channels)))
+            raise DataError(path, f"{dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
+        height, width = shape[first:][:2]
+        claimed_size(path, width, height)
+        exact_size(path, stored.offset + stored.nbytes, path.stat().st_size, width, height)
+        return np.array(np.moveaxis(stored, 0, -1) if first else stored, order="C")
+
+
 def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
     height, width = valid.shape
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)
     return b"PF\n%d %d\n-1.0\n" % (width, height) + values[::-1].tobytes()
+
+
+def npy_bytes(flow: Flow, valid: Mask) -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.where(valid[..., None], flow, np.float32(np.nan)), allow_pickle=False)
+    return file.getvalue()

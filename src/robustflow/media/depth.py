@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.errors import DataError
-from .arrays import claimed_size, exact_size, read_float_map, readable
+from .arrays import claimed_size, exact_size, read_float_map, read_npy, readable
 from .flow import read_dataset, read_png16
 
 Values = npt.NDArray[np.float32]
@@ -29,21 +29,6 @@ def read_depth_png(path: Path) -> Values:
 
 def read_depth_npy(path: Path) -> Values:
     return _as_float(read_npy(path, "a depth map"))
-
-
-def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArray[Any]:
-    """Read an .npy file with an array of real numbers, (H, W, *channels); `what` names the expected content in
-    errors.
-    """
-    with readable(path):
-        stored = np.lib.format.open_memmap(path, mode="r")  # refuses pickled objects, and files that are too short
-        shape, dtype = stored.shape, stored.dtype
-        if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
-            expected = ", ".join(("H", "W", *map(str, channels)))
-            raise DataError(path, f"{dtype} {shape} is not {what}; expected real numbers of shape ({expected})")
-        claimed_size(path, shape[1], shape[0])
-        exact_size(path, stored.offset + stored.nbytes, path.stat().st_size, shape[1], shape[0])
-        return np.array(stored)
 
 
 def read_depth_pfm(path: Path) -> Values:

@@ -1,4 +1,4 @@
-"""Read and write optical flow: Middlebury .flo, KITTI 16-bit .png, .pfm, Spring .flo5.
+"""Read and write optical flow: Middlebury .flo, KITTI 16-bit .png, .pfm, Spring .flo5, NumPy .npy.
 
 - .flo: `PIEH`, int32 width, int32 height, then float32 (u, v) row by row, all little-endian. Source: Baker et al., "A
   Database and Evaluation Methodology for Optical Flow", IJCV 2011, and the authors' flow-code.
@@ -6,8 +6,10 @@
   2160x3840 vectors for frames of 1080x1920, in pixels of the frames. Source: Mehl et al., CVPR 2023, and `flow_IO`
   from the benchmark's code.
 - .png: 16-bit RGB with the channels (u * 64 + 2^15, v * 64 + 2^15, valid); HD1K uses the same format. Source: the
-  development kits of Geiger et al. (2012) and Menze and Geiger (2015).
+  development kits of Geiger et al. (2012) and Menze and Geiger (2015). Other datasets use other numbers: a third
+  channel that is not 0 or 1 is refused; DSEC's factor, 128, can only be seen from the frames (see `misread`).
 - .pfm: see `arrays`.
+- .npy: an array (H, W, 2), or (2, H, W) as PyTorch stores it, NaN where unknown.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from ..core import files
 from ..core.errors import DataError, first_line
 from ..core.plugins import require
 from ..core.types import Flow, Mask
-from .arrays import checked, claimed_size, exact_size, known, pfm_bytes, read_pfm, readable
+from .arrays import checked, claimed_size, exact_size, known, npy_bytes, pfm_bytes, read_npy, read_pfm, readable
 from .images import PILLOW_ERRORS
 
 MAGIC = b"PIEH"
@@ -135,10 +137,20 @@ LOWEST, HIGHEST = -512.0, 511.984375
 
 def read_kitti(path: Path) -> tuple[Flow, Mask]:
     raw = read_png16(path, 3, "KITTI flow, which is a 16-bit RGB PNG (u, v, valid)")
-    valid = raw[..., 0] > 0
+    if (marks := raw[..., 0]).max() > 1:
+        raise DataError(
+            path,
+            f"its third channel contains {marks.max()}, but KITTI's is 0 or 1: this is a picture, or flow with another "
+            "scale, such as Virtual KITTI's u = (2 red / 65535 - 1) (width - 1); convert it, e.g. to .flo or .npy",
+        )
+    valid = marks > 0
     flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
     flow[~valid] = 0
     return np.ascontiguousarray(flow), valid
+
+
+def read_flow_npy(path: Path) -> tuple[Flow, Mask]:
+    return known(read_npy(path, "a flow", (2,)))
 
 
 def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
@@ -180,19 +192,19 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
 
 __all__ = ["FLOW_SUFFIXES", "read_flow", "write_flow"]
 
-FLOW_SUFFIXES = (".flo", ".png", ".pfm", ".flo5")
+FLOW_SUFFIXES = (".flo", ".png", ".pfm", ".flo5", ".npy")
 """The formats by file extension."""
 
-_READERS = {".flo": read_flo, ".png": read_kitti, ".pfm": read_pfm, ".flo5": read_flo5}
+_READERS = {".flo": read_flo, ".png": read_kitti, ".pfm": read_pfm, ".flo5": read_flo5, ".npy": read_flow_npy}
 
 
 def read_flow(path: str | Path) -> tuple[Flow, Mask]:
-    """Read a flow file; the file extension determines the format (.flo, .png, .pfm, .flo5).
+    """Read a flow file; the file extension determines the format (.flo, .png, .pfm, .flo5, .npy).
 
     Returns:
         flow: flow vectors (u right, v down), float32 (H, W, 2), in pixels, 0 where unknown.
         valid: boolean mask (H, W), False where the file marks the flow as unknown: a third channel of 0 (.png), a
-            component beyond 1e9 in magnitude (.flo, .pfm, .flo5), or NaN or infinity (any format).
+            component beyond 1e9 in magnitude (.flo, .pfm, .flo5, .npy), or NaN or infinity (any format).
 
     Raises:
         DataError: the file does not exist, is damaged or truncated, is not a flow file, or is of an unknown format.
@@ -217,7 +229,7 @@ def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | Non
 
     Args:
         path: path of the file, with the extension .flo, .png (KITTI: rounded to 1/64 pixel, range -512 to 511.984375),
-            .pfm or .flo5.
+            .pfm, .flo5 or .npy.
         flow: flow vectors, any numeric dtype, (H, W, 2), in pixels.
         valid: boolean mask (H, W); pixels where it is False, and pixels with NaN or infinite flow, are written as
             unknown.
@@ -229,7 +241,7 @@ def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | Non
     path = Path(path)
     suffix = _suffix(path)
     values, mask = checked(path, flow, valid)
-    writers = {".flo": flo_bytes, ".pfm": pfm_bytes, ".flo5": flo5_bytes}
+    writers = {".flo": flo_bytes, ".pfm": pfm_bytes, ".flo5": flo5_bytes, ".npy": npy_bytes}
     data = kitti_bytes(path, values, mask) if suffix == ".png" else writers[suffix](values, mask)
     files.write_bytes(path, data)
 

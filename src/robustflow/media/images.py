@@ -21,6 +21,7 @@ from PIL import Image, ImageOps, TiffImagePlugin
 
 from ..core import files
 from ..core.errors import DataError, first_line
+from ..core.paths import refuse_backslashes
 from ..core.text import is_utf8
 from ..core.types import Frame
 from .arrays import readable
@@ -185,6 +186,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tif
 
 def images_in(folder: Path) -> list[Path]:
     """Return the images directly inside a folder in natural order, without hidden files."""
+    refuse_backslashes(folder)
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
     ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
     for path in ordered:

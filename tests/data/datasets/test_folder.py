@@ -60,6 +60,14 @@ def test_a_name_that_is_not_utf_8_is_refused(tmp_path: Path, name: bytes) -> Non
     refused(tmp_path, path)
 
 
+@pytest.mark.parametrize(("dataset", "name"), [("folder", "clip\\1.png"), ("sintel", "training\\clean\\a\\1.png")])
+def test_files_named_like_paths_of_windows_are_refused(tmp_path: Path, dataset: str, name: str) -> None:
+    """Some programs unpack an archive made on Windows into one folder."""
+    for number in (1, 2):
+        picture(tmp_path / name.replace("1", str(number)))
+    refusal(lambda: load_dataset(dataset, tmp_path), DataError, tmp_path / name)
+
+
 def test_folder_without_a_valid_sequence_is_refused(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
     refused(tmp_path, tmp_path)

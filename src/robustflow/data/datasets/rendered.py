@@ -25,8 +25,8 @@ from ...core.errors import DataError
 from ...core.paths import folders, locate
 from ...core.plugins import require
 from ...core.types import Camera, Mask, Sample, SceneDepth
-from ...media.arrays import known
-from ...media.depth import read_camera, read_depth_npy, read_dpt, read_dsp5, read_npy
+from ...media.arrays import known, read_npy
+from ...media.depth import read_camera, read_depth_npy, read_dpt, read_dsp5
 from ...media.flow import read_flow
 from ...media.images import read_mask
 from .base import DatasetFacts
