@@ -19,23 +19,18 @@ from robustflow.metrics import error_maps, measures, photometric, regions, rows
 from robustflow.metrics.rows import COLUMNS
 
 EVERY = {
-    **measures.MEASURES,
-    **measures.CLEAN_MEASURES,
-    **measures.CONFIDENCE,
-    **measures.UNCOUPLED,
-    **measures.ATTACK,
+    **measures.EVERY,
     **{f"{name} {region}": one for region, of in measures.REGION_MEASURES.items() for name, one in of.items()},
 }
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_measure_is_computed_from_columns_of_the_rows(name):
-    one = EVERY[name]
-    parts = [part for part in (one.total, one.count, one.minus) if part is not None]
-    used = {column for part in parts for column in part.meta.root_names()}
+    parts = EVERY[name].parts
+    used = {column for part in parts for value in (part.total, part.count) for column in value.meta.root_names()}
     assert used <= {*COLUMNS}
-    assert {one.paired} <= {"", *COLUMNS}
-    assert one.label
+    assert {part.paired for part in parts} <= {"", *COLUMNS}
+    assert EVERY[name].label
 
 
 PLANTED = """
@@ -80,8 +75,8 @@ def test_new_measure_touches_two_files(tmp_path):
         ("rows.py", '    "wauc_sum": RowColumn(', '    "planted_sum": RowColumn(_NUMBER, "Planted.", "n_valid"),\n'),
         (
             "measures.py",
-            '    "px1": Measure(',
-            '    "planted": Measure("planted", pl.col("planted_sum"), _valid, "%", 100.0),\n',
+            '    "px1": _percent(',
+            '    "planted": _percent("planted", pl.col("planted_sum"), _valid),\n',
         ),
     ):
         path = package / "metrics" / name

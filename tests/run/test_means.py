@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robustflow.api import evaluate
 from robustflow.core.errors import RunError, UsageError
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
-from robustflow.metrics.means import averaged_corruptions
+from robustflow.metrics.cube import averaged_corruptions
 from robustflow.metrics.measures import METRICS
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import ROW_SCHEMA
@@ -249,7 +249,7 @@ def test_neither_the_order_of_rows_nor_reading_a_column_at_a_time_changes_a_bit(
     halves = pl.concat([rows_frame(shuffled[::2]), rows_frame(shuffled[1::2])])
     assert summarize(halves, averaging) == expected
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("robustflow.metrics.means._FEW_ROWS", -1)
+        patch.setattr("robustflow.metrics.cube._FEW_ROWS", -1)
         assert summarize(rows_frame(shuffled).lazy(), averaging) == expected
 
 

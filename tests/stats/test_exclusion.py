@@ -10,8 +10,10 @@ import polars as pl
 import pytest
 
 from robustflow.api import evaluate
+from robustflow.metrics import Cube
+from robustflow.metrics.measures import CLEAN_MEASURES
 from robustflow.paper.experiment.effects import PLAIN, arms, left_out
-from robustflow.stats.exclusion import exclusion_reasons, reasons_from_rows, zero_flow_epe
+from robustflow.stats.exclusion import exclusion_reasons, reasons_from_rows
 from robustflow.stats.model_result import run_results
 from robustflow.stats.uncertainty import compare_all
 from robustflow.testing import ConstantFlow
@@ -82,7 +84,7 @@ def test_guard_averages_over_images_with_unequal_numbers_of_pixels():
         row(name, n=n, epe=epe, magnitude_sum=length * n)
         for name, n, epe, length in zip("abc", pixels, errors, motion, strict=True)
     )
-    assert zero_flow_epe(rows) == 12.0
+    assert Cube.of(rows).mean(CLEAN_MEASURES["zero_flow_epe"], "clean") == 12.0
 
 
 def test_experiments_and_rankings_use_one_guard():

@@ -73,10 +73,8 @@ def _summary() -> str:
 
 def _in_words(metric: str) -> tuple[str, str]:
     """The unit of a metric and what it is."""
-    if metric == "crer":
-        return "", "CREr: mean CRE / mean clean EPE"
-    one = measures.MEASURES[metric]
-    return one.unit, ": ".join(filter(None, (one.label, one.explanation)))
+    measure = measures.MEASURES[metric]
+    return measure.unit, ": ".join(filter(None, (measure.label, measure.explanation)))
 
 
 def _manifest() -> str:

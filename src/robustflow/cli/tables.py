@@ -14,7 +14,7 @@ from ..core.files import write_bytes
 from ..core.output import echo, stream
 from ..core.text import counted, plain
 from ..data.benchmarks.facts import is_still, sample_noun, truth_remark
-from ..metrics.means import AVERAGE, PAPER
+from ..metrics.cube import AVERAGE, PAPER
 from ..metrics.measures import METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..report.attack_tables import SHORT, attack_table

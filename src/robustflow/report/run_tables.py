@@ -9,7 +9,7 @@ from typing import Any
 from ..core.arguments import SEVERITIES
 from ..core.errors import RunError, UsageError
 from ..core.text import counted, first_of, plain
-from ..metrics.means import Means
+from ..metrics.cube import Means
 from ..metrics.measures import CONFIDENCE, UNCOUPLED
 from ..run.comparable import named_runs
 from ..run.run import Run

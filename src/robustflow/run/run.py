@@ -18,7 +18,7 @@ from ..corruptions.registry import family_of, ordered
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import sample_noun, truth_remark
 from ..data.benchmarks.setting import Provenance
-from ..metrics.means import AVERAGE, Averaging, Means
+from ..metrics.cube import AVERAGE, Averaging, Means
 from ..metrics.measures import METRICS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.catalog import methods

@@ -10,7 +10,7 @@ import polars as pl
 
 from ..core.types import FrozenFinite
 from ..corruptions.registry import IMAGE_PAIR, MEMBERS, family_of, ordered
-from ..metrics.means import AVERAGE, PAPER, Averaging, Means, checked_rows, means_of_run
+from ..metrics.cube import AVERAGE, PAPER, Averaging, Cube, Means, means_of_run
 from ..metrics.measures import METRICS
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA_VERSION
@@ -133,26 +133,25 @@ def summarize(
     paper: Collection[str] = IMAGE_PAIR,
 ) -> Averages:
     """Compute the means of a run."""
-    of_run = checked_rows(rows)
-    corruptions = {name: of_run.corruptions[name] for name in ordered(of_run.corruptions)}
-    lost = of_run.rows.filter(pl.coalesce("n_valid", "n_all") == 0).select(ROW_KEY).collect()
-    every = Counter({at: len(places) for at, places in of_run.places.items()})
+    cube = Cube.of(rows, MEMBERS, averaging)
+    cube.check()
+    corruptions = {name: cube.corruptions[name] for name in ordered(cube.corruptions)}
+    lost = cube.rows.filter(pl.coalesce("n_valid", "n_all") == 0).select(ROW_KEY).collect()
+    every = Counter(dict(zip(cube.conditions, cube.counts.sum(axis=0).tolist(), strict=True)))
     every.subtract(lost.select("corruption", "severity").iter_rows())
     known = [name for name, levels in corruptions.items() if any(every[name, level] for level in levels)]
-    averaged = of_run.averaged()
     in_paper = [name for name in known if name in paper]
     whole = bool(in_paper) and set(in_paper) == set(paper)
     measured = Measured(
-        missing=_by_condition(of_run.missing(planned)),
+        missing=_by_condition(cube.missing(planned)),
         unmeasured=_by_condition(lost.iter_rows()),
-        samples=len(of_run.samples),
-        n_invalid=int(of_run.rows.select(pl.col("n_invalid").sum()).collect().item()),
+        samples=len(cube.samples),
+        n_invalid=int(cube.rows.select(pl.col("n_invalid").sum()).collect().item()),
         corruptions=corruptions,
-        averaged_over=[name for name in known if name in averaged],
+        averaged_over=[name for name in known if name in cube.wholes[AVERAGE]],
         paper_over=in_paper if whole else [],
     )
-    groups = MEMBERS | ({PAPER: tuple(in_paper)} if whole else {})
-    return Averages(means_of_run(of_run, groups, averaging), measured)
+    return Averages(means_of_run(cube.including({PAPER: in_paper}) if whole else cube), measured)
 
 
 def _by_condition(cells: Iterable[Any]) -> list[MissingCells]:

@@ -3,7 +3,6 @@ attack's budget, and the rank correlation with robustness to corruptions."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import polars as pl
 from ..attacks.ball import GREY_LEVELS
 from ..attacks.registry import control_of, norm_of
 from ..attacks.result import EXPLAINED, LOWER_BOUND
-from ..metrics.means import means
+from ..metrics.cube import AVERAGE, Cube
 from ..metrics.measures import ATTACK, MEASURES, METRICS
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..run.comparable import MEASURED, common_cells, common_to, named_runs
@@ -42,7 +41,7 @@ measures of `ATTACK` without their prefix, `gain` over noise, `seconds` per pair
 def attack_scores(run: Run) -> list[AttackScore]:
     """Score every attack of a run at every severity, starting with the controls."""
     rows, scores = run.attack_rows, []
-    known = means(rows, {}, MEASURES | ATTACK) if run.attacks else {}
+    known = Cube.of(rows).means(MEASURES | ATTACK) if run.attacks else {}
     for name in run.attacks:
         norm, spent = norm_of(name), _seconds(run, name)
         for (severity,), part in (
@@ -191,8 +190,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     common = common_to(named)
     samples = set.intersection(*(set(rows.filter(corruption=CLEAN)["sample"]) for rows in common.rows.values()))
-    measure = {metric: MEASURES[metric]}
-    increase = {name: means(rows, {}, measure)[metric, "average", None] for name, rows in common.rows.items()}
+    increase = {name: _mean(rows, metric, AVERAGE) for name, rows in common.rows.items()}
     predicted = []
     for attack in dict.fromkeys(attack for run in named.values() for attack in run.attacks):
         attacked = _common_rows(named, attack, samples)
@@ -206,14 +204,17 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         for name, keys in warnings.items():
             if serious := sorted(keys - set(LOWER_BOUND)):
                 left_out.setdefault(name, "; ".join(EXPLAINED.get(key, key) for key in serious))
-        known = {name: means(rows, {}, measure) for name, rows in attacked.items() if name not in left_out}
-        after = {name: math.fsum(of[metric, attack, level] for level in shared) for name, of in known.items()}
+        after = {name: _mean(rows, metric, attack) for name, rows in attacked.items() if name not in left_out}
         rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
         lower = tuple(name for name in after if warnings[name])
         predicted.append(
             Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends, common.remark)
         )
     return predicted
+
+
+def _mean(rows: pl.DataFrame, metric: str, condition: str) -> float:
+    return Cube.of(rows).means({metric: MEASURES[metric]}, [(condition, None)])[metric, condition, None]
 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:

@@ -11,7 +11,7 @@ import polars as pl
 
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
-from ..metrics.means import averaged_rows, clean_mean
+from ..metrics.cube import Cube, averaged_rows
 from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
@@ -97,16 +97,16 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
             else "a flow that misses the motion can hardly get worse"
         )
         reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
-    length, moved = clean_mean(rows, CLEAN_MEASURES["flow_length"]), _mean_change(rows)
-    error = clean_mean(rows, MEASURES["photometric"])
-    of_still = clean_mean(rows, CLEAN_MEASURES["photometric_still"])
-    if zero_flow_epe(rows) is None and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
+    clean = _clean_means(rows)
+    length, moved = clean.get("flow_length"), _mean_change(rows)
+    error, of_still = clean.get("photometric"), clean.get("photometric_still")
+    if "zero_flow_epe" not in clean and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
         how = "worse" if error > of_still else "hardly better"
         reasons.append(
             f"its clean flow explains the frames {how} than zero flow: its photometric error is {error:.2f} grey "
             f"levels, that of zero flow {of_still:.2f}"
         )
-    covered = MEASURES["coverage"]
+    (covered,) = MEASURES["coverage"].parts
     share = rows.filter(covered.count > 0).select((covered.total / covered.count).mean()).item()
     if share is not None and share < COVERED_FROM:
         most = 100 * (1 - COVERED_FROM)
@@ -121,16 +121,18 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
 def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
     """Return the clean EPE and the EPE of zero flow, in pixels, if their ratio is at least `ACCURATE_BELOW`; None for a
     smaller ratio or without ground truth."""
-    epe, still = clean_mean(rows, MEASURES["epe"]), zero_flow_epe(rows)
+    clean = _clean_means(rows)
+    epe, still = clean.get("epe"), clean.get("zero_flow_epe")
     if epe is None or still is None or epe < ACCURATE_BELOW * still:
         return None
     return epe, still
 
 
-def zero_flow_epe(rows: pl.DataFrame) -> float | None:
-    """Return the EPE of a model that predicts zero flow, in pixels: the mean length of the ground-truth flow; None
-    without ground truth."""
-    return clean_mean(rows, CLEAN_MEASURES["zero_flow_epe"])
+def _clean_means(rows: pl.DataFrame) -> dict[str, float]:
+    """Return the known means on the clean frames by measure; `zero_flow_epe`, the EPE of a model that predicts zero
+    flow, is the mean length of the ground-truth flow."""
+    means = Cube.of(rows.filter(corruption=CLEAN)).means(MEASURES | CLEAN_MEASURES, [(CLEAN, None)])
+    return {name: value for (name, *_), value in means.items()}
 
 
 def _mean_change(rows: pl.DataFrame) -> float | None:

@@ -11,7 +11,7 @@ import polars as pl
 from ..core.errors import DataError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
-from ..metrics.means import AVERAGE, PAPER, MeanKey, Means, means
+from ..metrics.cube import AVERAGE, PAPER, Cube, MeanKey, Means
 from ..metrics.measures import CONFIDENCE, METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.comparable import named_runs, sample_set
@@ -147,13 +147,13 @@ _ENDS = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "low", 
 def confidence_means(rows: pl.DataFrame) -> Means:
     """Return how well the confidence predicts errors, also by family and severity; empty if the run has none."""
     known = rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
-    return means(known, MEMBERS, CONFIDENCE) if known.height else {}
+    return Cube.of(known, MEMBERS).means(CONFIDENCE) if known.height else {}
 
 
 def uncoupled_means(rows: pl.DataFrame) -> Means:
     """Return measures of robustness that depend less on accuracy than CRE (`UNCOUPLED`), and the rank correlation over
     images of the corrupted and the clean EPE, also given the motion."""
-    return means(rows, MEMBERS, UNCOUPLED) | dict(_correlations(rows))
+    return Cube.of(rows, MEMBERS).means(UNCOUPLED) | dict(_correlations(rows))
 
 
 def _correlations(rows: pl.DataFrame) -> Iterator[tuple[MeanKey, float]]:

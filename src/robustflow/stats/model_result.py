@@ -11,7 +11,7 @@ import polars as pl
 
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
-from ..metrics.means import PAPER
+from ..metrics.cube import PAPER
 from ..metrics.regions import REGIONS
 from ..run.comparable import run_names, sample_set
 from .frame import LINE, once, results_frame

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from ..core.text import plain
 from ..corruptions.registry import FAMILIES, MEMBERS, ON_DISK, ON_DISK_PREFIX, family_of
 from ..data.benchmarks import benchmark_facts
-from ..metrics.means import AVERAGE, group_means
-from ..metrics.measures import LABELS, UNITS
+from ..metrics.cube import AVERAGE
+from ..metrics.measures import LABELS, UNITS, exact_mean
 from ..metrics.rows import CLEAN
 
 __all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS", "UNITS"]
@@ -66,7 +66,8 @@ def family_means(values: Mapping[str, float]) -> dict[str, float]:
     >>> family_means({"snow": 2.0, "fog": 1.0})
     {'weather': 1.5}
     """
-    return group_means(values, MEMBERS)
+    known = {family: [values[name] for name in members if name in values] for family, members in MEMBERS.items()}
+    return {family: exact_mean(parts) for family, parts in known.items() if parts}
 
 
 def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, float]:

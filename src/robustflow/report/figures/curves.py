@@ -18,7 +18,7 @@ from ...core.display import default_style
 from ...core.errors import UsageError
 from ...core.text import name_text
 from ...corruptions.registry import ordered
-from ...metrics.means import Means
+from ...metrics.cube import Means
 from ...stats.attacks import CurvePoint
 from ...stats.results import FAMILY_LABELS, METRIC_LABELS, UNITS, long_label, metric_label
 from ...stats.uncertainty import intervals

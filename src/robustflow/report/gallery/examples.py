@@ -29,8 +29,8 @@ from ...core.processes import in_child
 from ...core.types import Untrusted
 from ...corruptions.registry import ordered
 from ...media.images import jpeg_bytes, shrunk
+from ...metrics.cube import averaged_rows
 from ...metrics.error_maps import cre as cre_of
-from ...metrics.means import averaged_rows
 from ...metrics.rows import CLEAN, ROW_KEY
 from ...models.base import describe_cell
 from ...run.cells import Cell

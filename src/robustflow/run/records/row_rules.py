@@ -20,7 +20,7 @@ from ...core.arguments import SEVERITIES
 from ...core.errors import DataError
 from ...core.text import plain
 from ...core.types import TRUTHS
-from ...metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, REGION_MEASURES, Measure
+from ...metrics.measures import ATTACK, CLEAN_MEASURES, CONFIDENCE, MEASURES, REGION_MEASURES, Average, Measure
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
 from ...metrics.rows import CLEAN, COVERAGES, ROW_KEY, ROW_SCHEMA, SIGNED
 
@@ -42,7 +42,13 @@ _SHORT, _LONG = MAGNITUDE_BOUNDS
 
 _Expr = pl.Expr
 _whole_and_regions = {"": MEASURES, **{f"_{region}": measures for region, measures in REGION_MEASURES.items()}}
-_sums: list[Measure] = [one for part in (*_whole_and_regions.values(), CLEAN_MEASURES) for one in part.values()]
+
+
+def _averages(*declared: Mapping[str, Measure]) -> list[Average]:
+    return [part for measures in declared for measure in measures.values() for part in measure.parts]
+
+
+_sums = _averages(*_whole_and_regions.values(), CLEAN_MEASURES)
 _pixels = pl.col("height") * pl.col("width")
 _predicted_all = pl.col("n_all") == _pixels
 _is_clean = pl.col("corruption") == CLEAN
@@ -71,7 +77,7 @@ def _total(column: str, parts: Iterable[str]) -> _Expr:
     return reduce(add, (pl.col(f"{column}_{part}") for part in parts))
 
 
-def _beyond(measures: Iterable[Measure]) -> _Expr:
+def _beyond(measures: Iterable[Average]) -> _Expr:
     return _any(_exceeds(one.total, _LARGEST[one.unit] * one.count) for one in measures if one.unit in _LARGEST)
 
 
@@ -109,12 +115,8 @@ SINGLE_ROW_RULES: dict[str, _Expr] = {
 """Name of each rule of a row by itself -> condition under which a row breaks it."""
 
 RULES: dict[str, _Expr] = {
-    "sums and their counts are measured together": _any(
-        value.is_null() != one.count.is_null()
-        for one in _sums
-        for value in (one.total, *(() if one.minus is None else (one.minus,)))
-    ),
-    "no mean is beyond the range of its unit": _beyond([*_sums, *CONFIDENCE.values()]),
+    "sums and their counts are measured together": _any(one.total.is_null() != one.count.is_null() for one in _sums),
+    "no mean is beyond the range of its unit": _beyond([*_sums, *_averages(CONFIDENCE)]),
     "attack values are those of an attack": ~_attack
     & _any(pl.col(name).is_not_null() for name in ROW_SCHEMA if name.startswith("attack_")),
     "attack values are measured together": _attack
@@ -124,7 +126,7 @@ RULES: dict[str, _Expr] = {
     ),
     "attacks are within their budgets": _any(
         [pl.col(f"attack_{norm}") > pl.col(f"_{norm}") * (1 + _CLOSE) for norm in ("linf", "rms")]
-        + [_exceeds(pl.col("attack_rms"), pl.col("attack_linf")), _beyond(ATTACK.values())]
+        + [_exceeds(pl.col("attack_rms"), pl.col("attack_linf")), _beyond(_averages(ATTACK))]
     ),
     "capped errors are at most the errors": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
     "warnings of attacks are known": ~pl.col("attack_warnings")
@@ -132,9 +134,9 @@ RULES: dict[str, _Expr] = {
     .list.eval(pl.element().is_in(["", *WARNINGS]))
     .list.all(),
     "clean errors are those of the clean row": _any(
-        (one["cre"].count == pl.col(one["cre"].paired + _BEFORE))
-        & (pl.col(f"clean_epe_sum{part}") != pl.col(f"epe_sum{part}{_BEFORE}"))
-        for part, one in _whole_and_regions.items()
+        (before.count == pl.col(before.paired + _BEFORE)) & (before.total != pl.col(f"epe_sum{part}{_BEFORE}"))
+        for part, measures in _whole_and_regions.items()
+        for before in measures["cre"].parts[1:]
     ),
     "an error changes by at most the change of the flow": _any(
         _changed_more(pl.col(f"epe_sum{part}"), pl.col(f"clean_epe_sum{part}"), pl.col(f"rcre_sum{part}"))

@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 from ...corruptions.registry import MEMBERS, ordered
-from ...metrics.means import AVERAGE, averaged_corruptions
-from ...metrics.measures import BEFORE, MEASURES
+from ...metrics.cube import AVERAGE, averaged_corruptions
+from ...metrics.measures import MEASURES
 from ...metrics.rows import CLEAN
 from .statistic import Array, ErrorMean, Mean, of_data
 
@@ -115,7 +115,7 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """Tabulate, for each row of a run, the sample, group, corruption, severity and frames_digest, and the image's mean
     errors in pixels, null where nothing could be measured: epe, rcre, cre, and `before`, the clean epe over the same
     pixels as epe."""
-    parts = {"epe": MEASURES["epe"], "rcre": MEASURES["rcre"], "before": BEFORE}
+    parts = {name: MEASURES[name].parts[0] for name in ("epe", "rcre")} | {"before": MEASURES["cre"].parts[1]}
     known = {name: pl.when(one.count > 0).then(one.total / one.count) for name, one in parts.items()}
     images = rows.select("sample", "group", "corruption", "severity", "frames_digest", **known)
     seen = images.filter(pl.col("epe").is_not_null(), corruption=CLEAN)["sample"]

@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 
 from ...core.errors import RunError, unknown_name
-from ...metrics.means import averaged_rows
+from ...metrics.cube import averaged_rows
 from ...metrics.rows import CLEAN
 from .sums import image_errors
 
