@@ -23,7 +23,7 @@ def where(pipe):
 
 def start():
     child = Child(where)
-    print(child.receive("start", "")[1], flush=True)
+    print(child.receive("start", "", "")[1], flush=True)
     child.end()
 
 if __name__ == "__main__":
@@ -77,7 +77,7 @@ def value(pipe):
 if __name__ == "__main__":
     for os.environ["VALUE"] in "12":
         child = Child(value)
-        print(child.receive("start", "")[1])
+        print(child.receive("start", "", "")[1])
         child.end()
 """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import time
 import zlib
 from contextlib import suppress
@@ -170,7 +171,7 @@ class SilentError(Exception):
 
 class Trouble(Accelerated):
     """Fails after some predictions: returns a NaN ("nan") or channels first ("shape"), "raises" (or "raises silently"),
-    "exits" (like a script whose argument parser fails), "hangs" or "dies" (like a crash in native code)."""
+    "exits" (like a script whose argument parser fails), "hangs", "crashes" or "dies" (like native code)."""
 
     def __init__(self, trouble="", after=0, device="cpu", pause=0.0):
         super().__init__(device, pause)
@@ -194,6 +195,8 @@ class Trouble(Accelerated):
                 raise SystemExit(2)
             case "hangs":
                 time.sleep(600)
+            case "crashes":
+                os.kill(os.getpid(), signal.SIGSEGV)
             case "dies":
                 os._exit(17)
         return flow

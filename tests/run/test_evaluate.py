@@ -151,12 +151,17 @@ def test_run_does_not_continue_with_an_object_that_predicts_differently(tmp_path
         ("raises silently", "processes", ModelError, "SilentError"),
         ("hangs", None, ModelError, " 0.5 "),
         ("dies", "processes", RunError, "17"),
+        ("crashes", "processes", RunError, "SIGSEGV"),
     ],
 )
 def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, trouble, engine, error, fact):
     options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if trouble == "hangs" else None}
     run = partial(rf.evaluate, _trouble(trouble), output=tmp_path / "run", corruptions=FAST, **options)
-    assert fact in str(refusal(run, error, "sample 'motorcycle', clean"))
+    message = str(refusal(run, error, "sample 'motorcycle', clean"))
+    assert fact in message
+    if error is RunError:
+        assert "models_for_tests:Trouble" in message
+        assert "--workers" not in message
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 

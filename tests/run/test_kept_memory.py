@@ -24,7 +24,7 @@ def _faults_of_repeated_frames(pipe):
 def _faults() -> int:
     child = Child(_faults_of_repeated_frames)
     try:
-        return child.receive("nothing", "")[1]
+        return child.receive("nothing", "", "")[1]
     finally:
         child.end()
 

@@ -123,6 +123,8 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
         _evaluate_trouble("dies", frames, tmp_path / "run", workers=1, **two_nodes.engine)
     assert re.fullmatch("sample '.*', clean", caught.value.culprit)
     assert len(re.findall(r"node \S+ \(ActorDiedError\)", str(caught.value))) == 3
+    assert "models_for_tests:Trouble" in str(caught.value)
+    assert "--workers" not in str(caught.value)
     assert "raylet" not in "".join(capfd.readouterr()), "Ray's own messages do not appear in the output"
 
 

@@ -81,6 +81,7 @@ def test_a_model_object_on_a_device_is_sent_there(tmp_path):
         ("raises", ModelError, "ValueError: no weights"),
         ("hangs", ModelError, " 1.5 "),
         ("dies", RunError, "17"),
+        ("crashes", RunError, "model tests.run.models_for_tests:Trouble"),
     ],
 )
 def test_failing_prediction_process_ends_the_run(tmp_path, trouble, error, fact):

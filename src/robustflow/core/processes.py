@@ -162,7 +162,9 @@ class Child:
         with suppress(BrokenPipeError, ConnectionError):
             self.pipe.send(message)
 
-    def receive(self, doing: str, advice: str) -> tuple[str, Any]:
+    def receive(self, doing: str, if_killed: str, if_crashed: str) -> tuple[str, Any]:
+        """Return the next message. If the child has ended, raise an error with one of the two pieces of advice: a
+        process without enough memory is killed."""
         try:
             kind, value = self.pipe.recv()
         except (EOFError, ConnectionError):
@@ -170,11 +172,10 @@ class Child:
             code = self._process.exitcode
             if not self._began and code == 1:
                 raise RunError(f"a worker process failed to start; a guard may be missing: {_UNGUARDED}") from None
-            raise RunError(
-                doing,
-                f"its process exited without an error message (exit code {code}); the usual causes are lack of "
-                f"memory or a crash inside the model: {advice}",
-            ) from None
+            if code == -signal.SIGKILL:
+                raise RunError(doing, f"its process was killed, usually for lack of memory: {if_killed}") from None
+            how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
+            raise RunError(doing, f"its process crashed ({how}): {if_crashed}") from None
         self._began = True
         if kind == "error":
             raise rebuilt(*value)
@@ -188,7 +189,7 @@ def in_child(doing: str, steps: Callable[..., Iterator[T]], *arguments: Any) -> 
 
     def received() -> Iterator[T]:
         try:
-            while (message := child.receive(doing, "free some memory"))[0] == "step":
+            while (message := child.receive(doing, "free some memory", "a library failed in native code"))[0] == "step":
                 yield message[1]
         finally:
             child.end()

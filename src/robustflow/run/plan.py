@@ -46,6 +46,12 @@ class NamedModel:
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | ({} if self.spec is None else {"model": None})
 
+    @property
+    def label(self) -> str:
+        """The model's name in error messages."""
+        object_name = self.identity.get("name") or self.identity.get("object") or "model"
+        return self.name or (str(object_name) if self.spec is None else self.spec.name)
+
     def load(self) -> AnyModel:
         """Return the model; a copy in another process loads it by its spec."""
         return self.spec.load() if self.spec is not None and self.model is None else self.model

@@ -100,7 +100,8 @@ class OnnxModel(PairNetwork):
         try:
             if not child.pipe.poll(self._time):
                 raise ModelError(self._path, f"{doing} took longer than {self._time:g} s; set -O time_limit=SECONDS")
-            value = child.receive(doing, "allow more with -O memory_limit=GIB")[1]
+            more = "allow more with -O memory_limit=GIB"
+            value = child.receive(doing, more, f"lack of memory is the usual cause; {more}")[1]
         except BaseException as error:
             child.end()
             if isinstance(error, RunError):

@@ -26,6 +26,11 @@ class Engine:
     compute: Callable[[Job, Sequence[Unit]], FinishedUnits]
 
 
+def crash_of(model: str) -> str:
+    """Describe the cause of a crash of a worker, and the remedy."""
+    return f"native code of model {model}, or of a library, failed; report it to its authors, or leave the sample out"
+
+
 def pickled(job: Job, dumps: Callable[[Any], bytes] = pickle.dumps) -> bytes:
     """Return a job as it is sent to other processes."""
     try:

@@ -23,7 +23,7 @@ from ...core.processes import Child, one_opencv_thread, preload
 from ...models.base import describe_cell
 from ..plan import NO_MODEL, Job, Unit
 from ..worker import UNITS_AHEAD, FinishedUnit, Worker
-from .base import Engine, FinishedUnits, Schedule, pickled, unpickled
+from .base import Engine, FinishedUnits, Schedule, crash_of, pickled, unpickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
 preload("robustflow.run.engines.preloaded")
@@ -115,13 +115,13 @@ def _started(
     pool: list[_EngineProcess] = []
 
     def start(kind: list[_EngineProcess], limit: float | None, advice: str, *target: Any) -> None:
-        kind.append(_EngineProcess(Child(*target), advice, limit))
+        kind.append(_EngineProcess(Child(*target), job.model.label, advice, limit))
         stack.callback(kind[-1].child.end)
 
     if not devices:
         sent = pickled(job)
         for _ in range(workers):
-            start(pool, timeout, "try fewer --workers", compute_units)
+            start(pool, timeout, "use fewer --workers", compute_units)
             pool[-1].child.send(sent)
         return predicting, pool
     with ExitStack() as shared:  # closed here as soon as the children have it
@@ -133,20 +133,21 @@ def _started(
             links = [(pipes[one][1], batches[one]) for one in range(number, workers, len(devices))]
             model = pickle.dumps(job.model.on(device) if len(devices) > 1 else job.model)
             confidence = job.measuring.confidence
-            start(predicting, timeout, "try a smaller --batch-size", predict_forever, model, confidence, links)
+            start(predicting, timeout, "use a smaller --batch-size", predict_forever, model, confidence, links)
         without_model = pickled(replace(job, model=NO_MODEL))
         for (link, _), memory in zip(pipes, batches, strict=True):
-            start(pool, None, "try fewer --workers", feed_forever, without_model, link, memory)
+            start(pool, None, "use fewer --workers", feed_forever, without_model, link, memory)
     return predicting, pool
 
 
 class _EngineProcess:
     """A worker or a predicting process, and the units that a worker has not finished."""
 
-    def __init__(self, child: Child, advice: str, timeout: float | None) -> None:
+    def __init__(self, child: Child, model: str, advice: str, timeout: float | None) -> None:
         self.child = child
         self.units: list[Unit] = []
-        self._advice, self._timeout = advice, timeout
+        self._advice = f"free some, or {advice} (model {model})", crash_of(model)
+        self._timeout = timeout
         self._last_key: str | None = None
         self._doing: str | None = None
         """The cells that are being predicted, or, in a feeder, prepared."""
@@ -165,7 +166,7 @@ class _EngineProcess:
     def receive(self) -> FinishedUnit | None:
         """Read one message, and return the unit that it finishes, if any."""
         unfinished = [describe_cell(unit.key, unit.corruption, *unit.severities) for unit in self.units[:1]]
-        kind, value = self.child.receive(self._doing or next(iter(unfinished), "idle worker"), self._advice)
+        kind, value = self.child.receive(self._doing or next(iter(unfinished), "idle worker"), *self._advice)
         if kind == "doing":
             self._doing, self._since = value, time.monotonic()
             return None

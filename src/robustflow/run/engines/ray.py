@@ -24,7 +24,7 @@ from ...models.loading import device_of, is_accelerator
 from ..data_files import files_of_sample
 from ..plan import Job, Unit
 from ..worker import FinishedUnit
-from .base import FinishedUnits, Schedule, pickled
+from .base import FinishedUnits, Schedule, crash_of, pickled
 from .ray_actor import Files, Start, UnitActor, cannot_start, installed
 from .ray_cluster import connected, ray_module
 
@@ -171,8 +171,8 @@ class _Crew:
         if len(losses) == (ATTEMPTS if unit else ATTEMPTS * max(1, self._workers or self._most)):
             raise RunError(
                 describe_cell(unit.key, unit.corruption, *unit.severities) if unit else "start of a Ray worker",
-                f"{len(losses)} worker processes exited without an error message (on {first_of(losses, ATTEMPTS)}); "
-                "the usual causes are lack of memory or a crash inside the model: try fewer --workers",
+                f"{len(losses)} worker processes crashed or were lost (on {first_of(losses, ATTEMPTS)}): "
+                f"{crash_of(self._job.model.label)}, or free memory on the nodes",
             )
         if unit:
             self._schedule.give_back(unit)

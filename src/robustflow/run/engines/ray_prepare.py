@@ -67,8 +67,8 @@ def _check_done(ray: Any, call: Any, source: Source) -> None:
     except ray.exceptions.RayError as error:
         raise RunError(
             f"clip '{source.name}'",
-            f"lost again and again with its node ({type(error).__name__}); lack of memory is the usual "
-            "cause: try fewer --workers",
+            f"each process that prepared it crashed or was lost with its node ({type(error).__name__}); the usual "
+            "causes are lack of memory on the nodes and a damaged video",
         ) from error
     if kind == "error":
         raise rebuilt(*value)
