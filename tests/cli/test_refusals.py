@@ -51,6 +51,8 @@ CASES = [
     ("corrupt odd/000.png odd/001.png -c contrast", DataError, "odd/001.png"),
     ("corrupt --check -c fog", UsageError, "--corruptions"),
     ("gallery --clip frames --focal 700", UsageError, "--focal"),
+    ("corrupt frames/000.png frames/001.png -c fog_3d --depth-unit mm", UsageError, "--depth-unit"),
+    ("corrupt frames/000.png frames/001.png -c fog_3d --depth frames --depth-unit feet", UsageError, "--depth-unit"),
     ("gallery --clip frames -m dis", UsageError, "--model"),
     ("gallery --start 3", UsageError, "--start"),
     ("gallery --clip frames --frames a b", UsageError, "--frames"),

@@ -149,6 +149,8 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     assert job.depth.depth(job.dataset.load("0")).maps[0][0, 0] == 10
     focal = run(tmp_path / "focal", "folder", clip_folder, ["fog_3d"], {"depth": maps, "focal": 99})
     assert focal.manifest.identity.frames != first.manifest.identity.frames
+    unit = run(tmp_path / "unit", "folder", clip_folder, ["fog_3d"], {"depth": maps, "depth_unit": "m/2"})
+    assert unit.manifest.identity.frames != first.manifest.identity.frames
 
     np.save(maps / "3.npy", np.full((48, 64), 44, np.float32))
     again = partial(run, tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
@@ -173,6 +175,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
     for name, options, error, culprit in (
         ("fog", {"depth": maps}, UsageError, "--depth"),
         ("fog_3d", {"focal": 50}, UsageError, "--focal"),
+        ("fog_3d", {"depth_unit": "mm"}, UsageError, "--depth-unit"),
         ("fog_3d", {"depth": tmp_path / "nowhere"}, UsageError, "--depth"),
         ("fog_3d", {"depth": maps}, DataError, maps),
     ):

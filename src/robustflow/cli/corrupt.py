@@ -9,12 +9,12 @@ from typer import Argument, Option
 from ..core.errors import UsageError
 from ..core.files import make_folder
 from ..core.output import echo
-from .options import FRAMES, depth_of, names, numbers, refuse_unused, shared
+from .options import DEPTH, FRAMES, depth_of, names, numbers, refuse_unused, shared
 
 
 @shared(
     *FRAMES,
-    *("depth", "focal"),
+    *DEPTH,
     corruptions="Comma-separated names, families (weather), stacks (fog+snow), or your own module.path:Attribute.",
     severities="1 (mild) to 5 (severe), e.g. 3 or 1-5; 3 by default.",
     output="Folder for the corrupted frames; 'corrupted' by default.",

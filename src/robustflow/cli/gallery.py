@@ -12,7 +12,7 @@ from ..core.display import ProgressBar
 from ..core.errors import UsageError
 from ..core.files import make_folder, write_bytes
 from ..core.output import echo
-from .options import depth_of, names, refuse_unused, shared
+from .options import DEPTH, depth_of, names, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..core.types import Sample
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @shared(
-    *("severity", "corruptions", "attacks", "seed", "severity_scale", "psf_dir", "depth", "focal"),
+    *("severity", "corruptions", "attacks", "seed", "severity_scale", "psf_dir", *DEPTH),
     model="Also draw strip.webp: this model's flow and error under each corruption.",
     still="With --model: pair the first frame with itself, so that errors are phantom motion.",
     output="Folder to write; 'gallery' by default.",
@@ -56,14 +56,14 @@ def gallery(
     if clip is None:
         refuse_unused(context, ("start", "stop", "length"), "without --clip")
     else:
-        refuse_unused(context, ("frames", "depth", "focal", "model"), "with --clip")
+        refuse_unused(context, ("frames", *DEPTH, "model"), "with --clip")
     if model is None:
         refuse_unused(context, ("attacks", "still"), "without --model")
     if attacks is not None:
         refuse_unused(context, ("still",), "with --attacks")
     wanted = names(given["corruptions"])
     if attacks is not None and wanted is None:
-        refuse_unused(context, {"severity_scale", "psf_dir", "depth", "focal"}, "with --attacks alone")
+        refuse_unused(context, {"severity_scale", "psf_dir", *DEPTH}, "with --attacks alone")
     check_severity(given["severity"])
     if wanted is not None:
         from ..corruptions import IMAGE_PAIR, PAPER_ORDER, corruption_name

@@ -116,6 +116,8 @@ def _of_commands() -> Iterator[inspect.Parameter]:
     yield _option("depth", path, about, metavar="DIR", rich_help_panel=DATA)
     about = "With --depth, the focal length in pixels; the longer side of the frames by default."
     yield _option("focal", float | None, about, metavar="PX", rich_help_panel=DATA)
+    about = "With --depth, the maps' unit: m, cm, mm, or m/N for N per metre; mm for .png and m for others by default."
+    yield _option("depth_unit", text, about, metavar="UNIT", rich_help_panel=DATA)
     about = "Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of our lenses."
     yield _option("psf_dir", path, about, callback=_use_psf_dir, rich_help_panel=WHAT)
     about = "Your own corruption that the run used; names stored in a run are never imported."
@@ -131,12 +133,13 @@ COMMON = ("model_list", "benchmark", "data", "corruptions", "severities", "check
 """The options of a run that most users need; `run --help` shows the others below "Advanced"."""
 RUN: tuple[str, ...] = (*COMMON, "option", "trained_on")
 RUN += tuple(one.name for one in _of_run() if one.name not in RUN)
-RUN += ("psf_dir", "depth", "focal", "precision")
+DEPTH = ("depth", "focal", "depth_unit")
+RUN += ("psf_dir", *DEPTH, "precision")
 """All options of a run, the common ones first."""
 FRAMES = ("seed", "variant", "severity_scale", "common_draws", "psf_dir")
 """Options that change corrupted frames."""
 MODEL = ("model", "checkpoint", "device", "precision", "option")
-DATASET = ("data", "data_options", "depth", "focal")
+DATASET = ("data", "data_options", *DEPTH)
 
 
 def refuse_unused(context: typer.Context, unused: Iterable[str], when: str) -> None:
@@ -170,7 +173,7 @@ def data_options(given: Mapping[str, Any]) -> Given:
     >>> data_options({"data_options": ["step=2"], "depth": Path("maps"), "focal": 720.0})
     {'step': 2, 'depth': PosixPath('maps'), 'focal': 720.0}
     """
-    own = {key: given[key] for key in ("depth", "focal") if given.get(key) is not None}
+    own = {key: given[key] for key in DEPTH if given.get(key) is not None}
     return dict(keyword_options(given.get("data_options"))) | own
 
 
@@ -182,7 +185,7 @@ def depth_of(
     from ..data.benchmarks.registry import with_own_depth
 
     pair = Benchmark("pair", dataset, (sample.key,), tuple(corruptions))
-    depths = with_own_depth(pair, given["depth"], given["focal"]).depth_to_read()
+    depths = with_own_depth(pair, *(given[key] for key in DEPTH)).depth_to_read()
     return None if depths is None else depths.depth(sample)
 
 

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from ..core.output import echo
 from ..core.text import plain
-from .options import DATASET, data_options, model_spec, refuse_unused, shared
+from .options import DATASET, DEPTH, data_options, model_spec, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..models import ModelSpec
@@ -50,7 +50,7 @@ def pack(
 
 @app.command()
 @shared(
-    *("data_options", "depth", "focal", "checkpoint", "device", "option", "own_corruption"),
+    *("data_options", *DEPTH, "checkpoint", "device", "option", "own_corruption"),
     data="Your copy of the data; corrupted frames are recomputed and compared.",
     model="With --data: model of the run; some rows are predicted again and compared.",
     as_json="Print the checks as JSON.",

@@ -126,7 +126,7 @@ def recorded_plan(
 _REMEDIES = {
     "dataset": "use the data and data options of the run",
     "protocol": "use the data and data options of the run",
-    "depth": "pass the depth maps and the focal length of the run with -D depth=DIR and -D focal=PX",
+    "depth": "pass the depth maps of the run with -D depth=DIR and, if it had them, -D focal=PX and -D depth_unit=UNIT",
     "psf": "set ROBUSTFLOW_PSF_DIR to the same value as for the run",
     "corruptions": "pass the run's version of your corruption with --own-corruption",
 }

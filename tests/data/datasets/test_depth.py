@@ -275,6 +275,39 @@ def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
     assert OwnDepth(maps, dataset).depth_files("two/a") == [maps / "two" / f"{name}.npy" for name in "ab"]
 
 
+@pytest.mark.parametrize(
+    ("suffix", "unit", "per_metre", "warned"),
+    [
+        (".png", None, 1000, False),
+        (".png", "mm", 1000, False),
+        (".png", "m/5000", 5000, False),
+        (".png", "m/256", 256, False),
+        (".png", "cm", 100, False),
+        (".npy", None, 1, False),
+        (".npy", "mm", 1000, False),
+        (".npy", "m/2.5", 2.5, False),
+        (".pfm", "cm", 100, False),
+        (".npy", None, 1000, True),
+        (".png", "m", 1000, True),
+        (".npy", "m/500000", 256, True),
+    ],
+)
+def test_maps_are_read_in_the_stated_unit(clip, tmp_path, suffix, unit, per_metre, warned, recwarn):
+    metres = np.linspace(2, 8, 40 * 56, dtype=np.float32).reshape(40, 56)
+    for name in "ab":
+        values = np.rint(metres * per_metre) / 1000 if suffix == ".png" else metres * per_metre
+        write_map(tmp_path / "maps" / f"{name}{suffix}", values)
+    depth = OwnDepth(tmp_path / "maps", clip, unit=unit).depth(clip["a"])
+    assert len(recwarn) == warned
+    if not warned:
+        np.testing.assert_allclose(depth.maps[0], metres, atol=0.51 / per_metre, rtol=1e-6)
+
+
+@pytest.mark.parametrize("unit", ["", "inch", "m/", "m/0", "m/-2", "m/1e3", "5000", "km", "m/nan", 1000])
+def test_invalid_unit_is_refused(clip, tmp_path, unit):
+    refusal(lambda: OwnDepth(tmp_path, clip, unit=unit), UsageError, "--depth-unit")
+
+
 @pytest.mark.parametrize("focal", [0, -3, float("inf"), float("nan"), True, "far"])
 def test_invalid_focal_length_is_refused(clip, tmp_path, focal):
     refusal(lambda: OwnDepth(tmp_path, clip, focal), UsageError, "--focal")
@@ -286,5 +319,6 @@ def test_the_digest_follows_maps_and_focal_length_and_nothing_else(clip, tmp_pat
     (maps / "c.npy").write_bytes(b"of another clip")
     assert OwnDepth(maps, clip).digest == before
     assert OwnDepth(maps, clip, 56.0).digest != before
+    assert OwnDepth(maps, clip, unit="m/256").digest != before
     write_map(maps / "b.npy", metres() + 1)
     assert OwnDepth(maps, clip).digest != before

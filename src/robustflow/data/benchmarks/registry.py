@@ -115,15 +115,18 @@ def load_benchmark(
 ) -> Benchmark:
     """Open a benchmark by name."""
     others = dict(options or {})
-    depth, focal = others.pop("depth", None), others.pop("focal", None)
-    return with_own_depth(_load(name, data, split, others), depth, focal)
+    own = [others.pop(key, None) for key in ("depth", "focal", "depth_unit")]
+    return with_own_depth(_load(name, data, split, others), *own)
 
 
-def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
+def with_own_depth(
+    benchmark: Benchmark, folder: str | Path | None, focal: float | None, unit: str | None = None
+) -> Benchmark:
     if folder is not None:
-        return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal))
-    if focal is not None:
-        raise UsageError("--focal", "only applies to your own depth maps; give --depth DIR as well, or leave it out")
+        return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal, unit))
+    for option, value in (("--focal", focal), ("--depth-unit", unit)):
+        if value is not None:
+            raise UsageError(option, "only applies to your own depth maps; give --depth DIR as well, or leave it out")
     return benchmark
 
 

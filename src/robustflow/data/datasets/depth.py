@@ -33,9 +33,14 @@ _NEAREST, _FARTHEST = 0.1, 10_000.0
 
 
 def scene_depth(
-    first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, source: str | Path, sample: Sample
+    first: npt.NDArray[Any],
+    second: npt.NDArray[Any],
+    camera: Camera,
+    source: str | Path,
+    sample: Sample,
+    farthest: float = _FARTHEST,
 ) -> SceneDepth:
-    """Return the depth of a pair from two maps, with holes filled in."""
+    """Return the depth of a pair from two maps, with holes filled in; warn if their median depth is implausible."""
     maps, masks = [], []
     for number, values in enumerate((first, second), 1):
         what = f"{source}, sample '{sample.key}', frame {number}"
@@ -44,9 +49,9 @@ def scene_depth(
         maps.append(map_)
         masks.append(measured)
     median = float(np.median(maps[0][masks[0]]))
-    if not _NEAREST <= median <= _FARTHEST:
-        units = ".npy and .pfm in metres, 16-bit .png in millimetres"
-        warnings.warn(f"{source}: the median depth of a pair is {median:.3g} m; check the unit ({units})", stacklevel=2)
+    if not _NEAREST <= median <= farthest:
+        unit = "check the unit: .npy and .pfm are read in metres, .png in millimetres, or all as --depth-unit states"
+        warnings.warn(f"{source}: the median depth of a pair is {median:.3g} m; {unit}", stacklevel=2)
     return SceneDepth((maps[0], maps[1]), (masks[0], masks[1]), camera)
 
 

@@ -1,7 +1,8 @@
 """What a user brings: a dataset `module.path:Attribute`, checked and identified by its source; and depth maps.
 
 `--depth DIR`: the map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension
-.png (16-bit grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
+.png (16-bit grey, millimetres), .npy or .pfm (metres), unless `--depth-unit` states the unit. Pixels without a
+measurement are zero, NaN or infinite.
 """
 
 from __future__ import annotations
@@ -31,33 +32,39 @@ from .still import SharesFrames
 _READERS = {".png": read_depth_png, ".npy": read_depth_npy, ".pfm": read_depth_pfm}
 _FOLDERS = 3
 """Maximum number of parent folders of a frame that DIR may mirror."""
+_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+_FARTHEST = 500.0
+"""Largest plausible median depth of a user's map, in metres; that of a room is larger if it is in millimetres."""
 
 
 class OwnDepth:
     """Depth maps for the frames of a dataset. Implements `Depths`."""
 
-    def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
+    def __init__(
+        self, folder: str | Path, dataset: Dataset, focal: float | None = None, unit: str | None = None
+    ) -> None:
         self._folder, self._dataset = user_path(folder), dataset
         if not self._folder.is_dir():
             raise UsageError("--depth", f"{self._folder} does not exist; give the folder with a map for every frame")
         if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
             raise UsageError("--focal", f"{focal} is invalid; give a positive focal length in pixels")
-        self._focal = focal
+        self._focal, self._per_metre = focal, None if unit is None else _per_metre(unit)
 
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`. The principal point is the centre of the frame; the camera motion is unknown."""
         height, width = sample.shape
         focal = float(max(width, height)) if self._focal is None else float(self._focal)
-        first, second = (_read(path) for path in self._maps(sample.key))
+        first, second = (self._read(path) for path in self._maps(sample.key))
         camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2))
-        return scene_depth(first, second, camera, self._folder, sample)
+        return scene_depth(first, second, camera, self._folder, sample, _FARTHEST)
 
     def depth_files(self, key: str) -> list[Path]:
         return list(dict.fromkeys(self._maps(key)))
 
     @cached_property
     def digest(self) -> str:
-        whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
+        stated = self._focal if self._per_metre is None else (self._focal, self._per_metre)
+        whole = hashlib.blake2b(repr(stated).encode(), digest_size=8)
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
                 path = self._map(frame)
@@ -101,10 +108,24 @@ class OwnDepth:
         named = (place / f"{frame.stem}{suffix}" for place in places for suffix in _READERS)
         return next((path for path in named if path.is_file() and not path.samefile(frame)), None)
 
+    def _read(self, path: Path) -> Values:
+        """Return a map in metres."""
+        values = _READERS[path.suffix](path)
+        default = _PER_METRE["mm" if path.suffix == ".png" else "m"]
+        return values / np.float32(default if self._per_metre is None else self._per_metre)
 
-def _read(path: Path) -> Values:
-    values = _READERS[path.suffix](path)
-    return values / np.float32(1000) if path.suffix == ".png" else values
+
+def _per_metre(unit: str) -> float:
+    """Return how many of a unit are one metre.
+
+    >>> _per_metre("mm"), _per_metre("m/5000")
+    (1000.0, 5000.0)
+    """
+    number = re.fullmatch(r"m/(\d{1,9}(?:\.\d{1,9})?)", str(unit))
+    per_metre = float(number[1]) if number else _PER_METRE.get(str(unit), 0.0)
+    if per_metre <= 0:
+        raise UsageError("--depth-unit", f"{unit!r} is not a unit; give m, cm, mm, or m/N for N per metre, e.g. m/5000")
+    return per_metre
 
 
 _GUIDE = "see the guide 'add your dataset'"
