@@ -1,225 +1,141 @@
-"""Check a file of tensors before PyTorch reads it: only what a state dict needs, at a cost that its size bounds.
-
-PyTorch's `weights_only` runs no code, but calls `bytearray` with any number, and hashes nested tuples for as long as it
-takes. The scan follows the opcodes without calling anything.
-"""
+"""Read an untrusted file of tensors, written by PyTorch or safetensors: the only call of `torch.load`."""
 
 from __future__ import annotations
 
-import io
-import pickletools
-import zipfile
-from collections.abc import Iterable
-from dataclasses import dataclass
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
 from typing import Any, BinaryIO
 
-LARGEST = 4 * 2**20
-"""Maximum size of a pickle, bytes; the tensors are stored outside it, and one entry takes about 150 bytes."""
+from .pickle_opcodes import IGNORED, LARGEST, RefusedError, scan_pickle
 
-_DEEPEST = 100
-_MOST_SHARED = 16
-"""Maximum number of parts, counted as often as they are reached, per byte of the pickle."""
-
-IGNORED = ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
-"""Objects that training scripts store with the weights: the best error, the learning rate, the command line. They are
-replaced by placeholders."""
-
-_STORAGES = tuple(
-    f"torch.{kind}Storage"
-    for kind in (
-        *("Float", "Double", "Half", "BFloat16", "Long", "Int", "Short", "Char", "Byte", "Bool"),
-        *("ComplexFloat", "ComplexDouble"),
-    )
-)
-_DTYPES = tuple(
-    f"torch.{kind}"
-    for kind in (
-        *("float16", "bfloat16", "float32", "float64", "complex64", "complex128"),
-        *("bool", "uint8", "int8", "int16", "int32", "int64"),
-    )
-)
-_REBUILT = ("torch._utils._rebuild_tensor", "torch._utils._rebuild_tensor_v2")
-_CALLED = {
-    "collections.OrderedDict": "dict",
-    "collections.Counter": "dict",
-    "torch._utils._rebuild_parameter": "object",
-    "torch.Size": "object",
-    "torch.device": "object",
-    "_codecs.encode": "object",
-    **dict.fromkeys(_REBUILT, "object"),
-    **dict.fromkeys(IGNORED, "ignored"),
-}
-"""Kinds of the results of the functions that a file may call."""
-
-_CONSTANTS = {
-    *("BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT", "BINUNICODE", "SHORT_BINSTRING"),
-    *("NONE", "NEWTRUE", "NEWFALSE"),
-}
-_EMPTY = {"EMPTY_TUPLE": "tuple", "EMPTY_LIST": "list", "EMPTY_DICT": "dict"}
-_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-_ADDED = {"APPEND": 1, "SETITEM": 2, "APPENDS": None, "SETITEMS": None}
+_CHUNK = 2**20
+_END = struct.Struct("<4s4H2LH")
+_END64 = struct.Struct("<4sQ2H2L4Q")
+_LOCATOR = struct.Struct("<4sLQL")
+_ENTRY = struct.Struct("<4s6H3L5H2L")
+_LOCAL = struct.Struct("<4s5H3L2H")
+_IN_DESCRIPTOR, _UTF8 = 1 << 3, 1 << 11
+"""Flags of an entry: its size follows its content; its name is UTF-8."""
 
 
-class RefusedError(Exception):
-    """A file contains more than a state dict needs; the message names the part."""
+class _Unread:
+    """A placeholder for objects that training scripts store with the weights; it ignores all its arguments."""
+
+    def __new__(cls, *args: Any) -> _Unread:
+        return super().__new__(cls)
+
+    def __setstate__(self, state: Any) -> None:
+        pass
 
 
-@dataclass(slots=True)
-class _Pickled:
-    """An object of the pickle: its kind, its constant value or items, the size and depth of the tree below it, and
-    whether an object after it refers to it."""
+def load_tensors(file: BinaryIO) -> Any:
+    """Return the content of a file from its start: tensors, in dicts and lists, with numbers and texts.
 
-    kind: str
-    value: Any = None
-    parts: int = 1
-    depth: int = 1
-    shared: bool = False
+    Raises:
+        RefusedError: it contains more than that, or costs more memory or time than its size explains.
+        Exception: the libraries raise any exception on a damaged file.
+    """
+    import safetensors.torch
+    import torch
+
+    file.seek(0)
+    start = file.read(9)
+    file.seek(0)
+    if start[4:] == b"\0\0\0\0{":  # safetensors: the length of the header in 8 bytes, then the header in JSON
+        if (length := int.from_bytes(start[:8], "little")) > LARGEST:
+            raise RefusedError(f"a header of {length} bytes")
+        return safetensors.torch.load(file.read())
+    scan_torch_file(file)
+    with warnings.catch_warnings(), torch.serialization.safe_globals([(_Unread, name) for name in IGNORED]):
+        warnings.simplefilter("ignore")  # pickle protocol warnings; unreadable files raise an error anyway
+        return torch.load(file, weights_only=True, map_location="cpu")
 
 
 def scan_torch_file(file: BinaryIO) -> None:
     """Check a file written by `torch.save`; afterwards, the file is positioned at its start."""
     size = file.seek(0, 2)
     file.seek(0)
-    zipped = file.read(2) == b"PK"
-    file.seek(0)
-    if zipped:
+    if file.read(4) == b"PK\x03\x04":
         scan_pickle(_pickle_of_archive(file, size), size)
     else:  # the format before PyTorch 1.6: the content is the fourth of five pickles
+        position = 0
         for _ in range(5):
-            scan_pickle(file, size)
+            file.seek(position)
+            position += scan_pickle(file.read(LARGEST - position), size)
     file.seek(0)
 
 
-def _pickle_of_archive(file: BinaryIO, size: int) -> BinaryIO:
-    with zipfile.ZipFile(file) as archive:
-        records = archive.infolist()
-        declared = sum(record.file_size for record in records)
-        if declared > size:  # torch.save does not compress, so the contents cannot be larger than the file
-            raise RefusedError(f"its {size} bytes would unpack to {declared}")
-        if (changed := archive.testzip()) is not None:
-            raise ValueError(f"checksum mismatch in {changed[:60]}")
+def _pickle_of_archive(file: BinaryIO, size: int) -> bytes:
+    """Return the pickle of an archive that every program reads alike: its only directory is directly before its end,
+    and names entries that are stored one after the other."""
+    first, names, after, content = "", set[str](), 0, None
+    for name, offset, length, checksum, flags in _entries(file, size):
+        file.seek(offset)
+        header = file.read(_LOCAL.size)
+        _, _, local_flags, method, _, _, _, packed, unpacked, name_length, extra = _LOCAL.unpack(header)
+        begin = offset + _LOCAL.size + name_length + extra
+        sizes = ((length, length), (0, 0)) if flags & _IN_DESCRIPTOR else ((length, length),)
+        same = header[:4] == b"PK\x03\x04" and (local_flags, method) == (flags, 0) and (packed, unpacked) in sizes
+        if not same or file.read(name_length) != name.encode() or offset < after:
+            raise ValueError(f"two descriptions of entry {name[:60]} differ, or two entries overlap")
+        after = begin + length
         # PyTorch searches names regardless of case, in the folder of the first record
-        names = [record.filename.lower() for record in records]
-        if len(set(names)) < len(names):
-            raise ValueError("two records have the same name")
-        return io.BytesIO(archive.read(records[0].filename.partition("/")[0] + "/data.pkl"))
+        if name.lower() in names:
+            raise ValueError(f"two entries are named {name[:60]}")
+        names.add(name.lower())
+        first = first or name
+        wanted = name == first.partition("/")[0] + "/data.pkl"
+        if wanted and length > LARGEST:
+            raise RefusedError(f"a pickle of {length} bytes")
+        file.seek(begin)
+        found = 0
+        for position in range(0, length, _CHUNK):
+            part = file.read(min(_CHUNK, length - position))
+            found = zlib.crc32(part, found)
+        if found != checksum:
+            raise ValueError(f"checksum mismatch in {name[:60]}")
+        if wanted:
+            file.seek(begin)
+            content = file.read(length)
+    if content is None:
+        raise ValueError("it has no data.pkl")
+    return content
 
 
-def scan_pickle(file: BinaryIO, size: int) -> None:
-    """Read one pickle of a file without creating its objects, up to its end.
-
-    >>> import pickle
-    >>> scan_pickle(io.BytesIO(pickle.dumps({"lr": [0.1, 2]}, protocol=2)), 0)
-    >>> scan_pickle(io.BytesIO(pickle.dumps(bytearray(9), protocol=2)), 0)
-    Traceback (most recent call last):
-    robustflow.core.pickle_scan.RefusedError: builtins.bytearray
-    """
-    begin, read = file.tell(), 0
-    stack: list[_Pickled] = []
-    marks: list[int] = []
-    memo: dict[Any, _Pickled] = {}
-    for opcode, argument, _ in pickletools.genops(file):
-        read = file.tell() - begin
-        if read > LARGEST:
-            raise RefusedError(f"a pickle of more than {LARGEST >> 20} MiB")
-        name = opcode.name
-        if name in _CONSTANTS:
-            stack.append(_Pickled("constant", argument if opcode.arg else name))
-        elif name in _EMPTY:
-            stack.append(_Pickled(_EMPTY[name], []))
-        elif name == "MARK":
-            marks.append(len(stack))
-        elif name in _TUPLES or name == "TUPLE":
-            items = _pop(stack, _TUPLES[name] if name in _TUPLES else len(stack) - marks.pop())
-            stack.append(_add_parts(_Pickled("tuple", items), items))
-        elif name in _ADDED:
-            count = _ADDED[name]
-            items = _pop(stack, len(stack) - marks.pop() if count is None else count)
-            _add(stack[-1], items, "list" if name.startswith("APPEND") else "dict")
-        elif name in ("BINPUT", "LONG_BINPUT"):
-            memo[argument] = stack[-1]
-        elif name in ("BINGET", "LONG_BINGET"):
-            memo[argument].shared = True
-            stack.append(memo[argument])
-        elif name == "GLOBAL":
-            stack.append(_Pickled("global", _allowed(str(argument).replace(" ", "."))))
-        elif name in ("REDUCE", "NEWOBJ"):
-            called, arguments = _pop(stack, 2)
-            stack.append(_called(called, arguments))
-        elif name == "BUILD":
-            (state,) = _pop(stack, 1)
-            if stack[-1].kind != "ignored":
-                _add(stack[-1], [_Pickled("constant", ""), state], "dict")
-        elif name == "BINPERSID":
-            (identifier,) = _pop(stack, 1)
-            stack.append(_storage(identifier, size))
-        elif name not in ("PROTO", "STOP"):
-            raise RefusedError(f"opcode {name}")
-    if stack[-1].parts > _MOST_SHARED * read + 100:
-        raise RefusedError(f"{stack[-1].parts} parts, most of them the same")
-
-
-def _pop(stack: list[_Pickled], count: int) -> list[_Pickled]:
-    items = stack[len(stack) - count :]
-    if len(items) < count:
-        raise ValueError("its stack is empty")
-    del stack[len(stack) - count :]
-    return items
-
-
-def _add_parts(whole: _Pickled, items: Iterable[_Pickled]) -> _Pickled:
-    for item in items:
-        whole.parts += item.parts
-        whole.depth = max(whole.depth, item.depth + 1)
-    if whole.depth > _DEEPEST:
-        raise RefusedError(f"more than {_DEEPEST} levels of nesting")
-    return whole
-
-
-def _add(whole: _Pickled, items: list[_Pickled], kind: str) -> None:
-    if whole.kind != kind:
-        raise RefusedError(f"{kind} items of something else")
-    if whole.shared:
-        raise RefusedError(f"{kind} that contains itself")
-    if kind == "list":
-        whole.value.extend(items)
-    elif any(key.kind != "constant" for key in items[::2]):
-        raise RefusedError("dict whose keys are not numbers or strings")
-    _add_parts(whole, items)
-
-
-def _allowed(name: str) -> str:
-    name = name.replace("__builtin__", "builtins")
-    if name not in _CALLED and name not in _STORAGES and name not in _DTYPES:
-        raise RefusedError(name)
-    return name
-
-
-def _called(called: _Pickled, arguments: _Pickled) -> _Pickled:
-    name, values = called.value, arguments.value or []
-    if called.kind != "global" or arguments.kind != "tuple" or name not in _CALLED:
-        raise RefusedError(f"call of {name}")
-    kinds = [value.kind for value in values]
-    if name == "collections.OrderedDict":  # Python 2 stored the items as a list of pairs
-        pairs = values[0].value if kinds == ["list"] else values
-        fits = all(pair.kind in ("list", "tuple") and pair.value[0].kind == "constant" for pair in pairs)
-    elif name == "collections.Counter":
-        fits = kinds in ([], ["dict"])
-    elif name == "_codecs.encode":
-        fits = kinds == ["constant"] * 2 and values[1].value == "latin1"
-    elif name in _REBUILT:
-        fits = kinds[:1] == ["storage"]
-    else:
-        fits = True
-    if not fits:
-        raise RefusedError(f"call of {name} with different arguments")
-    return _add_parts(_Pickled(_CALLED[name], name), values)
-
-
-def _storage(identifier: _Pickled, size: int) -> _Pickled:
-    values = [part.value for part in identifier.value or []] if identifier.kind == "tuple" else []
-    if len(values) < 5 or values[0] != "storage" or values[1] not in _STORAGES:
-        raise RefusedError("reference to something other than values of a tensor")
-    if not isinstance(values[4], int) or not 0 <= values[4] <= size:
-        raise RefusedError(f"tensor of {values[4]} values in {size} bytes")
-    return _Pickled("storage")
+def _entries(file: BinaryIO, size: int) -> Iterator[tuple[str, int, int, int, int]]:
+    """Yield name, position, size, checksum and flags of each entry, in the order of the directory."""
+    file.seek(max(size - _END.size - _LOCATOR.size - _END64.size, 0))
+    tail = file.read()
+    end = size - _END.size
+    mark, *disks, count, total, length, begin, comment = _END.unpack(tail[-_END.size :])
+    if mark != b"PK\x05\x06" or any(disks) or count != total or comment:
+        raise ValueError("the end of the archive is missing, or has a comment")
+    if tail[-_END.size - _LOCATOR.size :][:4] == b"PK\x06\x07":
+        end -= _LOCATOR.size + _END64.size
+        mark, disk, position, number = _LOCATOR.unpack(tail[-_END.size - _LOCATOR.size : -_END.size])
+        mark64, rest, _, _, *disks, count64, total, length64, begin64 = _END64.unpack(tail[: _END64.size])
+        where = (position, disk, number, mark64, rest, *disks, count64)
+        saturated = ((count, 0xFFFF, count64), (length, 2**32 - 1, length64), (begin, 2**32 - 1, begin64))
+        if where != (end, 0, 1, b"PK\x06\x06", _END64.size - 12, 0, 0, total) or any(
+            short not in (most, long) for short, most, long in saturated
+        ):
+            raise ValueError("two directories of the archive differ")
+        count, length, begin = count64, length64, begin64
+    if begin + length != end:
+        raise ValueError("the directory is not at the end of the archive")
+    file.seek(begin)
+    directory, at = file.read(length), 0
+    for _ in range(count):
+        mark, _, _, flags, method, _, _, checksum, packed, unpacked, *more = _ENTRY.unpack_from(directory, at)
+        name_length, extra, comment, disk, _, _, offset = more
+        name = directory[at + _ENTRY.size :][:name_length]
+        at += _ENTRY.size + name_length + extra + comment
+        if mark != b"PK\x01\x02" or disk or not name.isascii() or b"\0" in name or flags & ~(_IN_DESCRIPTOR | _UTF8):
+            raise ValueError("an entry of the directory is damaged")
+        if method or packed != unpacked or not offset + packed <= begin:  # torch.save does not compress
+            raise RefusedError(f"its {size} bytes would unpack to more than {unpacked}")
+        yield name.decode(), offset, packed, checksum, flags
+    if at != length:
+        raise ValueError("the directory has more entries than it states")

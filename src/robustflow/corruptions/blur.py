@@ -15,7 +15,7 @@ from ..core.compiled import njit
 from ..core.errors import AssetError, DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
-from ..core.pickle_scan import scan_torch_file
+from ..core.pickle_scan import load_tensors
 from ..core.plugins import require
 from ..core.rng import Rng, hash64
 from ..core.types import Frame
@@ -205,8 +205,7 @@ def reference_field(folder: Path, rms: float) -> PsfField:
     import torch
 
     try:
-        scan_torch_file(file)
-        tensor = torch.load(file, map_location="cpu", weights_only=True)
+        tensor = load_tensors(file)
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
         raise DataError(path, "not a PSF stack that can be read safely; use an unmodified .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:

@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
-import safetensors.torch
 import torch
 from torch import Tensor, nn
 
 from ...core.errors import ModelError
 from ...core.paths import user_path
-from ...core.pickle_scan import IGNORED, RefusedError, scan_torch_file
+from ...core.pickle_opcodes import RefusedError
+from ...core.pickle_scan import load_tensors
 from ..model_file import damaged, opened
-
-
-class _Unread:
-    """A placeholder for objects that training scripts store with the weights; it ignores all its arguments."""
-
-    def __new__(cls, *args: Any) -> _Unread:
-        return super().__new__(cls)
-
-    def __setstate__(self, state: Any) -> None:
-        pass
-
 
 HELD_AS = ("state_dict", "model_state_dict", "model")
 """Keys under which checkpoint files store the weights."""
@@ -64,35 +52,13 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
     """Return the contents of a file, read with the same checks, and the file's SHA-256."""
     with opened(path, sha256) as (file, digest):
-        start = file.read(9)
-        file.seek(0)
-        if start[4:] == b"\0\0\0\0{":  # safetensors: the length of the header in 8 bytes, then the header in JSON
-            try:
-                return safetensors.torch.load(file.read()), digest
-            except Exception as error:  # SafetensorError, or KeyError for a data type that PyTorch does not have
-                raise damaged(path, error) from None
-        _check(path, file)
-        return _load(path, file), digest
-
-
-def _check(path: Path, file: BinaryIO) -> None:
-    """Raise unless PyTorch can read the file at a cost that its size bounds, and without running code."""
-    try:
-        scan_torch_file(file)
-    except RefusedError as error:
-        what = f"it contains more than plain weights ({str(error)[:200]}), which may run code or exhaust the memory"
-        raise ModelError(path, f"{what}; use the authors' file, or save only the state_dict") from None
-    except Exception as error:  # the parsers of zip files and pickles raise any exception on a damaged file
-        raise damaged(path, error) from None
-
-
-def _load(path: Path, file: BinaryIO) -> Any:
-    try:
-        with warnings.catch_warnings(), torch.serialization.safe_globals([(_Unread, name) for name in IGNORED]):
-            warnings.simplefilter("ignore")  # pickle protocol warnings; unreadable files raise an error anyway
-            return torch.load(file, weights_only=True, map_location="cpu")
-    except Exception as error:  # torch has no specific exception type for truncated or inconsistent files
-        raise damaged(path, error) from None
+        try:
+            return load_tensors(file), digest
+        except RefusedError as error:
+            what = f"it contains more than plain weights ({str(error)[:200]}), which may run code or exhaust the memory"
+            raise ModelError(path, f"{what}; use the authors' file, or save only the state_dict") from None
+        except Exception as error:  # parsers raise any exception on a damaged file
+            raise damaged(path, error) from None
 
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:
