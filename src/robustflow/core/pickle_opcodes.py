@@ -66,6 +66,8 @@ _LEAVES = {ord(")"): _TUPLE, ord("c"): _GLOBAL, ord("Q"): _STORAGE}
 _NOTHING = 2**31 - 1
 _LONGEST_KEY = 8
 """Maximum size of an integer that is a key, in bytes; larger ones can have any number of equal hashes."""
+_LONGEST_NAME = 100
+_MOST_ARGUMENTS = 10
 
 
 class RefusedError(Exception):
@@ -97,7 +99,7 @@ class _Scan:
         """Of each tuple, the number of its items, then the items."""
         self.storages: set[str] = set()
         self.stored = 0
-        self.steps = 0
+        self.steps, self.copied = 0, 0
 
     def run(self) -> int:
         data, stack, memo, at, size = self.data, self.stack, self.memo, 0, min(len(self.data), LARGEST)
@@ -164,6 +166,7 @@ class _Scan:
             if self._kind(self.stack[-1]) != _IGNORED:
                 if self._kind(state) != _DICT or self.properties[state] & _METHODS_REPLACED:
                     raise RefusedError("attributes that may replace methods")
+                self._copy(state)
                 self._add([state], _DICT)
         elif code == ord("Q"):
             self._refer(*self._pop(1))
@@ -171,9 +174,9 @@ class _Scan:
             raise RefusedError(f"opcode {bytes([code])!r}")
 
     def _remember(self, number: int, at: int) -> None:
-        if number > at:  # a pickle numbers its objects consecutively
+        if number > at // 2:  # a pickle numbers its objects consecutively
             raise RefusedError(f"object {number} at byte {at}")
-        self.memo.extend([_NOTHING] * (number + 1 - len(self.memo)))
+        self.memo.extend(array("i", [_NOTHING]) * (number + 1 - len(self.memo)))
         self.memo[number] = self.stack[-1]
 
     def _pop(self, count: int | None) -> Sequence[int]:
@@ -198,14 +201,14 @@ class _Scan:
         return begin, begin + int.from_bytes(self.data[at + 1 : begin], "little")
 
     def _text(self, value: int) -> str:
-        """Return a text, or the name of a function; "" for other values."""
+        """Return a name, which is a text or that of a function; "" for other values and long texts."""
         if value >= 0 or (code := self.data[at := ~value]) not in b"XUc":
             return ""
         if code == ord("c"):
             end = self.data.index(b"\n", self.data.index(b"\n", at) + 1)
             return self.data[at + 1 : end].decode().replace("\n", ".").replace("__builtin__", "builtins")
         begin, end = self._text_span(at)
-        return self.data[begin:end].decode(errors="replace")
+        return self.data[begin:end].decode(errors="replace") if end - begin <= _LONGEST_NAME else ""
 
     def _integer(self, value: int) -> int:
         """Return an integer; -1 for other values."""
@@ -219,7 +222,9 @@ class _Scan:
         if value < 0 or self._kind(value) != _TUPLE:
             return ()
         begin = self.first[value] + 1
-        return self.items[begin : begin + self.items[begin - 1]]
+        if (count := self.items[begin - 1]) > _MOST_ARGUMENTS:
+            raise RefusedError(f"a call with {count} arguments")
+        return self.items[begin : begin + count]
 
     def _make(self, properties: int, values: Sequence[int]) -> None:
         self.stack.append(len(self.parts))
@@ -249,6 +254,12 @@ class _Scan:
             raise RefusedError("a list or dict that contains itself")
         self._count(values)
 
+    def _copy(self, value: int) -> None:
+        """Count what a call copies, of which anything may be copied several times."""
+        self.copied += self.parts[value] if value >= 0 else 1
+        if self.copied > 1000 + self.at:
+            raise RefusedError(f"calls copy {self.copied} parts in {self.at} bytes")
+
     def _append(self, values: Sequence[int]) -> None:
         whole = self.stack[-1]
         empty = whole < 0 or self.parts[whole] == 1
@@ -269,6 +280,7 @@ class _Scan:
                 self.properties[self.stack[-1]] |= _METHODS_REPLACED
 
     def _call(self, called: int, arguments: int) -> None:
+        self._copy(arguments)
         name, values = self._text(called), self._values(arguments)
         if self._kind(called) != _GLOBAL or self._kind(arguments) != _TUPLE or name not in _CALLED:
             raise RefusedError(f"call of {name or 'something other than a function'}")
@@ -278,7 +290,8 @@ class _Scan:
         elif name == "collections.Counter":
             fits = kinds in ([], [_DICT])
         elif name == "_codecs.encode":
-            fits = kinds == [_CONSTANT] * 2 and self._text(values[1]) == "latin1"
+            texts = [self._text(value) for value in values]
+            fits = kinds == [_CONSTANT] * 2 and texts[0] != "" and texts[1] == "latin1"
         else:
             fits = name not in _REBUILT or kinds[:1] == [_STORAGE]
         if not fits:
@@ -289,7 +302,7 @@ class _Scan:
         """Execute a reference to a storage: ("storage", class, key, device, number of values)."""
         values = self._values(identifier)
         texts = [self._text(value) for value in values]
-        if len(values) < 5 or texts[0] != "storage" or texts[1] not in _STORAGES or not self._is_key(values[2]):
+        if len(values) < 5 or texts[0] != "storage" or texts[1] not in _STORAGES or not texts[2]:
             raise RefusedError("reference to something other than values of a tensor")
         number = self._integer(values[4])
         if texts[2] not in self.storages:

@@ -18,6 +18,8 @@ _ENTRY = struct.Struct("<4s6H3L5H2L")
 _LOCAL = struct.Struct("<4s5H3L2H")
 _IN_DESCRIPTOR, _UTF8 = 1 << 3, 1 << 11
 """Flags of an entry: its size follows its content; its name is UTF-8."""
+_FOLDER = 1 << 4
+"""Attribute of an entry that PyTorch takes for a folder: it does not read the content, and returns unset memory."""
 
 
 class _Unread:
@@ -129,11 +131,12 @@ def _entries(file: BinaryIO, size: int) -> Iterator[tuple[str, int, int, int, in
     directory, at = file.read(length), 0
     for _ in range(count):
         mark, _, _, flags, method, _, _, checksum, packed, unpacked, *more = _ENTRY.unpack_from(directory, at)
-        name_length, extra, comment, disk, _, _, offset = more
+        name_length, extra, comment, disk, _, attributes, offset = more
         name = directory[at + _ENTRY.size :][:name_length]
         at += _ENTRY.size + name_length + extra + comment
-        if mark != b"PK\x01\x02" or disk or not name.isascii() or b"\0" in name or flags & ~(_IN_DESCRIPTOR | _UTF8):
-            raise ValueError("an entry of the directory is damaged")
+        unusual = flags & ~(_IN_DESCRIPTOR | _UTF8) or attributes & _FOLDER or name.endswith(b"/")
+        if mark != b"PK\x01\x02" or disk or unusual or not name.isascii() or b"\0" in name:
+            raise ValueError("an entry of the directory is damaged, or not a file")
         if method or packed != unpacked or not offset + packed <= begin:  # torch.save does not compress
             raise RefusedError(f"its {size} bytes would unpack to more than {unpacked}")
         yield name.decode(), offset, packed, checksum, flags
