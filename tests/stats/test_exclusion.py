@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import polars as pl
@@ -12,7 +10,6 @@ import pytest
 from robustflow.api import evaluate
 from robustflow.metrics import Cube
 from robustflow.metrics.measures import CLEAN_MEASURES
-from robustflow.paper.experiment.effects import PLAIN, arms, left_out
 from robustflow.stats.exclusion import exclusion_reasons, reasons_from_rows
 from robustflow.stats.model_result import run_results
 from robustflow.stats.uncertainty import compare_all
@@ -85,14 +82,6 @@ def test_guard_averages_over_images_with_unequal_numbers_of_pixels():
         for name, n, epe, length in zip("abc", pixels, errors, motion, strict=True)
     )
     assert Cube.of(rows).mean(CLEAN_MEASURES["zero_flow_epe"], "clean") == 12.0
-
-
-def test_experiments_and_rankings_use_one_guard():
-    worse, better = (SimpleNamespace(rows=_rows(epe, 5.0)) for epe in (25.1, 24.9))
-    runs = {(arm.name, "demo", seed): better for arm in arms() for seed in (0, 1)}
-    runs[PLAIN, "demo", 1] = worse
-    assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow 50.00 px"}
-    assert [bool(reasons_from_rows(one.rows)) for one in (worse, better)] == [True, False]
 
 
 def _explained(error: float, of_still: float, truth: bool = False) -> list[str]:

@@ -1,5 +1,5 @@
-"""Subcommands of `robustflow reproduce`: consistency of results, the paper's observations, flow magnitudes in a
-benchmark, and training with and without corruptions."""
+"""Subcommands of `robustflow reproduce`: consistency of results, the paper's observations, and flow magnitudes in a
+benchmark."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +11,8 @@ from ..core.display import ProgressBar
 from ..core.errors import UsageError
 from ..core.files import make_folder, write_bytes
 from ..core.output import echo
-from ..core.plugins import require
 from ..core.text import counted, plain
-from .options import data_options, keyword_options, numbers, refuse_unused, shared
+from .options import data_options, keyword_options, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..data.benchmarks import Benchmark
@@ -139,40 +138,3 @@ def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
         raise UsageError(run.path, "a run on other frames; give its benchmark, --data, --split and --limit")
     return run
-
-
-def experiment(
-    output: Annotated[Path, Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
-    data: Annotated[list[str] | None, Option("--data", "-d", help="NAME=FOLDER of real pairs to evaluate on.")] = None,
-    seeds: Annotated[int, Option(min=1, help="Number of seeds, with one training run of each kind per seed.")] = 6,
-    steps: Annotated[int | None, Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
-    severities: Annotated[str, Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
-    shapes: Annotated[int, Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
-    size: Annotated[str, Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
-    loaders: Annotated[int, Option(min=0, help="Processes that prepare batches in advance.")] = 1,
-) -> None:
-    """Test whether training with corruptions helps against unseen corruptions, holding out noise, then weather.
-
-    Trains `tiny` from several random initialisations; continues each without corruptions, with all of them, and with
-    all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; run the same
-    command again to resume. Commands running in several terminals share the work.
-
-    \b
-    Example:
-      robustflow reproduce experiment --data middlebury=~/middlebury --seeds 10
-    """
-
-    require("torch", "training")
-    from ..paper.experiment.findings import findings
-    from ..paper.experiment.robust_training import TrainingExperiment, evaluation_sets, run_experiment
-    from .interrupt import Interrupted, stopped
-
-    levels, sets = tuple(numbers(severities) or ()), evaluation_sets(data or [], shapes, size)
-    asked = TrainingExperiment(output, sets, seeds=seeds, steps=steps, severities=levels, loaders=loaders)
-    runs = run_experiment(asked, lambda text: typer.echo(f"robustflow: {text}", err=True), Interrupted())
-    if runs is None:
-        raise stopped(f"{asked.output} is kept. Run the same command again")
-    text, table = findings(runs)
-    write_bytes(asked.output / "effects.csv", table.write_csv().encode())
-    write_bytes(asked.output / "findings.md", text.encode())
-    echo(text)

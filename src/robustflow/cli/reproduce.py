@@ -1,4 +1,4 @@
-"""`robustflow reproduce`: repeat the paper's measurements, check its tables, and run the training experiment."""
+"""`robustflow reproduce`: repeat the paper's measurements, and check its tables."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +12,7 @@ from ..core.files import make_folder, write_bytes
 from ..core.output import echo
 from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import names, run_arguments, shared
-from .paper import audit, displacement, experiment, observations
+from .paper import audit, displacement, observations
 
 if TYPE_CHECKING:
     from ..api import Result
@@ -36,7 +36,6 @@ app = typer.Typer(cls=_TableByDefault)
 app.command()(audit)
 app.command()(observations)
 app.command()(displacement)
-app.command()(experiment)
 
 
 @app.command()
