@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 import pytest
 
-from robustflow.core.errors import RobustFlowError
+from robustflow.core.errors import RobustFlowError, options_named
 
 from .refusals import refusal
 
@@ -51,4 +51,5 @@ class CommandLine:
         from robustflow.cli.main import command_line
 
         words = arguments.split()
-        refusal(lambda: command_line(words)(words), error, culprit)
+        with options_named():
+            refusal(lambda: command_line(words)(words), error, culprit)

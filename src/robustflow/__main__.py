@@ -15,11 +15,13 @@ def main() -> None:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     gc.set_threshold(_NEW_OBJECTS)
     from .cli.main import main as command_line
+    from .core import output
 
     _signal.signal(_signal.SIGINT, interrupt)
     try:
         command_line()
     finally:
+        output.end_results()
         if "torch" not in sys.modules:  # triton prints a warning about each of its objects that is not collected
             gc.freeze()  # otherwise Python searches all objects for garbage before it exits: 0.6 s after a run
 

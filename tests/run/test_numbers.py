@@ -7,7 +7,7 @@ import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.testing import ZeroFlow
 
-OPTIONS = {"workers": "workers", "batch_size": "batch-size", "timeout": "timeout", "limit": "limit", "draws": "draws"}
+OPTIONS = {name: name for name in ("workers", "batch_size", "timeout", "limit", "draws")}
 
 
 @pytest.mark.parametrize("option", [*OPTIONS, "seed", "severities"])

@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperOption
 
 from .. import __version__
 from ..core.display import ignore_local_settings
-from ..core.errors import RobustFlowError, UsageError, plain_warning
+from ..core.errors import RobustFlowError, UsageError, options_named, plain_warning
 from ..core.output import results_only
 from ..core.paths import user_path
 from ..core.processes import SAFE_PATH
@@ -147,10 +147,11 @@ def _version(wanted: bool) -> None:
 
 
 def _options(
+    context: typer.Context,
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
     debug: bool = typer.Option(False, "--debug", help="Print the full traceback of an error."),
 ) -> None:
-    pass
+    context.with_resource(options_named())
 
 
 def __getattr__(name: str) -> typer.Typer:

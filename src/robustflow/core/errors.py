@@ -2,13 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from contextlib import suppress
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+
+_names_options = False
+
+_PROGRAM = r"\b(?:robustflow|ray|git|pip|python -m) [a-z][^;,)]*"
+_VALUE = r"(?!(?:or|and)\b)[^\s=,;()]+(?=[,;)]|$| --)"
+_OPTION = re.compile(rf"({_PROGRAM})|(?<![\w-])(?:-[A-Z] |--([a-z][a-z-]+)(?:[ =]({_VALUE}))?)")
+_RENAMED = {"seeds": "draws", "data_option": "data_options"}
+
+
+@contextmanager
+def options_named(named: bool = True) -> Iterator[None]:
+    """Name options of the command line in errors that are raised within the block; elsewhere, errors name the arguments
+    of Python's functions."""
+    global _names_options
+    before, _names_options = _names_options, named
+    try:
+        yield
+    finally:
+        _names_options = before
+
+
+def names_options() -> bool:
+    """Return whether errors name options of the command line."""
+    return _names_options
+
+
+def as_argument(text: Any) -> Any:
+    """Write the options in a message as arguments in Python, unless they belong to a command or the command line is
+    running.
+
+    >>> as_argument("--batch-size"), as_argument("use --engine ray, or omit --workers")
+    ('batch_size', "use engine='ray', or omit workers")
+    >>> as_argument("see robustflow list --help")
+    'see robustflow list --help'
+    """
+    return text if _names_options or not isinstance(text, str) else _OPTION.sub(_argument, text)
+
+
+def _argument(option: re.Match[str]) -> str:
+    command, flag, value = option.groups()
+    name = (flag or "").replace("-", "_")
+    name = _RENAMED.get(name, name)
+    literal = value if value is None or value.isupper() or value[0].isdigit() else repr(value)
+    return command or (name if value is None else f"{name}={literal}")
 
 
 class RobustFlowError(Exception):
@@ -26,8 +72,8 @@ class RobustFlowError(Exception):
     """Exit code of the command line."""
 
     def __init__(self, *parts: object) -> None:
-        super().__init__(*parts)
-        self.culprit = str(parts[0]) if len(parts) > 1 else ""
+        super().__init__(*map(as_argument, parts))
+        self.culprit = str(self.args[0]) if len(parts) > 1 else ""
         """Path, option, key or name that is at fault; "" if there is none."""
 
     def __str__(self) -> str:

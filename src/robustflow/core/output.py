@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Iterator
@@ -15,8 +16,7 @@ _results: TextIO | None = None
 @contextmanager
 def results_only() -> Iterator[None]:
     """Send to stderr whatever other code prints to stdout within the block, from Python, from C and from child
-    processes; `echo` still writes to stdout. If stdout is that of the process, this lasts until the process ends, when
-    buffers are written."""
+    processes; `echo` still writes to stdout."""
     global _results
     stdout = sys.stdout
     if _results is not None or stdout is None:
@@ -32,8 +32,19 @@ def results_only() -> Iterator[None]:
     try:
         yield
     finally:
-        if not of_process:
-            _results, sys.stdout = None, stdout
+        results, _results, sys.stdout = _results, None, stdout
+        if of_process:
+            print(end="", flush=True)
+            ctypes.CDLL(None).fflush(None)  # C code prints into a buffer of its library
+            os.dup2(results.fileno(), 1)
+            results.close()
+
+
+def end_results() -> None:
+    """Send to stderr what other code prints while the process ends."""
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout is sys.__stdout__:
+        sys.stdout.flush()
+        os.dup2(2, 1)
 
 
 def stream() -> TextIO:

@@ -311,7 +311,8 @@ def child_main(
 
     cv2.setNumThreads(1)
     try:
-        target(pipe, *arguments)
+        with errors.options_named():  # the parent renames them if it is no command
+            target(pipe, *arguments)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except BaseException as error:
@@ -334,7 +335,7 @@ def rebuilt(kind: str, message: str, trace: str, culprit: str = "") -> Exception
     known: Any = getattr(errors, kind, None)
     if isinstance(known, type) and issubclass(known, RobustFlowError):
         error: Exception = known(message)
-        vars(error)["culprit"] = culprit
+        vars(error)["culprit"] = errors.as_argument(culprit)
     else:
         error = RuntimeError(f"{kind} in a worker process: {message}\n{trace}")
     error.__cause__ = RuntimeError(f"in a worker process:\n{trace}")

@@ -203,7 +203,7 @@ def test_folder_of_a_different_data_set_is_refused_by_name(kitti, tmp_path):
     (tmp_path / "training" / "colored_0").mkdir(parents=True)
     for name, data, fitting in (("kitti-fc", tmp_path, "kitti2012"), ("sintel", kitti, "kitti-fc")):
         refused = refusal(lambda name=name, data=data: load_benchmark(name, data), DataError, data)
-        assert str(refused).endswith(f" {fitting}")
+        assert str(refused).endswith(f"={fitting!r}")
 
 
 def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(kitti, tmp_path):
@@ -212,7 +212,7 @@ def test_a_damaged_folder_of_the_dataset_itself_suggests_no_different_benchmark(
     lost.unlink()
     for name in ("kitti-fc", "kitti2015"):
         refused = refusal(lambda name=name: load_benchmark(name, damaged), DataError, lost)
-        assert "--benchmark" not in str(refused)
+        assert "benchmark" not in str(refused)
 
 
 def test_unusable_paths_are_refused_in_one_line(tmp_path):

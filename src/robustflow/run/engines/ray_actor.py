@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.errors import DataError, RunError, UsageError
+from ...core.errors import DataError, RunError, UsageError, options_named
 from ...core.processes import keep_freed_memory
 from ...core.version import VERSION
 
@@ -162,7 +162,8 @@ class UnitActor:
 def answered(compute: Callable[[], Any]) -> Answer:
     """Return the result or the exception of a call as an `Answer`."""
     try:
-        return "done", compute()
+        with options_named():  # the driver renames them if it is no command
+            return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
         return failed(error)
 
