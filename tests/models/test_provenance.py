@@ -16,7 +16,6 @@ from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
 from robustflow.models.provenance import TRAINING_SETS, Training, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
 from robustflow.stats.published.tables import published_methods
-from robustflow.stats.run_results import run_setting
 from robustflow.testing import BrightnessFlow
 
 
@@ -56,25 +55,21 @@ def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
     assert set(expected) == {entry.file for entry in checkpoints()}
     for entry in checkpoints():
         settings = tuple(setting_on(training_of_entry(entry), name) for name in ("kitti-fc", "sintel", "gopro-fc"))
-        of_flow = expected[entry.file]  # labels that follow from the flow training alone
-        unchecked = entry.backbone.endswith("?")
-        labels = tuple("UNKNOWN" if unchecked and label == "OOD" else label for label in of_flow)
-        assert settings == labels, (entry.model, entry.checkpoint)
+        assert settings == expected[entry.file], (entry.model, entry.checkpoint)
 
 
-def test_checkpoint_with_a_backbone_of_unchecked_pre_training_is_never_ood():
-    """31 checkpoints of FlowSeek and WAFT contain Depth Anything V2, DINOv3 or Twins. The label of ImageNet's backbone
-    follows from the flow training."""
+def test_a_backbone_of_unchecked_pre_training_is_a_second_fact_beside_the_setting_of_the_flow_training():
+    """31 checkpoints of FlowSeek and WAFT contain Depth Anything V2, DINOv3 or Twins."""
     unchecked = [entry for entry in checkpoints() if entry.backbone.endswith("?")]
     assert len(unchecked) == 31
     settings = {setting_on(training_of_entry(entry), "kitti-fc") for entry in unchecked}
-    assert settings == {"UNKNOWN", "LEAKED"}
+    assert settings == {"OOD", "UNKNOWN", "LEAKED"}
     (things,) = (entry for entry in unchecked if (entry.model, entry.checkpoint) == ("flowseek_t", "things"))
     provenance = provenance_of(training_of_entry(things), "kitti-fc")
-    assert (provenance.trained_on, provenance.backbone) == (("flyingchairs", "flyingthings3d"), "depth-anything-v2?")
-    assert provenance.note.count("depth-anything-v2") == 1
+    assert (provenance.setting, provenance.trained_on) == ("OOD", ("flyingchairs", "flyingthings3d"))
+    assert provenance.backbone_note.startswith("backbone depth-anything-v2, ")
     (flowformer,) = (one for one in checkpoints() if (one.model, one.checkpoint) == ("flowformer", "things"))
-    assert (flowformer.backbone, setting_on(training_of_entry(flowformer), "kitti-fc")) == ("imagenet", "OOD")
+    assert provenance_of(training_of_entry(flowformer), "kitti-fc").backbone_note == "backbone imagenet"
 
 
 def test_no_checkpoint_of_ptlflow_is_left_out():
@@ -223,7 +218,6 @@ def test_own_model_states_its_training_sets(tmp_path):
     assert run.manifest.provenance == Provenance(
         setting="ID", trained_on=("flyingchairs", "flyingthings3d", "middlebury:train"), basis="declared"
     )
-    assert run.setting == run_setting(run) == "ID"
+    assert run.setting == "ID"
     silent = rf.evaluate(lambda a, b: Mine().predict(a, b), output=tmp_path / "b", corruptions=["contrast"])
     assert silent.setting == "UNKNOWN"
-    assert run_setting(silent) == "own"

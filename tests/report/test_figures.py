@@ -212,7 +212,7 @@ def _vertical_lines(figure: Figure) -> list[tuple[float, float]]:
     ],
 )
 def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkeypatch):
-    results = _own("OOD", "OOD", "OOD", "own", "own", weather=True)
+    results = _own("OOD", "OOD", "OOD", "UNKNOWN", "UNKNOWN", weather=True)
     without = draw(results)
     assert "intervals" not in without.caption
     assert not _vertical_lines(without)
@@ -258,7 +258,7 @@ def test_family_figure_shows_at_most_as_many_models_as_styles():
 def test_a_model_looks_alike_in_every_figure_and_unlike_every_kind():
     kinds, models = ([style.colour for style in styles] for styles in (KIND_STYLES.values(), MODEL_STYLES))
     assert len({*kinds, *models}) == len(kinds) + len(models)
-    results = _own("knowledge", "OOD", "ID", "own", "own", weather=True)
+    results = _own("knowledge", "OOD", "ID", "UNKNOWN", "UNKNOWN", weather=True)
     styles = FigureStyles({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
     figures = figures_by_sample_set(results, styles)["own frames"]
     seen: dict[str, set[str]] = {}
@@ -276,7 +276,7 @@ def test_wide_intervals_do_not_push_the_values_of_a_figure_together(draw):
     def wide(values):
         return {key: replace(value, ends=(0.001, 900.0 * value.number)) for key, value in values.items()}
 
-    lines = _own(*5 * ["own"], weather=True)
+    lines = _own(*5 * ["UNKNOWN"], weather=True)
     narrow = draw(lines)
     figure = draw([replace(line, values=wide(line.values), families=wide(line.families)) for line in lines])
     assert "95 %" in figure.caption
@@ -345,14 +345,14 @@ def test_figures_without_data_are_left_out_and_sample_sets_are_numbered(monkeypa
         return ModelResult("kitti-fc", frames, "OOD", "a", "", {}, run=SimpleNamespace(rows=_rows(seed)))
 
     of_means = {"clean_against_cre", "crer_by_family", "relations", "effective_trend"}
-    assert set(all_figures([*published_results(), run("own")])) == of_means | {"severity_rcre_1", "severity_epe_1"}
+    assert set(all_figures([*published_results(), run("UNKNOWN")])) == of_means | {"severity_rcre_1", "severity_epe_1"}
     assert not all_figures([])
     kitti = [replace(line, run=run("", index).run) for index, line in enumerate(_own("OOD", "OOD"))]
     assert set(all_figures(kitti)) == {"clean_against_cre", "severity_rcre", "severity_epe"}
     curves = {f"severity_{metric}_{number}" for metric in ("rcre", "epe") for number in (1, 2)}
     clip = replace(run("clip"), benchmark="gopro-fc")
     assert set(all_figures([clip, *kitti])) == {"clean_against_cre_2"} | curves
-    assert not figures_by_sample_set([replace(line, benchmark="folder") for line in _own("OOD", "own")])
+    assert not figures_by_sample_set([replace(line, benchmark="folder") for line in _own("OOD", "UNKNOWN")])
 
 
 def test_own_models_on_the_same_frames_are_drawn_together():
@@ -360,12 +360,13 @@ def test_own_models_on_the_same_frames_are_drawn_together():
     model in two settings has a panel for each."""
     results = [
         replace(line, name=line.name.replace("M1", "FlowDiffuser"))
-        for line in _own("knowledge", "OOD", "ID", "own", "own")
+        for line in _own("knowledge", "OOD", "ID", "UNKNOWN", "UNKNOWN")
     ]
     drawn = figures_by_sample_set(results)["own frames"]
     for name in ("clean_against_cre", "relations"):
         shown = {(mark.model, mark.setting) for marks in drawn[name].marks.values() for mark in marks}
-        assert shown == {("M0", "knowledge"), ("FlowDiffuser", "OOD"), ("M2", "ID"), ("M3", "own"), ("M4", "own")}
+        unknown = {("M3", "UNKNOWN"), ("M4", "UNKNOWN")}
+        assert shown == {("M0", "knowledge"), ("FlowDiffuser", "OOD"), ("M2", "ID"), *unknown}
     assert len(drawn["clean_against_cre"].axes) == len(drawn["effective_trend"].axes) == 1
     assert drawn["relations"].axes[0].get_title(loc="left").startswith("(a) r = 1.00")
     results = [replace(line, name="M") for line in _own("OOD", "ID")]

@@ -94,7 +94,10 @@ def untested(monkeypatch):
     [
         ([("A", "OOD", 2.0), ("B", "OOD", 2.01)], {"A", "B"}, {"A"}),
         (
-            [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0), ("Blind", "OOD", 1.0)],
+            [
+                ("DIS", "knowledge", 3.0),
+                *(("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "UNKNOWN", 4.0), ("Blind", "OOD", 1.0)),
+            ],
             {"DIS", "A", "B", "C"},
             set(),
         ),

@@ -373,7 +373,7 @@ def test_a_hundred_models_stay_below_the_limit():
     models = []
     for index in range(100):
         values = {key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in raft.values.items()}
-        setting = ("OOD", "ID", "own")[index % 3]
+        setting = ("OOD", "ID", "UNKNOWN")[index % 3]
         models.append(replace(raft, name=f"Model {index:03d}", setting=setting, frames="file", values=values))
     text = render_site(whole_content([], [("many.csv", models)], published=False))
     assert len(data_of(text)["models"]) == 100

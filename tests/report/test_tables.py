@@ -12,7 +12,7 @@ from robustflow.stats.results_file import parse_results
 from robustflow.stats.seeds import SeedGroup
 from tests.refusals import refusal
 
-_SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}
+_SETTING = {"Knowledge-driven (knowledge)": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}
 
 
 def _printed(table) -> dict[tuple[str, str], list[tuple[str, bool]]]:

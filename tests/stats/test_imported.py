@@ -1,4 +1,4 @@
-"""Result files of the reference code and of FlowBench are read, and invalid ones are rejected."""
+"""Result files of the reference code are read, and invalid ones are rejected."""
 
 import json
 import math
@@ -35,16 +35,6 @@ def _reference(names=_ON_DISK, **changed):
     return content | changed
 
 
-def _experiment(name, severity, epe, **changed):
-    entry = {"model": "raft", "checkpoint": "kitti", "attack": "common_corruptions", "name": name, "severity": severity}
-    return entry | {"targeted": False, "dataset": "kitti-2015", "metrics": {"epe": epe, "px3": 0.9}} | changed
-
-
-def _clean(epe, **changed):
-    entry = {"model": "raft", "checkpoint": "kitti", "attack": "none", "dataset": "kitti-2015"}
-    return entry | {"metrics": {"epe": epe}} | changed
-
-
 def _write(folder, content, name="results.json"):
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / name
@@ -54,7 +44,7 @@ def _write(folder, content, name="results.json"):
 
 def test_results_file_of_the_reference_code_is_read(tmp_path):
     (line,) = lines_of(read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())]))
-    assert (line.setting, line.name) == ("own", "RAFT_ood_2024-11-01_10-00-00")
+    assert (line.setting, line.name) == ("UNKNOWN", "RAFT_ood_2024-11-01_10-00-00")
     assert (line.benchmark, line.note) == ("kitti-fc", NOTE)
     assert line.frames == "Reference code, kitti-fc, average over 20 corruptions"
     cre, epe, rcre = map(line.numbers, ("cre", "epe", "rcre"))
@@ -82,38 +72,8 @@ def test_files_with_equal_corruptions_form_one_group(tmp_path):
     assert len({line.frames for line in lines}) == 1
 
 
-def test_several_files_of_flowbench_are_merged(tmp_path):
-    """The numbers for RAFT equal those in the repository."""
-    attack = _experiment("snow", 3, 69.0) | {"attack": "pgd"}
-    files = [
-        [_clean(0.643377952510491), _clean(0.6433216004259884)],
-        [_experiment("gaussian_noise", 1, 1.7103273705393076), _experiment("gaussian_noise", 3, 6.016592)],
-        [attack, _experiment("snow", 3, 40.424386)],
-        [_clean(0.59, model="gma"), _experiment("snow", 3, 30.0, model="gma", checkpoint="mine")],
-    ]
-    lines = lines_of(
-        read_imported([_write(tmp_path / str(at), {"experiments": each}) for at, each in enumerate(files)])
-    )
-    assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
-    epe, cre = (
-        {(line.setting, line.name, of): value for line in lines for of, value in line.numbers(metric).items()}
-        for metric in ("epe", "cre")
-    )
-    # the later one takes precedence, as in FlowBench's reader
-    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884
-    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the only severity in both files
-    assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
-    assert epe["own", "gma mine", "average"] == 30.0
-    assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
-    assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
-    assert "gma kitti" not in [line.name for line in lines]  # clean frames do not measure robustness
-    assert len({line.frames for line in lines}) == 2
-    assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in lines[0].frames
-
-
 def test_imported_results_survive_a_round_trip_through_csv(tmp_path):
-    files = [_experiment(name, 3, 2.5) for name in ("motion_blur", "zoom_blur", "brightness", "fog")]
-    frame = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
+    frame = read_imported([_write(tmp_path / "a", _reference())])
     again = parse_results(results_csv(frame), "results.csv", "file")
     assert again.drop("decimals").equals(frame.drop("decimals"))
 
@@ -138,34 +98,12 @@ def test_imported_results_survive_a_round_trip_through_csv(tmp_path):
         (_reference(fog={"rCRE": [1, 2, 3, 4, True]}), ", 'fog', rCRE"),
         (_reference(clean={"clean_EPE": [math.nan]}), ", 'clean', clean_EPE"),
         ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, ""),
-        ({"experiments": ["x"]}, ", experiment 1"),
-        *(
-            ({"experiments": [_experiment(*given, **changed)]}, ", experiment 1")
-            for given, changed in (
-                (("rain", 3, 1.0), {}),
-                ((["fog"], 3, 1.0), {}),
-                ((None, 3, 1.0), {}),
-                (("fog", 6, 1.0), {}),
-                (("fog", True, 1.0), {}),
-                (("fog", [3], 1.0), {}),
-                (("fog", 3, math.nan), {}),
-                (("fog", 3, 1.0), {"metrics": None}),
-                (("fog", 3, 1.0), {"model": None}),
-                (("fog", 3, 1.0), {"dataset": "kitti-2012"}),
-                (("fog", 3, 1.0), {"dataset": {}}),
-            )
-        ),
     ],
 )
 def test_wrong_results_file_is_refused_with_the_place(tmp_path, content, where):
     path = _write(tmp_path, content)
     error = refusal(lambda: read_imported([path]), DataError, f"{path}{where}")
     assert "\x1b" not in str(error)
-
-
-def test_corruptions_of_different_severities_have_no_mean(tmp_path):
-    path = _write(tmp_path, {"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]})
-    refusal(lambda: read_imported([path]), DataError, "FlowBench, raft kitti on kitti-2015")
 
 
 def test_missing_or_too_large_file_is_refused(tmp_path):

@@ -19,7 +19,7 @@ from robustflow.report.site.headline import headline_of
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.run import Run
 from robustflow.stats.model_result import ranked, run_results
-from robustflow.stats.run_results import comparison_note, run_setting
+from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, made_run
 from tests.refusals import refusal
@@ -213,7 +213,7 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_and_figures(runs, monkeypa
 
 
 def test_notes_differ_where_what_was_measured_differs(runs):
-    assert [run_setting(run) for run in runs] == ["knowledge", "own", "ID"]
+    assert [run.setting for run in runs] == ["knowledge", "UNKNOWN", "ID"]
     (note,) = {comparison_note(run) for run in runs}
     calibrated = made_run(runs[0], runs[0].rows, severity_scale="calibrated 00")
     without_hardest = (pl.col("corruption") != "contrast") | (pl.col("severity") != 3)

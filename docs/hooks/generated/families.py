@@ -8,7 +8,7 @@ from math import fsum
 from robustflow.corruptions import FAMILIES, SEVERITIES
 from robustflow.corruptions.registry import CLIP
 from robustflow.stats.published.tables import published_results
-from robustflow.stats.results import family_means, setting_words
+from robustflow.stats.results import family_means
 
 from .demonstration import Numbers
 from .tables import table
@@ -93,7 +93,7 @@ def _published(family: str) -> str:
     means = {(line.setting, line.name): family_means(line.numbers(metric))[family] for line in lines}
     order = ["knowledge", "OOD", "ID"]
     lowest = sorted(means, key=lambda key: (order.index(key[0]), means[key]))
-    rows = [(model, setting_words(setting), f"{means[setting, model]:.2f}") for setting, model in lowest]
+    rows = [(model, setting, f"{means[setting, model]:.2f}") for setting, model in lowest]
     intro = f"Mean {metric.upper()} over the family on {title}, in pixels, from the published values; lower is better. "
     more = "Rows with different settings are not comparable; see the [glossary](../../glossary.md)."
     return f"{intro}{more}\n\n{table(('model', 'setting', f'{metric.upper()} (px)'), rows)}"

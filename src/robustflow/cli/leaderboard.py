@@ -35,8 +35,7 @@ def leaderboard(
 
     Without a source, the leaderboard shows the paper's results. Results measured on different frames form separate
     groups. A run or record that cannot be read is left out with its reason. Results files are CSV, or JSON of the
-    paper's reference code (results.json) or FlowBench (metrics_DATASET.json); without rows, they are labelled
-    "claimed".
+    paper's reference code (results.json); without rows, they are labelled "claimed".
 
     With --add the source is a folder that several people add records to. Each record is verified and copied into its
     records/ (a run's folder is packed first), and the page is rebuilt from all records.

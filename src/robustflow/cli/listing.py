@@ -60,7 +60,8 @@ def _models() -> list[str]:
         "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence for it.",
         f"Needed besides ptlflow: {'; '.join(f'{name} ({needs})' for name, needs in BESIDES.items())}.",
         "OOD: not trained on KITTI; ID: trained on KITTI, but not on evaluated pairs; LEAKED: trained on evaluated "
-        "pairs; UNKNOWN: not documented (declare with --trained-on C+T), or a backbone with unchecked pre-training.",
+        "pairs; UNKNOWN: not documented (declare with --trained-on C+T). + NAME: a pre-trained backbone; ?: its data "
+        "were not checked.",
         f"multi-frame: up to {max(method.frames for method in methods().values())} frames; needs data with clips.",
         "Few of the published weights come with a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
@@ -76,7 +77,8 @@ def _checkpoints() -> dict[str, list[str]]:
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():
         setting = setting_of(training_of_entry(entry), "kitti-fc")
-        seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
+        backbone = f" + {entry.backbone}" if entry.backbone else ""
+        seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}{backbone}")
     return seen
 
 

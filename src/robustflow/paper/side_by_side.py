@@ -52,11 +52,10 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     measured = [name for name in run.measured.corruptions if name in _in_paper(artefact)]
     here = _values_over(run_results([run], beside_published=True)[0], measured)
     levels = run.manifest.severities
-    setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
-    differs = setting not in (runnable.variant.setting, "untrained")
+    differs = run.setting not in (runnable.variant.setting, "untrained")
     notes = (
         runnable.weights,
-        f"{setting}, not the setting of this row" if differs else "",
+        f"{run.setting}, not the setting of this row" if differs else "",
         comparison_note(run, beside_published=True),
         "" if len(measured) == len(_in_paper(artefact)) else "the published average is over the same corruptions",
         "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",

@@ -28,7 +28,7 @@ from ..run.run import Run
 from ..stats.exclusion import exclusion_reasons
 from ..stats.frame import results_frame
 from ..stats.results import AVERAGE, CLEAN, RESULT_METRICS, SETTING_EXPLANATIONS, SETTING_LABELS
-from ..stats.run_results import comparison_note, run_setting
+from ..stats.run_results import comparison_note
 
 Files = dict[PurePosixPath, bytes]
 """Contents by path relative to the folder of the export."""
@@ -60,7 +60,7 @@ def _means(run: Run) -> list[dict[str, Any]]:
 
 def _caveats(run: Run, means: Sequence[dict[str, Any]]) -> str:
     """Return what a reader needs to know before comparing the numbers."""
-    setting, out = run_setting(run), []
+    setting, out = run.setting, []
     if run.setting not in ("OOD", "knowledge"):
         explained = SETTING_EXPLANATIONS.get(setting, "see the manifest")
         out.append(f"{SETTING_LABELS.get(setting, setting)}: {explained}.")

@@ -31,9 +31,8 @@ from ..stats.results import (
     long_label,
     metric_label,
     on_benchmark,
-    setting_words,
 )
-from ..stats.run_results import comparison_note, run_setting
+from ..stats.run_results import comparison_note
 from ..stats.seeds import SeedGroup
 from ..stats.uncertainty import intervals
 from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
@@ -111,7 +110,7 @@ def result_table(run: Run) -> Table:
     conditions: dict[str, Cell] = {label: (of, None) for label, of in ({"all": AVERAGE} | families).items()}
     rows = rows_of_means(run.means, [(metric, None) for metric in metrics], conditions)
     remarks = [f"clean EPE {run.epe_clean:.2f} px" if run.epe_clean is not None else "", comparison_note(run)]
-    title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark_words(run.benchmark)}"
+    title = f"{run.name} ({run.setting}) on {benchmark_words(run.benchmark)}"
     return Table.of("result", title, map(metric_label, metrics), {"Means": rows}, remarks, "Corruptions")
 
 

@@ -213,7 +213,7 @@ def _facts(run: Run, everywhere: set[str]) -> Iterator[tuple[str, str]]:
     trained_on = run.provenance.trained_on
     yield "benchmark", plain(benchmark_facts(run.benchmark).title, 40)
     yield "dataset", f"dataset {_short(frames.dataset)}"
-    yield f"{_MODEL}training", "training not stated" if trained_on is None else f"trained on {_named(trained_on)}"
+    yield f"{_MODEL}training", "training UNKNOWN" if trained_on is None else f"trained on {_named(trained_on)}"
     settings = run.manifest.identity.model.settings
     options = settings.get("options")
     for key, value in {**(options if isinstance(options, Mapping) else {}), **settings}.items():

@@ -21,7 +21,7 @@ from .attacks import attack_scores
 from .exclusion import exclusions
 from .ranking import partial_spearman, spearman
 from .results import NEVER_RANKED
-from .run_results import comparison_notes, run_setting
+from .run_results import comparison_notes
 from .uncertainty.intervals import interval_ends
 
 RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
@@ -93,7 +93,7 @@ def results_frame(
             "benchmark": run.benchmark,
             "model": name,
             "sample_set": sample_set(run),
-            "setting": run_setting(run),
+            "setting": run.setting,
             "pairs": run.measured.samples,
             "source": "verified record" if run.record else "measured",
             "note": note,

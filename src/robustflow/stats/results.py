@@ -20,19 +20,19 @@ OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE)
 """The overall means of a model, as (metric, condition)."""
 
 SETTING_LABELS = {
-    "knowledge": "Knowledge-driven",
+    "knowledge": "Knowledge-driven (knowledge)",
     "OOD": "Out-of-domain (OOD)",
     "ID": "In-domain (ID)",
     "LEAKED": "Trained on the evaluated pairs (LEAKED)",
-    "own": "Training not stated",
-    "untrained": "Random weights",
+    "UNKNOWN": "Training not documented (UNKNOWN)",
+    "untrained": "Random weights (untrained)",
 }
 SETTING_EXPLANATIONS = {
     "knowledge": "is not a learned method",
     "OOD": "was not trained on data from the benchmark's domain",
     "ID": "was trained on the domain, but not on the evaluated frames",
     "LEAKED": "was trained on the evaluated frames",
-    "own": "the run does not state what its model was trained on, or its backbone was not checked",
+    "UNKNOWN": "its training data are not documented; declare them with --trained-on",
     "untrained": "has random weights and is never ranked",
 }
 NEVER_RANKED = {"untrained": "its weights are random"}
@@ -121,16 +121,6 @@ def on_benchmark(model: str, benchmark: str) -> str:
     ('DIS on GoPro-FC', 'DIS on GoPro-FC')
     """
     return f"{model.removesuffix(f' ({benchmark_label(benchmark)})')} on {benchmark_words(benchmark)}"
-
-
-def setting_words(setting: str) -> str:
-    """Describe a setting as a phrase for use within a sentence.
-
-    >>> setting_words("own"), setting_words("ID")
-    ('training not stated', 'ID')
-    """
-    words = {"own": "training not stated", "knowledge": "knowledge-driven", "untrained": "random weights"}
-    return words.get(setting, plain(setting, 40))
 
 
 def short_label(corruption: str) -> str:

@@ -14,7 +14,6 @@ from ..run.comparable import sample_set_of
 from ..run.run import Run
 from .frame import LINE, given_frame
 from .results import AVERAGE, inside, long_label
-from .run_results import OWN_SETTING
 
 if TYPE_CHECKING:
     from ..run.submission import Submitted
@@ -73,5 +72,4 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
 
 def _setting(run: Run) -> str:
     """Return the model's setting on RobustSpring's frames, regardless of which benchmark the run used."""
-    setting = run.manifest.provenance_on("robustspring").setting
-    return OWN_SETTING if setting == "UNKNOWN" else setting
+    return run.manifest.provenance_on("robustspring").setting

@@ -16,15 +16,7 @@ from .uncertainty.intervals import more_than_paper
 if TYPE_CHECKING:
     from ..run.run import Run
 
-OWN_SETTING = "own"
-"""The setting of a run whose model does not declare what it was trained on."""
 _MOST_NAMED = 3
-
-
-def run_setting(run: Run) -> str:
-    """Return the setting of a run, determined by the model's training data; "own" if the training data are not
-    declared."""
-    return OWN_SETTING if run.setting == "UNKNOWN" else run.setting
 
 
 def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
@@ -70,6 +62,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.measured.complete:
         remarks.append("not complete")
+    remarks.append(run.provenance.backbone_note)
     return "; ".join(filter(None, remarks))
 
 

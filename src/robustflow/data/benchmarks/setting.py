@@ -6,6 +6,9 @@
 without a standard split, such as Sintel, are evaluated whole, so the evaluated pairs in `S:train` are unknown. On the
 user's videos, which `gopro-fc` also reads, the setting is unknown.
 
+The setting follows from what the flow was trained on. A pre-trained backbone (SAM, Depth Anything, DINO) is a second
+fact, `Provenance.backbone_note`.
+
 KITTI's raw data contain the frames of most pairs. A model trained on the raw data without labels has seen these frames
 unless its authors left them out (`KR:train`); its setting is "ID", and a note gives the number of pairs.
 """
@@ -40,6 +43,14 @@ class Provenance(Frozen):
     note: str = ""
     backbone: str = ""
 
+    @property
+    def backbone_note(self) -> str:
+        """What is known of the backbone, a second fact that decides no setting; empty without a backbone."""
+        if not self.backbone:
+            return ""
+        unchecked = ", whose pre-training data were not checked" if self.backbone.endswith("?") else ""
+        return f"backbone {self.backbone.removesuffix('?')}{unchecked}"
+
 
 def provenance_of(
     training: Training,
@@ -49,11 +60,10 @@ def provenance_of(
 ) -> Provenance:
     """Return what the training sets of a model mean for its results on a benchmark, or on some of its samples."""
     setting, notes = _of_flow_training(training, benchmark, keys, protocol or {})
-    backbone = training.backbone
-    if backbone.endswith("?") and setting in ("OOD", "ID"):
-        setting, notes = "UNKNOWN", [f"backbone: the pre-training data of {backbone[:-1]} were not checked", *notes]
     note = "; ".join(filter(None, (training.note, *notes)))
-    return Provenance(setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=backbone)
+    return Provenance(
+        setting=setting, trained_on=training.sets, basis=training.basis, note=note, backbone=training.backbone
+    )
 
 
 def setting_of(

@@ -19,7 +19,6 @@ from ...stats.results import (
     RESULT_METRICS,
     SETTING_EXPLANATIONS,
     SETTING_LABELS,
-    setting_words,
 )
 from ..leaderboard import CLASSES, COMPACT, OVERVIEW, START
 from ..table import Column, Line, Table, with_exclusion
@@ -41,7 +40,7 @@ def page_data(content: Content, panels: Mapping[ModelResult, Sequence[PanelPictu
             for page, (name, tables) in model_pages(content).items()
         },
         "settings": {
-            name: (setting_words(name), f"set-{name.lower()}" if name in SETTING_LABELS else "set-other", explanation)
+            name: (name, f"set-{name.lower()}" if name in SETTING_LABELS else "set-other", explanation)
             for name, explanation in settings
         },
         "views": _VIEWS,

@@ -10,7 +10,7 @@ from ...data.benchmarks.facts import is_still, sample_noun
 from ...run.run import Run
 from ...stats.attacks import attack_scores
 from ...stats.model_result import ModelResult, by_frames
-from ...stats.results import AVERAGE, CLEAN, METRIC_LABELS, benchmark_words, inside, long_label, setting_words
+from ...stats.results import AVERAGE, CLEAN, METRIC_LABELS, benchmark_words, inside, long_label
 from ..leaderboard import GROUP
 from ..table import Table, interval_text
 from .content import Content
@@ -84,7 +84,7 @@ def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -
     if len(groups) > 1 and len(known) == 1:
         return f"No two of the {len(groups)} ranked results on {where} are on the same frames, so none are compared."
     first, value = known[0], known[0].values[metric, AVERAGE]
-    whose = f"{plain(first.name)} ({setting_words(first.setting)})"
+    whose = f"{plain(first.name)} ({plain(first.setting, 40)})"
     number = f"{value.text} px {interval_text(value.ends)}".rstrip()
     if len(known) == 1:
         only = f"{whose} is the only ranked result on {where}"

@@ -23,7 +23,6 @@ from ...stats.results import (
     long_label,
     mean_label,
     metric_label,
-    setting_words,
 )
 from ...stats.run_results import comparison_note
 from ..run_tables import anatomy_table, parts_of
@@ -108,7 +107,7 @@ def _settings(benchmark: str, results: Sequence[ModelResult]) -> Table:
         )
         for name in [*names, AVERAGE]
     ]
-    columns = [Column(f"{METRIC_LABELS[m]} {setting_words(r.setting)}", strongest=tops[m]) for m, r in shown]
+    columns = [Column(f"{METRIC_LABELS[m]} {plain(r.setting, 40)}", strongest=tops[m]) for m, r in shown]
     title = f"{benchmark_label(benchmark)} (px)"
     return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 
@@ -124,7 +123,7 @@ def _run_facts(run: Run) -> list[tuple[str, str]]:
         ("Model", ", ".join(f"{key}: {value}" for key, value in model if value not in ({}, None, ""))),
         ("Setting", run.setting),
         ("Trained on", _trained_on(run.setting, provenance.trained_on)),
-        ("Pre-trained backbone", provenance.backbone),
+        ("Pre-trained backbone", provenance.backbone_note.removeprefix("backbone ")),
         ("Evidence for the training data", provenance.basis),
         ("Note on training", provenance.note),
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
