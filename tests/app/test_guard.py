@@ -16,7 +16,8 @@ import pytest
 from starlette.responses import PlainTextResponse
 
 from robustflow.app.serve import Guard, serve
-from robustflow.core.errors import UsageError
+from robustflow.core.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
 from tests.data.video import clips
 from tests.refusals import refusal
 
@@ -142,6 +143,18 @@ def test_interrupted_app_ends_without_a_message(tmp_path, monkeypatch, stop, pre
         out, error = running.process.communicate(timeout=30)
         assert (running.process.returncode, out, error) == (0, "", "")
         assert not list(scratch.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("spec", "error", "culprit"),
+    [
+        (ModelSpec("nope"), UsageError, "nope"),
+        (ModelSpec("models_of_nobody:Net"), UsageError, "models_of_nobody:Net"),
+        (ModelSpec("raft", (("checkpoint", "/nowhere.pth"),)), ModelError, "/nowhere.pth"),
+    ],
+)
+def test_a_given_model_that_cannot_be_loaded_ends_the_app(spec, error, culprit):
+    refusal(lambda: serve([spec], port=0, browser=False), error, culprit)
 
 
 def test_port_in_use_is_refused():

@@ -7,12 +7,14 @@ import io
 import struct
 import zlib
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
 
 import robustflow as rf
 from robustflow.app.pairs import KEPT
+from robustflow.app.uploads import MAX_CLIP_FRAMES
 from robustflow.media.flow import flo_bytes
 from tests.data.video import clips
 
@@ -113,6 +115,19 @@ def test_unusable_upload_is_refused_in_one_line(app, files, culprit):
 def test_upload_of_a_clip_that_is_no_video_is_refused(app):
     status, answer = app.upload(clip=("c.mp4", b"not a video"))
     assert (status, answer["error"].partition(":")[0]) == (400, "c.mp4")
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "mp4"])
+def test_upload_of_a_clip_of_too_many_frames_is_refused_whatever_its_container_states(app, tmp_path, suffix):
+    path = tmp_path / f"long.{suffix}"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=30)
+        stream.width = stream.height = 16
+        for _ in range(MAX_CLIP_FRAMES + 1):
+            container.mux(stream.encode(av.VideoFrame(16, 16, "yuv420p")))
+        container.mux(stream.encode())
+    status, answer = app.upload(clip=(path.name, path.read_bytes()))
+    assert (status, answer["error"].partition(":")[0]) == (400, path.name)
 
 
 def test_upload_with_a_name_longer_than_a_file_system_allows_is_read(app):

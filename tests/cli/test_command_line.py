@@ -4,6 +4,7 @@ and the end on Ctrl-C.
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -85,6 +86,47 @@ start.main()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+@pytest.mark.parametrize(
+    ("shell", "code", "lines"),
+    [
+        ("{} list corruptions >&-", 0, 1),
+        ("{} run -m dis -c contrast -s 1 --no-examples -o run >&- && {} report run >&- 2>&-", 0, 1),
+        ("{} run -m dis -c contrast -s 6 -o run >&-", 2, 2),
+        ("{} list corruptions >&- 2>&- <&-", 0, 0),
+        ("{} list corruptions >/dev/full", 1, 1),
+        ("ulimit -v 150000; {} list models", 1, 1),
+        ("ulimit -v 900000; {} run -m dis -c contrast -s 1 -o run", 1, 1),
+        ("ulimit -v 2400000; {} run -m dis -c contrast -s 1 -o run", 1, 1),
+        ("ulimit -v 900000; {} --help > help", 0, 0),
+    ],
+)
+def test_closed_streams_and_little_memory_are_one_line_each(tmp_path, shell, code, lines):
+    command = shell.replace("{}", f"{sys.executable} -m robustflow")
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    assert sum(line.startswith("robustflow: ") for line in done.stderr.splitlines()) == lines, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ImportError("cannot map a library"), RuntimeError("no new thread")])
+@pytest.mark.parametrize("limit", [math.inf, 8e9])
+def test_what_a_limit_of_memory_may_cause_is_one_line_and_anything_else_a_traceback(
+    robustflow, monkeypatch, error, limit
+):
+    def fail(arguments):
+        raise error
+
+    monkeypatch.setattr("robustflow.cli.main.command_line", fail)
+    monkeypatch.setattr("robustflow.cli.main._memory_limit", lambda: limit)
+    if limit == math.inf and not isinstance(error, MemoryError):
+        with pytest.raises(type(error)):
+            robustflow("list")
+    else:
+        assert type(error).__name__ in robustflow.refuses("list", code=1)
+    with pytest.raises(type(error)):
+        robustflow("--debug", "list")
 
 
 def test_a_command_that_imported_torch_ends_with_its_objects_collected():

@@ -171,7 +171,8 @@ class SilentError(Exception):
 
 class Trouble(Accelerated):
     """Fails after some predictions: returns a NaN ("nan") or channels first ("shape"), "raises" (or "raises silently"),
-    "exits" (like a script whose argument parser fails), "hangs", "crashes" or "dies" (like native code)."""
+    "exits" (like a script whose argument parser fails), "stops as ..." (an exception that
+    ends a process), "hangs", "crashes" or "dies" (like native code)."""
 
     def __init__(self, trouble="", after=0, device="cpu", pause=0.0):
         super().__init__(device, pause)
@@ -193,6 +194,10 @@ class Trouble(Accelerated):
                 raise SilentError
             case "exits":
                 raise SystemExit(2)
+            case "stops as a generator":
+                raise GeneratorExit("closed")
+            case "stops as on Ctrl-C":
+                raise KeyboardInterrupt("pressed")
             case "hangs":
                 time.sleep(600)
             case "crashes":

@@ -5,6 +5,7 @@ import os
 import threading
 
 import numpy as np
+import polars as pl
 import pytest
 
 from robustflow.core.errors import RunError, UsageError
@@ -143,6 +144,17 @@ def test_contradictory_shards_are_refused_by_name(folder):
     error = refusal(folder.rows, RunError, shard)
     assert str(list_shards(folder.rows_folder)[1]) in str(error)
     refusal(folder.tidy, RunError, shard)
+
+
+@pytest.mark.parametrize("key", ["a", None])
+def test_contradictory_rows_of_one_shard_are_refused_by_its_name(folder, key):
+    _write(folder, "a", "fog", (1, 2))
+    (path,) = list_shards(folder.rows_folder)
+    rows = read_shard(path).with_columns(sample=pl.lit(key, pl.String))
+    path.unlink()
+    shard = write_shard(folder.rows_folder, "b", pl.concat([rows, rows[:1].with_columns(epe_sum=pl.lit(1.0))]))
+    for read in (folder.rows, folder.tidy):
+        refusal(read, RunError, shard)
 
 
 def test_small_shards_become_one_and_no_row_is_lost(folder):

@@ -81,13 +81,21 @@ class Models:
             if checkpoint:
                 spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
             try:
-                model = spec.load()
+                self._loaded = ((name, checkpoint), _loaded(spec))
             except RobustFlowError as error:
                 raise type(error)(_page_message(str(error))) from error
-            if not isinstance(model, FlowModel):
-                raise ModelError(f"model '{name}' does not predict from two frames; choose a different model")
-            self._loaded = ((name, checkpoint), model)
         return self._loaded[1]
+
+    def load_given(self, spec: ModelSpec) -> None:
+        """Load a model given on the command line, so that an error ends the command."""
+        self._loaded = ((spec.name, ""), _loaded(spec))
+
+
+def _loaded(spec: ModelSpec) -> FlowModel:
+    model = spec.load()
+    if not isinstance(model, FlowModel):
+        raise ModelError(f"model '{spec.name}' does not predict from two frames; choose a different model")
+    return model
 
 
 def _page_message(message: str) -> str:

@@ -119,6 +119,9 @@ DEFAULT_PORT = 8642
 
 def serve(given: Sequence[ModelSpec], host: str | None = None, port: int | None = None, browser: bool = True) -> None:
     """Serve until interrupted."""
+    models = Models(given)
+    for spec in given:
+        models.load_given(spec)
     listening = _listen(host or LOOPBACK, port)
     number = listening.getsockname()[1]
     others = not _is_loopback(listening.getsockname()[0])
@@ -134,7 +137,7 @@ def serve(given: Sequence[ModelSpec], host: str | None = None, port: int | None 
     logging.getLogger("python_multipart").addHandler(logging.NullHandler())
     sources, queue = SourceStore(), PredictionQueue()
     with TemporaryDirectory(prefix="robustflow-app-", ignore_cleanup_errors=True) as uploads:
-        app = build(Models(given), sources, queue, Path(uploads))
+        app = build(models, sources, queue, Path(uploads))
         config = uvicorn.Config(
             Guard(app, token, number, FILES, (host or "") if others else ""),
             http="h11",

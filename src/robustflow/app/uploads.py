@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from itertools import islice
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import av
@@ -107,7 +108,8 @@ def _clip(file: UploadFile, folder: Path) -> PairSource:
     try:
         with open_video(path) as container:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
-            frames = max((s.frames for s in container.streams.video), default=0)
+            packets = (packet for packet in container.demux(container.streams.video[0]) if packet.size)
+            frames = sum(1 for _ in islice(packets, MAX_CLIP_FRAMES + 1))  # Matroska states no number of frames
     except (av.FFmpegError, ValueError, OSError) as error:
         raise DataError(path, "cannot be read as a video; it may be damaged") from error
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:

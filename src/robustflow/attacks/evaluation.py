@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from ..core.errors import ModelError
+from ..core.errors import ModelError, StoppedError
 from ..core.types import Flow, Frame
 from ..models.base import (
     AnyModel,
@@ -114,10 +114,6 @@ def _settings() -> Any:
     return reproducible()
 
 
-class _Stopped(BaseException):
-    """Raised inside an attack to end its thread when its result is no longer needed."""
-
-
 class _Lane(threading.Thread, Generic[_Result]):
     """The thread of one attack."""
 
@@ -149,7 +145,7 @@ class _Lane(threading.Thread, Generic[_Result]):
         self._paused.release()
         self._go.acquire()
         if self._stopped:
-            raise _Stopped
+            raise StoppedError
         if isinstance(self._answer, Exception):
             raise self._answer
         assert self._answer is not None

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import io
+import math
 import os
 import sys
 import traceback
@@ -19,7 +20,7 @@ from typer.core import TyperCommand, TyperOption
 
 from .. import __version__
 from ..core.display import ignore_local_settings
-from ..core.errors import RobustFlowError, UsageError, options_named, plain_warning
+from ..core.errors import RobustFlowError, UsageError, class_and_message, options_named, plain_warning
 from ..core.output import results_only
 from ..core.paths import user_path
 from ..core.processes import SAFE_PATH
@@ -43,6 +44,10 @@ _GROUPS = {
     "prepare": "Prepare a benchmark's data from recordings, or list the digests of a dataset.",
     "optics": "Design, show and render the lenses of psf_blur; calibrate severities.",
 }
+
+
+_LEAST_MEMORY = 2_500_000_000
+"""Address space of a process that computes a row with the smallest model, in bytes."""
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
@@ -164,6 +169,7 @@ def main() -> None:
     """Run the command line. A known error is printed as one line on stderr and sets the exit code; a warning is one
     line."""
     warnings.formatwarning = plain_warning
+    _replace_closed_streams()
     ignore_local_settings()
     os.environ[SAFE_PATH] = "1"  # inherited by every child process
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -173,6 +179,8 @@ def main() -> None:
     # shells request completions for any command through the environment
     completing = "_ROBUSTFLOW_COMPLETE" in os.environ
     try:
+        if any(not argument.startswith("-") for argument in arguments):
+            _require_memory()
         command_line(None if completing else arguments)(arguments)
     except (RobustFlowError, OSError) as error:
         if debug:
@@ -183,3 +191,39 @@ def main() -> None:
         sys.exit(error.exit_code if isinstance(error, RobustFlowError) else 1)
     except KeyboardInterrupt:  # raised outside a command
         sys.exit(130)
+    except Exception as error:
+        if debug or not (isinstance(error, MemoryError) or _memory_limit() < math.inf):
+            raise
+        more = f", of {_memory_limit() / 1e9:.1f} GB allowed by ulimit" if _memory_limit() < math.inf else ""
+        line = f"probably out of memory{more} ({class_and_message(error)}); use --debug for the full traceback"
+        print(f"robustflow: {plain(line, 500)}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _replace_closed_streams() -> None:
+    """Open the null device in place of closed streams: a file opened later must not get their numbers."""
+    closed = [number for number, stream in enumerate((sys.stdin, sys.stdout, sys.stderr)) if stream is None]
+    for number in closed:
+        os.dup2(os.open(os.devnull, os.O_RDWR), number)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if number in closed:
+            setattr(sys, name, open(number, "w", closefd=False))  # noqa: SIM115
+    if 1 in closed:
+        warnings.warn("the standard output is closed, so nothing is printed there", stacklevel=2)
+
+
+def _memory_limit() -> float:
+    """Return the limit of the address space that `ulimit -v` sets, in bytes."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return math.inf
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return math.inf if limit == resource.RLIM_INFINITY else limit
+
+
+def _require_memory() -> None:
+    """Raise if the imported libraries would run out of address space, which ends some of them without an exception."""
+    if (limit := _memory_limit()) < _LEAST_MEMORY:
+        need = "allow at least 4 GB, as with ulimit -v 4000000"
+        raise RobustFlowError("ulimit -v", f"only {limit / 1e9:.2f} GB of address space; {need}")

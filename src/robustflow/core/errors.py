@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
@@ -170,6 +171,18 @@ def class_and_message(error: BaseException) -> str:
     with suppress(Exception):
         message = " ".join(str(error).split())
     return f"{type(error).__name__}: {message or 'no message'}"
+
+
+class StoppedError(BaseException):
+    """Raised inside a user's code to end its thread, because its result is no longer needed."""
+
+
+def raise_interrupt(error: BaseException) -> None:
+    """Raise Ctrl-C again if a user's code was interrupted; a KeyboardInterrupt where Ctrl-C is ignored, as in a worker,
+    is raised by the code, as may be any other exception."""
+    of_ctrl_c = isinstance(error, KeyboardInterrupt)
+    if isinstance(error, StoppedError) or (of_ctrl_c and signal.getsignal(signal.SIGINT) != signal.SIG_IGN):
+        raise error
 
 
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:

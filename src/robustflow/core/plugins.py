@@ -18,7 +18,15 @@ from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from .errors import AssetError, RobustFlowError, UsageError, class_and_message, first_line, unknown_name
+from .errors import (
+    AssetError,
+    RobustFlowError,
+    UsageError,
+    class_and_message,
+    first_line,
+    raise_interrupt,
+    unknown_name,
+)
 
 T = TypeVar("T")
 
@@ -176,7 +184,8 @@ def import_target(target: str, kind: str) -> Any:
     try:
         with working_folder_kept():
             value: Any = import_module(name)
-    except (Exception, SystemExit) as cause:  # SystemExit: a script that reads its arguments on import
+    except BaseException as cause:  # SystemExit: a script that reads its arguments on import
+        raise_interrupt(cause)
         missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
         if missing in EXTRAS:
             raise _not_installed(missing, f"{kind} '{target}'") from cause
@@ -271,7 +280,8 @@ def called(culprit: str, doing: str, function: Callable[[], Any], advice: str = 
         return function()
     except RobustFlowError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        raise_interrupt(error)
         reason = class_and_message(error)
         if read_only and "read-only" in reason:
             advice = f"copy {read_only} before changing it"

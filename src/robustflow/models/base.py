@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args, runt
 
 import numpy as np
 
-from ..core.errors import ModelError, RobustFlowError, class_and_message, first_line
+from ..core.errors import ModelError, RobustFlowError, class_and_message, first_line, raise_interrupt
 from ..core.plugins import working_folder_kept
 from ..core.source_digest import source_digest
 from ..core.types import Flow, Frame, unmasked
@@ -200,7 +200,8 @@ def naming_errors(where: str) -> Iterator[None]:
     except RobustFlowError as error:
         *culprit, message = error.args
         raise ModelError(*culprit, f"{message} (on {where})") from error
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        raise_interrupt(error)
         reason = f"{class_and_message(error)}{traceback_hint(error)}"
         message = f"the model raised {reason}; use --debug for the full traceback"
         raise ModelError(where, message) from error

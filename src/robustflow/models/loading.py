@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import ModelError, RobustFlowError, UsageError, class_and_message, unknown_name
+from ..core.errors import ModelError, RobustFlowError, UsageError, class_and_message, raise_interrupt, unknown_name
 from ..core.files import digest_of_bytes
 from ..core.paths import user_path
 from ..core.plugins import (
@@ -95,7 +95,8 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
             return factory(**options)
     except RobustFlowError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        raise_interrupt(error)
         raise ModelError(name, f"the model cannot be built: {class_and_message(error)}") from error
 
 

@@ -277,11 +277,15 @@ def read_shards(
     if contradictory.is_empty():
         return rows
     key = contradictory.row(0, named=True)
-    one, other, *_ = (str(path) for path, part in parts.items() if not part.filter(**key).is_empty())
+    here = pl.all_horizontal(pl.col(name).eq_missing(pl.lit(value)) for name, value in key.items())
+    holders = [str(path) for path, part in parts.items() if not part.filter(here).is_empty()]
+    cell = f"sample '{key['sample']}', {key['corruption']} severity {key['severity']}"
+    if len(holders) == 1:
+        raise RunError(holders[0], f"has two different rows of {cell}; {_RECOMPUTE}")
     raise RunError(
-        one,
-        f"differs from {other} in sample '{key['sample']}', {key['corruption']} severity {key['severity']}: the shards "
-        "of two runs were mixed; delete the one that does not belong here",
+        holders[0],
+        f"differs from {holders[1]} in {cell}: the shards of two runs were mixed; delete the one that does not belong "
+        "here",
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..attacks.ball import images_of
 from ..attacks.evaluation import Evaluation, evaluate
 from ..attacks.problem import check_same_flow
-from ..core.errors import ModelError
+from ..core.errors import ModelError, raise_interrupt
 from ..core.types import Flow, Frame, described_array
 from ..metrics.photometric import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
@@ -156,7 +156,8 @@ def _called(method: str, function: Callable[[], Any], where: str) -> Any:
         return function()
     except ModelError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        raise_interrupt(error)
         raise ModelError(method, f"raised {type(error).__name__} {where}: {error or 'no message'}") from error
 
 
