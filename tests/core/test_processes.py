@@ -2,8 +2,10 @@
 
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,8 @@ import pytest
 import robustflow
 from robustflow.core.errors import UsageError
 from robustflow.core.processes import in_child
+
+from ..run.processes import is_running, wait_until
 
 START = """
 import os, sys
@@ -143,3 +147,39 @@ def test_steps_of_a_child_arrive_in_order_with_its_error():
         next(steps)
     assert refused.value.culprit == "the count"
     assert not multiprocessing.active_children()
+
+
+HANGING = """
+import os, re, signal, sys, time
+import robustflow.run.engines.processes
+from robustflow.core.processes import Child
+
+def hang(pipe, how):
+    pipe.send(("at", os.getpid()))
+    if how == "holds the lock":
+        re.match(r"(a+)+$", "a" * 60 + "b")
+    elif how == "stopped":
+        os.kill(os.getpid(), signal.SIGSTOP)
+    time.sleep(600)
+
+if __name__ == "__main__":
+    child = Child(hang, sys.argv[1])
+    print(child.receive("start", "")[1], flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("how", ["sleeps", "holds the lock", "stopped"])
+def test_a_hanging_child_ends_when_its_parent_is_killed(tmp_path, how):
+    script = tmp_path / "script.py"
+    script.write_text(HANGING)
+    parent = subprocess.Popen([sys.executable, str(script), how], stdout=subprocess.PIPE, text=True)
+    child = int(parent.stdout.readline())
+    time.sleep(0.5)  # let it hang
+    parent.kill()
+    parent.wait()
+    try:
+        wait_until(lambda: not is_running(child), within_s=10)
+    finally:
+        if is_running(child):
+            os.kill(child, signal.SIGKILL)

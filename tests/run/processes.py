@@ -80,6 +80,13 @@ def descendants(root: int) -> dict[int, str]:
     return {number: lines[number] for number in found - {root} if number in lines}
 
 
+def is_running(number: int) -> bool:
+    """Whether a process exists; one that has ended may wait for a parent that asks how."""
+    with suppress(OSError):
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
 def still_running(mark: str, within_s: float = 20.0) -> list[str]:
     """Process IDs and command lines of the processes that contain `mark` and are still running after a while."""
     deadline = time.monotonic() + within_s

@@ -2,13 +2,11 @@
 raises an error."""
 
 import json
-import multiprocessing
 import os
 import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from contextlib import nullcontext
 from dataclasses import replace
@@ -22,7 +20,6 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from torch import distributed  # noqa: E402
-from torch.utils import data  # noqa: E402
 
 import robustflow as rf  # noqa: E402
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
@@ -32,7 +29,6 @@ from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.run.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402
-from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
@@ -159,89 +155,6 @@ def test_two_processes_stop_together_with_the_weights_of_one_process_to_rounding
     for key, value in one.items():
         if value.is_floating_point():
             assert torch.allclose(value, two[key], rtol=1e-3, atol=2e-6), key
-
-
-def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for):
-    def kill() -> bool:
-        for child in multiprocessing.active_children():
-            os.kill(child.pid, signal.SIGKILL)
-        return False
-
-    refusal(
-        lambda: run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill), RunError, "--loaders"
-    )
-
-
-def test_an_unexpected_error_leaves_no_loader_for_which_the_process_would_wait_at_its_end(request_for):
-    def stop() -> bool:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError) as caught:  # its traceback keeps the variables of the loop alive
-        run_training(request_for(loaders=1), stop)
-    assert multiprocessing.active_children() == [], caught
-
-
-@pytest.mark.parametrize("later", [None, RuntimeError("unexpected pos 64 vs 0"), DataError("no room")])
-def test_a_killed_reader_is_recognised_behind_a_later_error(later):
-    def write_a_checkpoint():
-        try:
-            raise RuntimeError("DataLoader worker (pid 1) is killed by signal: Killed.")
-        finally:
-            if later is not None:
-                raise later
-
-    def watched():
-        with workers_watched():
-            write_a_checkpoint()
-
-    refusal(watched, RunError, "--loaders")
-
-
-@pytest.mark.parametrize("first", ["report", "cut off batch"])
-def test_the_death_of_a_reader_is_not_reported_once_more_after_the_error(first):
-    """PyTorch looks for dead readers whenever any child process ends."""
-    reading = iter(data.DataLoader(range(100), num_workers=1, multiprocessing_context="spawn"))
-    next(reading)
-
-    def lose_the_reader():
-        with workers_watched():
-            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
-            if first == "cut off batch":
-                raise EOFError
-            time.sleep(10)
-
-    refusal(lose_the_reader, RunError, "--loaders")
-    subprocess.run(["true"], check=True)
-    assert multiprocessing.active_children() == []
-
-
-def test_other_errors_of_a_training_stay_what_they_are():
-    for error in (RuntimeError("mat1 and mat2 shapes cannot be multiplied"), DataError("no such file")):
-        with pytest.raises(type(error)) as caught, workers_watched():
-            raise error
-        assert caught.value is error
-
-
-@pytest.mark.parametrize(
-    ("sent", "early"), [(signal.SIGINT, False), pytest.param(signal.SIGTERM, True, marks=pytest.mark.slow)]
-)
-def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, early, chairs, tmp_path):
-    """An early signal reaches a loader process that has not begun to ignore it."""
-    command = [sys.executable, "-m", "robustflow", "train", "raft_small", "--recipe", "chairs", "--data", str(chairs)]
-    command += ["--batch-size", "1", "--crop", "128x144", "--iterations", "1", "--accumulate", "3", "--loaders", "1"]
-    command += ["--output", str(tmp_path / "out")]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    log = tmp_path / "out" / "metrics.jsonl"
-    while process.poll() is None and not (log.exists() and log.stat().st_size):
-        if early and "spawn_main" in str(descendants(process.pid)):
-            break
-        time.sleep(0.02)
-    os.killpg(process.pid, sent)
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130, errors
-    assert "--resume" in errors
-    assert "Traceback" not in errors
-    assert (tmp_path / "out" / "last.pth").exists()
 
 
 def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_checkpoint(request_for):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
+import sys
 from typing import Any
 
 import typer
+
+from ..core.processes import STOP_SIGNALS
 
 
 def terminate_as_on_ctrl_c() -> None:
@@ -25,14 +28,16 @@ class Interrupted:
 
     def __init__(self) -> None:
         self._came = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+        for stop in STOP_SIGNALS:
+            signal.signal(stop, self._note)
 
     def __call__(self) -> bool:
         return self._came
 
     def _note(self, number: int, frame: Any) -> None:
-        if self._came:
-            raise KeyboardInterrupt
         self._came = True
+        for stop in STOP_SIGNALS:  # Python would run a handler only between two operators of PyTorch
+            signal.signal(stop, signal.SIG_DFL)
+        if sys.stderr.isatty():
+            sys.stderr.write("\x1b[?25h")  # show the cursor, which a progress bar hides
         typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop immediately", err=True)

@@ -1,8 +1,8 @@
 """Processes: one that can be monitored and that exits when its parent does, its environment, and its use of processors
 and memory.
 
-Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread in
-the child waits for this, so even a child that hangs inside a model exits.
+Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes, which ends
+the child, even if it hangs inside a model.
 
 On Linux, children are forked from one process (the fork server of `multiprocessing`) that has imported the modules they
 need and runs nothing else, so that only one process pays for the imports.
@@ -11,6 +11,7 @@ need and runs nothing else, so that only one process pays for the imports.
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import multiprocessing
 import os
 import signal
@@ -18,7 +19,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
@@ -131,7 +132,13 @@ _starting = threading.Lock()
 class Child:
     """One child process."""
 
-    def __init__(self, target: Callable[..., None], *arguments: Any, runs_script: bool = True) -> None:
+    def __init__(
+        self,
+        target: Callable[..., None],
+        *arguments: Any,
+        runs_script: bool = True,
+        ignored: Sequence[signal.Signals] = (signal.SIGINT,),
+    ) -> None:
         if multiprocessing.current_process().daemon:
             raise UsageError(
                 "a daemonic process, such as a worker of multiprocessing.Pool, cannot start a process; use "
@@ -141,8 +148,8 @@ class Child:
         watched, self._lifeline = multiprocessing.Pipe(duplex=False)
         self._began = False
         script = nullcontext() if runs_script and user_script() else _without_user_script()
-        with _starting, environment_variables(ONE_THREAD), safe_path(), _ignoring_interrupts(), script:
-            given = (dict(os.environ), child_end, watched, target, arguments)
+        with _starting, environment_variables(ONE_THREAD), safe_path(), _blocking_stop_signals(), script:
+            given = (dict(os.environ), ignored, child_end, watched, target, arguments)
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
             self._process = _context().Process(target=child_main, args=given, daemon=False)
             try:
@@ -233,11 +240,8 @@ def _context() -> ForkServerContext | SpawnContext:
 
 def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:
     pipe.close()
-    process.terminate()
-    process.join(2)
-    if process.is_alive():
-        process.kill()
-        process.join()
+    process.kill()
+    process.join()
     lifeline.close()
 
 
@@ -272,27 +276,35 @@ def _without_user_script() -> Iterator[None]:
         sys.modules["__main__"] = script
 
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that a terminal or a scheduler sends to every process of a command."""
+
+
 @contextmanager
-def _ignoring_interrupts() -> Iterator[None]:
-    """Ignore Ctrl-C while a process starts, so that the process inherits the setting. The resource tracker must already
-    be running, because starting it would enable Ctrl-C again."""
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # any other thread of this process may still receive the signal, and the main thread would then raise
-    came: list[int] = []
+def _blocking_stop_signals() -> Iterator[None]:
+    """Block stop signals while a process starts, so that the process inherits the setting. The resource tracker must
+    already be running, because starting it would unblock them."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    # any other thread of this process may still receive a signal, and the main thread would then raise
+    received: list[int] = []
     in_charge = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
+    handlers = {number: signal.getsignal(number) for number in STOP_SIGNALS if in_charge}
+    replaced = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for stop in replaced:
+        signal.signal(stop, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        if in_charge:
-            signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+        for stop, handler in replaced.items():
+            signal.signal(stop, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    if came and callable(handler):
-        handler(came[0], None)
+    for number in received[:1]:
+        replaced[signal.Signals(number)](number, None)
 
 
 def child_main(
     environment: dict[str, str],
+    ignored: Sequence[signal.Signals],
     pipe: Connection,
     watched: Connection,
     target: Callable[..., None],
@@ -302,9 +314,10 @@ def child_main(
     os.environ.clear()  # a fork server keeps the environment with which it was started
     os.environ.update(environment)
     ignore_local_settings()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_exit_with_parent, args=(watched,), daemon=True).start()
+    for stop in ignored:
+        signal.signal(stop, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)
+    _end_with_parent(watched)
     keep_freed_memory()
     warnings.formatwarning = errors.plain_warning
     import cv2
@@ -323,7 +336,17 @@ def child_main(
             return
 
 
-def _exit_with_parent(watched: Connection) -> None:
+def _end_with_parent(watched: Connection) -> None:
+    """Let this process end when the other end of a pipe is closed, even while it is stopped (SIGSTOP) or a model holds
+    the interpreter's lock: Linux then sends SIGKILL."""
+    if sys.platform == "linux":
+        fcntl.fcntl(watched, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(watched, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(watched, fcntl.F_SETFL, fcntl.fcntl(watched, fcntl.F_GETFL) | os.O_ASYNC)
+    threading.Thread(target=_exit_when_closed, args=(watched,), daemon=True).start()  # it may be closed already
+
+
+def _exit_when_closed(watched: Connection) -> None:
     try:
         watched.recv_bytes()  # nothing is ever sent through this pipe
     except (EOFError, OSError):

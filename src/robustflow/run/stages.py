@@ -65,16 +65,16 @@ def timed(seconds: Seconds, kind: str) -> Iterator[None]:
 
 
 @contextmanager
-def memory_errors_named(doing: str) -> Iterator[None]:
+def memory_errors_named(
+    doing: str, smaller: str = "fewer --workers, a smaller --batch-size or frames"
+) -> Iterator[None]:
     """Within the block, convert NumPy's and OpenCV's errors about lack of memory."""
     try:
         yield
     except (MemoryError, cv2.error) as error:
         if isinstance(error, cv2.error) and getattr(error, "code", None) != cv2.Error.StsNoMem:
             raise
-        raise RunError(
-            doing, f"not enough memory ({first_line(error)}); try fewer --workers, a smaller --batch-size or frames"
-        ) from error
+        raise RunError(doing, f"not enough memory ({first_line(error)}); try {smaller}") from error
 
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:

@@ -28,7 +28,7 @@ from ..core.files import write_bytes
 from ..core.rng import key_of
 from ..models.devices import traceback_hint
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
-from .data.loader import Batch, Share, batches, workers_watched
+from .data.loader import Batch, Share, batches
 from .data.pairs import TrainingPairs
 from .draws import prepared
 from .network_with_loss import NetworkWithLoss
@@ -135,8 +135,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     network.train()
     leads = process.rank == 0
     with (
-        workers_watched(),
-        closing(batches(training.pairs, share, steps, request.data.loaders)) as stream,  # ends its processes
+        closing(batches(training.pairs, share, steps, request.data.loaders)) as stream,  # ends its children
         MetricsLog(training.folder, first, _lacks_validation(training, state)) if leads else nullcontext() as log,
         progress,
     ):

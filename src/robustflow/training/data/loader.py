@@ -1,28 +1,24 @@
-"""Load training batches, starting at a given step; worker processes prepare them in advance."""
+"""Load training batches, starting at a given step; child processes prepare them in advance."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from multiprocessing import connection, resource_tracker
-from typing import Any, cast
+from itertools import cycle, islice, zip_longest
+from multiprocessing.connection import Connection
+from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
 
-from ...core.errors import RunError
-from ...core.processes import safe_path
+from ...core.processes import STOP_SIGNALS, Child
 from .pairs import TrainingPair, TrainingPairs, Whole
 
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_AHEAD = 4
+"""Number of batches that each child prepares in advance."""
+_ADVICE = "free memory and /dev/shm, or use fewer; the last checkpoint is kept: continue with --resume"
 
 
 @dataclass(frozen=True)
@@ -89,74 +85,33 @@ class Share:
         return list(range(first, first + each))
 
 
-def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Generator[Batch, None, None]:
+def batches(pairs: TrainingPairs, share: Share, steps: range, loaders: int) -> Generator[Batch, None, None]:
     """Yield the batches of some steps, in order. Closing the generator ends its processes."""
-    loader = DataLoader(
-        cast("Dataset[TrainingPair]", pairs),
-        batch_sampler=map(share.positions, steps),
-        num_workers=workers,
-        collate_fn=_collated,
-        multiprocessing_context="spawn" if workers else None,
-        worker_init_fn=_start_worker,
-        prefetch_factor=4 if workers else None,
-    )
-    with safe_path(), _signals_blocked():
-        reading = iter(loader)
-    yield from reading
+    if not loaders:
+        yield from (_collated([pairs[position] for position in share.positions(step)]) for step in steps)
+        return
+    with ExitStack() as stack:
+        children: list[Child] = []
+        for _ in steps[:loaders]:
+            children.append(Child(_load, pairs, share, ignored=STOP_SIGNALS))
+            stack.callback(children[-1].end)
+        ahead = _AHEAD * len(children)
+        for child, step in zip(cycle(children), steps[:ahead], strict=False):
+            child.send(step)
+        for child, after in zip_longest(islice(cycle(children), len(steps)), steps[ahead:]):
+            batch: Batch = child.receive("--loaders", _ADVICE, _ADVICE)[1]
+            if after is not None:
+                child.send(after)
+            yield batch
 
 
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Block stop signals while workers start, so that none kills a worker that does not ignore them yet; the main
-    process would then wait for its data forever. The resource tracker must already be running, because starting it
-    unblocks the signals."""
-    resource_tracker.ensure_running()
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-@contextmanager
-def workers_watched() -> Iterator[None]:
-    """Wrap all code that runs while workers are alive: PyTorch may report a dead worker at any time, even while a log
-    is being closed after the first report.
-    """
-    try:
-        yield
-    except Exception as error:
-        cut_off = isinstance(error, ConnectionError | EOFError)  # the worker's last batch, before its death is reported
-        if not (cut_off or _is_dead_worker(error)):
-            raise
-        _reap(wait_s=5 if cut_off else 0)
-        raise RunError(
-            "--loaders",
-            "a process that reads training pairs was killed, which happens when memory or /dev/shm is full; the last "
-            "checkpoint is kept: use fewer, and continue with --resume",
-        ) from error
-
-
-def _reap(wait_s: float) -> None:
-    """Reap dead workers: until then, PyTorch raises its report wherever the main thread is when any child ends."""
+def _load(pipe: Connection, pairs: TrainingPairs, share: Share) -> None:
+    """Send the batches of the steps that arrive, as tensors in shared memory; the main function of a child,
+    which ends with its parent, not on a signal to stop: the current update still needs its batches."""
+    torch.set_num_threads(1)
     while True:
-        try:
-            alive = {child.sentinel: child for child in multiprocessing.active_children()}
-            for ended in connection.wait(list(alive), wait_s) if alive else ():
-                alive[cast(int, ended)].join()
-            return
-        except RuntimeError:  # the report
-            wait_s = 0
-
-
-def _is_dead_worker(error: BaseException | None) -> bool:
-    """Return whether an error, or its cause, is PyTorch's report of a dead worker. A report that interrupts the writing
-    of a checkpoint is followed by an error about the unfinished file."""
-    while error is not None:
-        if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
+        step: int = pipe.recv()
+        pipe.send(("batch", _collated([pairs[position] for position in share.positions(step)])))
 
 
 def _collated(pairs: Sequence[TrainingPair]) -> Batch:
@@ -193,19 +148,3 @@ def _stacked_whole_frames(frames: Sequence[Whole]) -> WholeFrames | None:
         torch.tensor([one.corner for one in frames], dtype=torch.float32),
         torch.tensor([(columns, rows) for rows, columns in sizes], dtype=torch.float32),
     )
-
-
-def _start_worker(number: int) -> None:
-    # PyTorch notices only a parent that ends after this call, so a worker would outlive one that was killed before.
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-    # Ctrl-C and a scheduler's signals reach every process of a training run; the main process decides when to stop.
-    for sent in _STOP_SIGNALS:
-        signal.signal(sent, signal.SIG_IGN)
-    cv2.setNumThreads(1)
-    torch.set_num_threads(1)
-
-
-def _exit_with_parent() -> None:
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-        os._exit(1)

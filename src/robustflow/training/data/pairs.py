@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,12 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...core.errors import DataError
+from ...core.errors import DataError, RobustFlowError, class_and_message
 from ...core.rng import Rng
 from ...core.types import Flow, Frame, Mask
 from ...corruptions.transform import CorruptionTransform
 from ...data.datasets.base import Dataset
 from ...data.datasets.pairs import PairDataset, read_frames
+from ...run.stages import memory_errors_named
 from ..augmentation.augment import (
     Augmentation,
     apply_augmentation,
@@ -58,7 +60,7 @@ class TrainingPair(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainingPairs:
-    """A mix of data as one sequence of augmented pairs, used as the dataset of a torch `DataLoader`."""
+    """A mix of data as one sequence of augmented pairs."""
 
     parts: Sequence[OpenPart]
     order: Order
@@ -76,15 +78,23 @@ class TrainingPairs:
         """Return the pair at a position."""
         for attempt in range(_ATTEMPTS):
             part, key = self._part_of(self.order.place(position, attempt))
+            name = f"{part.dataset.name} {key}"
             try:
-                return self._augmented(position, part, key)
+                with memory_errors_named(name, "fewer --loaders, a smaller --batch-size or smaller frames"):
+                    return self._augmented(position, part, key)
             except DataError as error:
-                if not self.skip_bad:
-                    raise DataError(
-                        f"{part.dataset.name} {key}",
-                        f"{error}; restore it, or use --skip-bad to replace unreadable pairs",
-                    ) from error
-                warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {error}", stacklevel=2)
+                unreadable = error
+            except RobustFlowError:
+                raise
+            except BaseException as error:
+                if isinstance(error, KeyboardInterrupt) and multiprocessing.parent_process() is None:
+                    raise  # Ctrl-C, which other processes ignore: there, the code of a user raised it
+                unreadable = DataError(f"reading or augmenting it raised {class_and_message(error)}")
+                unreadable.__cause__ = error
+            if not self.skip_bad:
+                advice = "restore it, or use --skip-bad to replace unreadable pairs"
+                raise DataError(name, f"{unreadable}; {advice}") from unreadable
+            warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {unreadable}", stacklevel=2)
         raise DataError(key, f"this pair and the {_ATTEMPTS - 1} before it cannot be read; check the data")
 
     def _part_of(self, place: int) -> tuple[OpenPart, str]:
