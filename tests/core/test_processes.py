@@ -164,7 +164,7 @@ def hang(pipe, how):
 
 if __name__ == "__main__":
     child = Child(hang, sys.argv[1])
-    print(child.receive("start", "")[1], flush=True)
+    print(child.receive("start", "", "")[1], flush=True)
     time.sleep(600)
 """
 
