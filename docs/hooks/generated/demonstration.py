@@ -15,12 +15,12 @@ import numpy as np
 
 from robustflow import corrupt, load_dataset, load_model
 from robustflow.corruptions import SEVERITIES, load_corruption
-from robustflow.corruptions.calibration import Ssim
 from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
 from robustflow.data.video.variants import ShortClip
+from robustflow.report.gallery.ssim import Ssim
 
 KEY = "motorcycle"
 _FRAMES, _RATE = 64, Fraction(960)

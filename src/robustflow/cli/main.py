@@ -42,7 +42,7 @@ _GROUPS = {
     "record": "Pack a run into one file, and verify such files.",
     "reproduce": "Reproduce the paper: a table or figure (reproduce tab2), its audit, its observations.",
     "prepare": "Prepare a benchmark's data from recordings, or list the digests of a dataset.",
-    "optics": "Design, show and render the lenses of psf_blur; calibrate severities.",
+    "optics": "Design, show and render the lenses of psf_blur.",
 }
 
 

@@ -1,4 +1,4 @@
-"""`robustflow optics`: the searches behind shipped constants, i.e. the lenses of psf_blur and calibrated severities."""
+"""`robustflow optics`: the lenses of psf_blur."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,9 +7,9 @@ import typer
 from typer import Option
 
 from ..core.errors import DataError, UsageError
-from ..core.files import make_folder, sealed, write_bytes, write_json
+from ..core.files import make_folder, write_bytes
 from ..core.output import echo
-from .options import names, numbers, refuse_unused, shared
+from .options import numbers, refuse_unused, shared
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -43,14 +43,11 @@ def design(
         ship_lens(severity, lens, render_psfs(lens))
         echo("saved in the package")
     elif seed == 0:
-        _print_shipped("lens", lens_digest(lens) == manifest()[f"lens_s{severity}"])
+        same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
+        echo(f"{'identical to' if same else 'differs from'} the shipped lens")
     if given["output"] is not None:
         write_lens(lens, given["output"])
         echo(str(given["output"]))
-
-
-def _print_shipped(what: str, same: bool) -> None:
-    echo(f"{'identical to' if same else 'differs from'} the shipped {what}")
 
 
 @app.command()
@@ -125,41 +122,3 @@ def render(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _L
             wrong.append(str(level))
     if wrong:
         raise DataError(f"severity {', '.join(wrong)}", "the PSFs do not match their prescriptions; reinstall")
-
-
-@app.command()
-@shared("corruptions", "seed", output="File to write the table to (JSON).")
-def calibrate(
-    data: Annotated[Path | None, Option("--data", "-d", help="Folder of images instead of our photographs.")] = None,
-    draws: Annotated[int, Option(help="Number of random draws per image, for random corruptions.")] = 4,
-    **given: Any,
-) -> None:
-    """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
-
-    Calibrating all corruptions on the reference set takes 15 minutes. With --corruptions, other corruptions in an
-    existing --output are kept if images, seed and draws are the same. Set ROBUSTFLOW_CALIBRATION=FILE to use your own
-    table instead of the shipped one.
-
-    \b
-    Examples:
-      robustflow optics calibrate --seed 0 --output calibrated.json
-      robustflow optics calibrate --data ~/frames --corruptions fog,contrast --output mine.json
-    """
-    from ..corruptions.calibration import calibratable, reference_pictures
-    from ..corruptions.calibration import calibrate as measure
-    from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped
-
-    def show(name: str, result: CalibratedCorruption) -> None:
-        low, high = result.reachable
-        levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in result.levels)
-        echo(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}")
-
-    corruptions, seed, output = names(given["corruptions"]), given["seed"], given["output"]
-    table = measure(corruptions or calibratable(), reference_pictures(data), seed, draws, report=show)
-    if output is not None:
-        if corruptions is not None and output.exists():
-            table = merged_tables(read_table(output), table)
-        write_json(output, sealed(table.model_dump(mode="json")))
-        echo(str(output))
-    elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
-        _print_shipped("table", all(shipped().corruptions.get(name) == one for name, one in table.corruptions.items()))

@@ -1,4 +1,4 @@
-"""Load the calibrated severity scale, i.e. the table written by `robustflow optics calibrate`.
+"""Load the calibrated severity scale, i.e. the table written by `bench/calibrated_severities.py`.
 
 According to the paper, its severities are not comparable across corruptions. On the calibrated scale, they are
 comparable in terms of SSIM: at severity s, every corruption has the same mean SSIM to the clean image. If a corruption
@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from ..core.arguments import SEVERITIES
-from ..core.errors import DataError, UsageError, first_misfit
+from ..core.errors import DataError, first_misfit
 from ..core.files import digest_of_bytes, unsealed
 from ..core.paths import user_path
 from ..core.types import FrozenFinite
@@ -70,22 +70,15 @@ def read_table(path: Path) -> CalibrationTable:
         raise DataError(path, f"cannot be read ({error.strerror}); check the path of the calibration table") from error
     if content is None:
         raise DataError(
-            path, "not a calibration table, or damaged (digest mismatch); create one with robustflow optics calibrate"
+            path,
+            "not a calibration table, or its digest differs; make one with bench/calibrated_severities.py",
         )
     try:
         return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
-            path, f"not a calibration table ({first_misfit(error)}); create one with robustflow optics calibrate"
+            path, f"not a calibration table ({first_misfit(error)}); create one with bench/calibrated_severities.py"
         ) from error
-
-
-def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
-    """Merge two tables; corruptions in `new` replace those in `old`."""
-    for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
-        if getattr(old, name) != getattr(new, name):
-            raise UsageError("--output", f"the calibration table there differs in {name}; choose another file")
-    return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
 
 
 def shipped() -> CalibrationTable:

@@ -14,7 +14,7 @@ import pytest
 
 from robustflow.core.errors import AssetError
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.calibration import Ssim
+from robustflow.report.gallery.ssim import Ssim
 
 from ...shared_data import shared_root
 

@@ -13,10 +13,10 @@ import numpy as np
 from ...core.errors import UsageError
 from ...core.types import Frame, Sample
 from ...corruptions import CLIP, IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
-from ...corruptions.calibration import Ssim
 from ...corruptions.registry import BETWEEN_FRAMES
 from ...corruptions.stack import levels_of, needs_depth, split_stack
 from ...media.colours import depth_colours
+from .ssim import Ssim
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,18 @@ psf_blur            the five lenses only, without intermediate steps
 The mean SSIM is measured at fixed fractions of every segment, followed by ten bisection steps between the two points
 that enclose a target. The parameter whose mean SSIM is closest to the target is chosen if it is within the tolerance.
 
-SSIM: Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity",
-IEEE Transactions on Image Processing 13(4), 2004, on luma with an 11 x 11 Gaussian window (sigma 1.5), K1 = 0.01,
-K2 = 0.03 and borders mirrored about the edge pixel, averaged over all pixels. Means are rounded to six decimals, so
-that the last bits of a processor's arithmetic change no decision.
+SSIM is on luma (`robustflow.report.gallery.ssim`). Means are rounded to six decimals, so that the last bits of a
+processor's arithmetic change no decision.
+
+    python bench/calibrated_severities.py --output calibrated.json            all corruptions, 15 minutes
+    python bench/calibrated_severities.py --data FOLDER --corruptions fog,contrast
+
+With the defaults, the table must equal the shipped one. ROBUSTFLOW_CALIBRATION=FILE uses another table in its place.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,18 +36,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 import skimage
 
-from ..core.errors import DataError, UsageError
-from ..core.types import Frame
-from ..media.images import IMAGE_SUFFIXES, images_in, read_image
-from .api import stream_for
-from .base import Corruption
-from .registry import CORRUPTIONS
-from .scale import CalibratedCorruption, CalibrationTable, Level
+from robustflow.core.files import sealed, write_json
+from robustflow.core.types import Frame
+from robustflow.corruptions.api import stream_for
+from robustflow.corruptions.base import Corruption
+from robustflow.corruptions.registry import CORRUPTIONS
+from robustflow.corruptions.scale import CalibratedCorruption, CalibrationTable, Level, shipped
+from robustflow.media.images import images_in, read_image
+from robustflow.report.gallery.ssim import Ssim
 
 
 class Segment(NamedTuple):
@@ -153,18 +156,10 @@ _SCAN = 8
 _HALVINGS = 10
 
 
-def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
+def pictures_in(folder: Path | None = None) -> dict[str, Frame]:
     """Read the images in a folder, or those in the reference set, as RGB uint8 by name."""
-    if folder is None:
-        home = Path(skimage.__file__).parent / "data"
-        return {name: read_image(home / name) for name in PHOTOGRAPHS}
-    if not folder.is_dir():
-        raise DataError(folder, "no such folder; --data must be a folder with images")
-    files = images_in(folder)
-    if not files:
-        raise DataError(
-            folder, f"contains no images ({', '.join(IMAGE_SUFFIXES)}); --data must be a folder with images"
-        )
+    home = Path(skimage.__file__).parent / "data"
+    files = [home / name for name in PHOTOGRAPHS] if folder is None else images_in(folder)
     return {file.name: read_image(file) for file in files}
 
 
@@ -182,19 +177,11 @@ def calibrate(
     report: Callable[[str, CalibratedCorruption], None] = lambda name, calibrated: None,
 ) -> CalibrationTable:
     """Calibrate corruptions on a set of images."""
-    if draws < 1:
-        raise UsageError("draws", f"must be at least 1, not {draws}")
-    if not pictures:
-        raise UsageError("pictures", "there are no images to calibrate on; pass at least one")
     references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
     corruptions = {}
     for name in names:
-        segments = path(name)
-        if not segments:
-            CORRUPTIONS.get(name)
-            raise UsageError(name, "has no path and cannot be calibrated; remove it from --corruptions")
         curve = _Curve(CORRUPTIONS.get(name), references, seed, draws)
-        corruptions[name] = _levels(curve, segments, targets)
+        corruptions[name] = _levels(curve, path(name), targets)
         report(name, corruptions[name])
     return CalibrationTable(
         version=2,
@@ -274,34 +261,26 @@ def _halve(curve: _Curve, segment: Segment, low: float, high: float, target: flo
             high = middle
 
 
-_C1, _C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+def main() -> None:
+    """Calibrate, print each corruption, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path)
+    parser.add_argument("--data", type=Path, help="folder of images instead of the reference set")
+    parser.add_argument("--corruptions", type=lambda text: text.split(","), default=calibratable())
+    parser.add_argument("--seed", type=int, default=shipped().seed)
+    parser.add_argument("--draws", type=int, default=DRAWS)
+    given = parser.parse_args()
+
+    def show(name: str, result: CalibratedCorruption) -> None:
+        low, high = result.reachable
+        levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in result.levels)
+        same = "as shipped" if result == shipped().corruptions.get(name) else "differs from the shipped table"
+        print(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}   {same}", flush=True)
+
+    table = calibrate(given.corruptions, pictures_in(given.data), given.seed, given.draws, report=show)
+    if given.output is not None:
+        write_json(given.output, sealed(table.model_dump(mode="json")))
 
 
-class Ssim:
-    """Computes the similarity to a reference image, whose moments are computed once."""
-
-    def __init__(self, reference: Frame) -> None:
-        self._luma = _luma(reference)
-        self._mean, self._square = _window(self._luma), _window(self._luma**2)
-
-    def __call__(self, image: Frame) -> float:
-        """Return the mean SSIM between `image`, RGB uint8 (H, W, 3), and the reference."""
-        luma = _luma(image)
-        if luma.shape != self._luma.shape:
-            (height, width), (wanted_height, wanted_width) = luma.shape, self._luma.shape
-            raise DataError(
-                f"{height}x{width}", f"the size of an image whose reference is {wanted_height}x{wanted_width}"
-            )
-        mean = _window(luma)
-        product, squares = self._mean * mean, self._mean**2 + mean**2
-        spread = self._square + _window(luma**2) - squares
-        shared = _window(self._luma * luma) - product
-        return float(((2 * product + _C1) * (2 * shared + _C2) / ((squares + _C1) * (spread + _C2))).mean())
-
-
-def _luma(image: Frame) -> npt.NDArray[np.float64]:
-    return cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY).astype(np.float64)
-
-
-def _window(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    return np.asarray(cv2.GaussianBlur(values, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT_101))
+if __name__ == "__main__":
+    main()
