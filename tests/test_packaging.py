@@ -1,5 +1,7 @@
 """Test the package's metadata: extras resolve to the pins, versions match, and the wheel has every file."""
 
+import csv
+import json
 import os
 import re
 import shutil
@@ -8,7 +10,10 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -20,6 +25,7 @@ yaml = pytest.importorskip("yaml", reason="needs the extra dev")
 
 from packaging.requirements import Requirement  # noqa: E402
 from packaging.utils import canonicalize_name  # noqa: E402
+from packaging.version import Version  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -54,26 +60,51 @@ def test_an_extra_resolves_to_its_pins(extra):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
-def test_an_installer_finds_no_conflict_between_the_pins(extra, tmp_path):
+def test_an_installer_finds_no_conflict_between_the_pins_and_no_package_without_one(extra, tmp_path):
     """Resolve an extra and all its dependencies. Two extras state that they need a separate environment."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
-    command += ["-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
+    command += ["--report", "-", "-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)
     if "connection" in done.stderr.lower() and "conflict" not in done.stderr.lower():
         pytest.skip("no package index can be reached")
     assert done.returncode == 0, done.stderr[-2000:]
+    installed = {canonicalize_name(one["metadata"]["name"]) for one in json.loads(done.stdout)["install"]}
+    assert installed - pins().keys() == {"robustflow"}
 
 
-@pytest.mark.parametrize("name", ["lightning", "pytorch-lightning"])
-def test_compromised_releases_are_excluded(name):
-    (requirement,) = [r for r in map(Requirement, OPTIONAL["ptlflow"]) if r.name == name]
-    assert not {"2.6.2", "2.6.3"} & set(requirement.specifier.filter(["2.6.1", "2.6.2", "2.6.3", "2.6.4"]))
-    assert pins()[name] not in {"2.6.2", "2.6.3"}
+with (ROOT / "tests" / "advisories.csv").open() as _file:
+    ADVISORIES = {row["package"]: row for row in csv.DictReader(_file)}
+"""Packages with the version that fixes all their advisories, compiled in November 2026."""
 
 
-def test_pytorch_whose_weights_only_is_not_safe_is_excluded():
-    (requirement,) = [r for r in map(Requirement, OPTIONAL["torch"]) if r.name == "torch"]
-    assert list(requirement.specifier.filter(["2.5.1", "2.6.0"])) == ["2.6.0"]
+@pytest.mark.parametrize("package", ADVISORIES)
+def test_no_version_with_a_known_vulnerability_is_pinned_or_allowed(package):
+    fixed = Version(ADVISORIES[package]["fixed"])
+    assert Version(pins()[package]) >= fixed
+    for requirement in map(Requirement, [*PROJECT["dependencies"], *chain(*OPTIONAL.values())]):
+        if canonicalize_name(requirement.name) == package:
+            least = [one.version for one in requirement.specifier if one.operator in (">=", "==")]
+            assert least, requirement
+            assert max(map(Version, least)) >= fixed, (requirement, ADVISORIES[package]["identifiers"])
+
+
+def test_every_package_of_an_environment_is_pinned():
+    """Follow the requirements of this environment's packages from the project's extras."""
+    waiting = [f"robustflow[{extra}]" for extra in OPTIONAL] + ["robustflow"]
+    followed: set[str] = set()
+    while waiting:
+        requirement = Requirement(waiting.pop())
+        name = canonicalize_name(requirement.name)
+        if str(requirement) in followed:
+            continue
+        followed.add(str(requirement))
+        assert name in ("robustflow", *pins()), requirement
+        with suppress(PackageNotFoundError):
+            for line in requires(name) or ():
+                marker = Requirement(line).marker
+                if marker is None or any(marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}):
+                    waiting.append(line.partition(";")[0])
+    assert len(followed) > 100
 
 
 def test_versions_agree_in_all_files():
