@@ -30,6 +30,7 @@ from ..core.errors import DataError, first_line
 from ..core.plugins import require
 from ..core.types import Flow, Mask
 from .arrays import checked, claimed_size, exact_size, known, npy_bytes, pfm_bytes, read_npy, read_pfm, readable
+from .complete import silent_libraries
 from .images import PILLOW_ERRORS
 
 MAGIC = b"PIEH"
@@ -164,7 +165,8 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
         image.verify()
     except PILLOW_ERRORS as error:
         raise DataError(path, f"not a PNG, or damaged ({first_line(error)}); copy or download it again") from error
-    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    with silent_libraries():
+        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise DataError(path, "a damaged PNG that cannot be decoded; copy or download it again")
     count = raw.shape[2] if raw.ndim == 3 else 1

@@ -1,7 +1,7 @@
 """Read and write images as RGB uint8, without lossy conversions; list the images in a folder.
 
-Images are decoded with Pillow, which raises an error for a truncated file instead of returning a partly filled image. A
-PNG's checksums are verified. Other damage only changes pixel values, so a run's manifest stores a hash of every file.
+Images are decoded with Pillow, and must contain all pixels (`complete`). A PNG's checksums are verified. Other damage
+only changes pixel values, so a run's manifest stores a hash of every file.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..core.paths import refuse_backslashes
 from ..core.text import is_utf8
 from ..core.types import Frame
 from .arrays import readable
+from .complete import PNG, png_header, silent_libraries, without_end
 
 LARGEST = 2**30
 """Maximum size of an image file in bytes; the largest supported image needs half as much."""
@@ -41,6 +43,11 @@ PILLOW_ERRORS = (
 _WIDTH, _HEIGHT = 256, 257
 """TIFF tags that store the size of the image."""
 
+_PLANES = 284
+"""TIFF tag that is 2 if each channel has strips of its own."""
+
+_COMPLETE_TIFF = ("raw", "tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits", "zstd", "lzma")
+
 _ORIENTATION = 0x0112
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
@@ -56,8 +63,12 @@ def read_image(path: str | Path) -> Frame:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
+            data, other = without_end(data)
             with _open(path, data) as image:
-                image.load()
+                with silent_libraries() if image.format == "TIFF" else nullcontext():
+                    image.load()
+                if other and image.tobytes() != Image.open(io.BytesIO(other)).tobytes():
+                    raise DataError(path, "truncated: one of its scans is too short; copy or download it again")
                 ImageOps.exif_transpose(image, in_place=True)
                 return _rgb(path, image)
     except PILLOW_ERRORS as error:
@@ -130,7 +141,10 @@ def _header(path: str | Path, is_turned: Callable[[Image.Image], bool]) -> tuple
     with readable(path), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the caller decides which sizes are too large
         try:
-            with Image.open(path, formats=_FORMATS) as image:
+            with open(path, "rb") as file:
+                is_png = file.read(len(PNG)) == PNG
+                header = io.BytesIO(png_header(file)) if is_png else path
+            with Image.open(header, formats=_FORMATS) as image:
                 width, height = image.size
                 if isinstance(image, TiffImagePlugin.TiffImageFile):  # `image.size` is the size after the rotation
                     width, height = image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
@@ -154,9 +168,23 @@ def _open(path: Path, data: bytes) -> Image.Image:
     count = getattr(image, "n_frames", 1)
     if count > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
         raise DataError(path, f"contains {count} images, but only one can be read; save them as separate files")
-    if image.format == "PNG":  # Pillow stops reading after the last row, before it reaches the last checksum
-        Image.open(io.BytesIO(data), formats=("PNG",)).verify()
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        _check_tiff(path, image)
     return image
+
+
+def _check_tiff(path: Path, image: TiffImagePlugin.TiffImageFile) -> None:
+    """Raise unless the parts of the image cover it, and its compression is one whose decoder needs all data."""
+    compression = image.info.get("compression")
+    if compression not in _COMPLETE_TIFF:
+        raise DataError(
+            path, f"{compression} inside TIFF is not supported, because losses go unnoticed; save it as PNG"
+        )
+    planes = len(image.getbands()) if image.tag_v2.get(_PLANES) == 2 else 1
+    parts = [part.extents or (0, 0, 0, 0) for part in image.tile]
+    covered = sum((right - left) * (bottom - top) for left, top, right, bottom in parts)
+    if covered < image.tag_v2[_WIDTH] * image.tag_v2[_HEIGHT] * planes:
+        raise DataError(path, "truncated: its strips do not cover the image; copy or download it again")
 
 
 def _is_deep(image: Image.Image) -> bool:
