@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import struct
 import threading
 import zlib
@@ -19,18 +18,22 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import BinaryIO
 
+import numpy as np
+import numpy.typing as npt
+
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8\xff"
 
 _MOST_PIXELS = 512
 """Pixels per byte that a JPEG can hold: each block of 8x8 takes at least one bit."""
 
+_MOST_SCANS = 500
+"""Each scan takes the time of a whole picture; programs write at most some dozen."""
+
 _READ_AHEAD = b"\xfe" * 8
 _OTHER_BYTES = bytes(range(1, 255)) * 4
 
-_MARKER = re.compile(rb"\xff+([^\x00\xff])")
-_MARKER_EXCEPT_RESTARTS = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
-_SOF, _LAST_SOF, _EOI, _SOS, _DRI = 0xC0, 0xCF, 0xD9, 0xDA, 0xDD
+_SOF, _LAST_SOF, _RST, _EOI, _SOS, _DRI = 0xC0, 0xCF, 0xD0, 0xD9, 0xDA, 0xDD
 _NO_SOF = (0xC4, 0xC8, 0xCC)
 _STANDALONE = (0x01, *range(0xD0, 0xD8))
 
@@ -43,7 +46,7 @@ def without_end(data: bytes) -> tuple[bytes, bytes]:
     return _jpeg_without_end(data) if data.startswith(JPEG) else (data, b"")
 
 
-def png_chunks(file: BinaryIO, pixels: bool = True) -> Iterator[tuple[bytes, bytes]]:
+def _png_chunks(file: BinaryIO, pixels: bool = True) -> Iterator[tuple[bytes, bytes]]:
     """Yield the kind and the content of each chunk of a PNG file, with or without those of pixels, until its end."""
     file.seek(len(PNG))
     while len(head := file.read(8)) == 8:
@@ -61,37 +64,43 @@ def png_chunks(file: BinaryIO, pixels: bool = True) -> Iterator[tuple[bytes, byt
         raise ValueError("data are missing")
 
 
-def png_of(chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
+def _png_of(chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
     out = [PNG]
     for kind, content in chunks:
-        out += (
-            struct.pack(">I4s", len(content), kind),
-            content,
-            struct.pack(">I", zlib.crc32(content, zlib.crc32(kind))),
-        )
+        checksum = zlib.crc32(content, zlib.crc32(kind))
+        out += struct.pack(">I4s", len(content), kind), content, struct.pack(">I", checksum)
     return b"".join(out)
 
 
 def png_header(file: BinaryIO) -> bytes:
     """Return a PNG of all chunks but those of pixels; its EXIF data may stand behind them."""
-    return png_of([*png_chunks(file, pixels=False), (b"IDAT", b"")])
+    return _png_of([*_png_chunks(file, pixels=False), (b"IDAT", b"")])
 
 
 def _png_without_end(data: bytes) -> bytes:
-    chunks = list(png_chunks(io.BytesIO(data)))
-    pixels = b"".join(content for kind, content in chunks if kind == b"IDAT")
-    others = [chunk for chunk in chunks if chunk[0] not in (b"IDAT", b"IEND")]
-    return png_of(others) + struct.pack(">I4s", len(pixels), b"IDAT") + pixels[:-1]  # zlib's checksum needs it
+    others, pixels = list[tuple[bytes, bytes]](), list[bytes]()
+    for kind, content in _png_chunks(io.BytesIO(data)):
+        if kind == b"IDAT":
+            pixels += [content] if content else []
+        elif kind != b"IEND":
+            others.append((kind, content))
+    pixels[-1:] = [content[:-1] for content in pixels[-1:]]  # zlib's checksum needs the last byte
+    return b"".join((_png_of(others), struct.pack(">I4s", sum(map(len, pixels)) + 1, b"IDAT"), *pixels))
 
 
 def _jpeg_without_end(data: bytes) -> tuple[bytes, bytes]:
-    frame, scans, ends, at, marker = b"", list[bytes](), list[int](), 2, _MARKER
-    progressive = False
+    values = np.frombuffer(data, np.uint8)
+    places = np.flatnonzero(values[:-1] == 255)
+    places = places[values[places + 1] - np.uint8(1) < 254]  # neither 0 nor 255 follows
+    markers = places
+    """Where a marker may stand; those in the data of a scan end it."""
+    frame, scans, ends, at, progressive = b"", list[bytes](), [0], 2, False
+    other = list[bytes]()
     while True:
-        found = _MARKER.search(data, at)
-        if found is None:
+        at = _first(places, at, len(data))
+        if at == len(data):
             raise ValueError("its end is missing")
-        kind, at = found[1][0], found.end()
+        kind, at = data[at + 1], at + 2
         if kind == _EOI:
             break
         if kind in _STANDALONE:
@@ -103,22 +112,31 @@ def _jpeg_without_end(data: bytes) -> tuple[bytes, bytes]:
             if kind > _SOF + 2:
                 raise ValueError("a kind of JPEG that is neither baseline nor progressive")
         elif kind == _DRI and any(content):
-            marker = _MARKER_EXCEPT_RESTARTS
+            markers = places[values[places + 1] & 0xF8 != _RST]
         elif kind == _SOS:
             scans.append(content)
-            end = marker.search(data, at)
-            at = len(data) if end is None else end.start()
+            if len(scans) > _MOST_SCANS:
+                raise ValueError(f"more than {_MOST_SCANS} scans")
+            begin, at = at, _first(markers, at, len(data))
             ends.append(at)
+            other += data[ends[-2] : at], _OTHER_BYTES
+            if markers is not places:  # of a further part of the scan
+                restarts = int(np.searchsorted(places, at) - np.searchsorted(places, begin))
+                other += bytes((0xFF, _RST + restarts % 8)), _OTHER_BYTES
     if len(frame) < 6 or not scans:
         raise ValueError("its pixels are missing")
     height, width = struct.unpack_from(">HH", frame, 1)
     if height * width > _MOST_PIXELS * len(data):
         raise ValueError(f"{len(data)} bytes cannot hold {height}x{width} pixels")
     if not progressive and len(scans) == 1 and scans[0][0] == frame[5]:
-        return data[: ends[0]] + _READ_AHEAD, b""
+        return data[: ends[1]].rstrip(b"\xff") + _READ_AHEAD, b""
     _check_scans(frame, scans)
-    parts = [data[begin:end] for begin, end in zip([0, *ends], [*ends, len(data)], strict=True)]
-    return data, _OTHER_BYTES.join(parts)
+    return data, b"".join((*other, data[ends[-1] :]))
+
+
+def _first(places: npt.NDArray[np.int64], begin: int, end: int) -> int:
+    place = int(np.searchsorted(places, begin))
+    return int(places[place]) if place < places.size else end
 
 
 def _check_scans(frame: bytes, scans: list[bytes]) -> None:

@@ -46,7 +46,13 @@ _WIDTH, _HEIGHT = 256, 257
 _PLANES = 284
 """TIFF tag that is 2 if each channel has strips of its own."""
 
-_COMPLETE_TIFF = ("raw", "tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits", "zstd", "lzma")
+_TIFF_RATIO = {"raw": 8, "packbits": 64, "tiff_lzw": 4096, "tiff_adobe_deflate": 1032, "tiff_deflate": 1032}
+"""Highest ratio of the compressions of TIFF whose decoders need all data."""
+
+_WEBP_RATIO = 2048
+"""Highest number of pixels per byte of large WebP images. Only lossless images of one colour have more."""
+
+_SMALL = 2**24
 
 _ORIENTATION = 0x0112
 
@@ -65,9 +71,10 @@ def read_image(path: str | Path) -> Frame:
             warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
             data, other = without_end(data)
             with _open(path, data) as image:
+                wanted = hash(Image.open(io.BytesIO(other)).tobytes()) if other else None
                 with silent_libraries() if image.format == "TIFF" else nullcontext():
                     image.load()
-                if other and image.tobytes() != Image.open(io.BytesIO(other)).tobytes():
+                if wanted is not None and hash(image.tobytes()) != wanted:
                     raise DataError(path, "truncated: one of its scans is too short; copy or download it again")
                 ImageOps.exif_transpose(image, in_place=True)
                 return _rgb(path, image)
@@ -169,22 +176,25 @@ def _open(path: Path, data: bytes) -> Image.Image:
     if count > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
         raise DataError(path, f"contains {count} images, but only one can be read; save them as separate files")
     if isinstance(image, TiffImagePlugin.TiffImageFile):
-        _check_tiff(path, image)
+        _check_tiff(path, image, len(data))
+    if image.format == "WEBP" and width * height > max(_SMALL, _WEBP_RATIO * len(data)):
+        raise DataError(path, f"claims {height}x{width} pixels, too many for {len(data)} bytes; save it as PNG")
     return image
 
 
-def _check_tiff(path: Path, image: TiffImagePlugin.TiffImageFile) -> None:
+def _check_tiff(path: Path, image: TiffImagePlugin.TiffImageFile, size: int) -> None:
     """Raise unless the parts of the image cover it, and its compression is one whose decoder needs all data."""
     compression = image.info.get("compression")
-    if compression not in _COMPLETE_TIFF:
+    if compression not in _TIFF_RATIO:
         raise DataError(
             path, f"{compression} inside TIFF is not supported, because losses go unnoticed; save it as PNG"
         )
+    pixels = image.tag_v2[_WIDTH] * image.tag_v2[_HEIGHT]
     planes = len(image.getbands()) if image.tag_v2.get(_PLANES) == 2 else 1
     parts = [part.extents or (0, 0, 0, 0) for part in image.tile]
     covered = sum((right - left) * (bottom - top) for left, top, right, bottom in parts)
-    if covered < image.tag_v2[_WIDTH] * image.tag_v2[_HEIGHT] * planes:
-        raise DataError(path, "truncated: its strips do not cover the image; copy or download it again")
+    if covered < pixels * planes or pixels // 8 > _TIFF_RATIO[compression] * size:
+        raise DataError(path, "truncated: its data do not cover the image; copy or download it again")
 
 
 def _is_deep(image: Image.Image) -> bool:
