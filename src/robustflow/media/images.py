@@ -12,8 +12,10 @@ import re
 import struct
 import warnings
 import zlib
-from collections.abc import Callable
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -223,10 +225,13 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tif
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the images directly inside a folder in natural order, without hidden files."""
+    """Return the images directly inside a folder in natural order, or by time if their names are times in seconds,
+    without hidden files."""
     refuse_backslashes(folder)
-    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
-    ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
+    entries = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
+    images = [path for path in entries if path.is_file()]
+    by_time = are_decimals([path.stem for path in images])
+    ordered = sorted(images, key=lambda path: _decimal(path.stem) if by_time else natural_order(path.name))
     for path in ordered:
         if not is_utf8(str(path)):
             raise DataError(path, "the name is not valid UTF-8; rename the file or folder")
@@ -241,3 +246,36 @@ def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
     """
     parts = re.findall(r"[0-9]+|[^0-9]+", name.casefold())
     return tuple((0, int(part)) if part[0] in "0123456789" else (1, part) for part in parts), name
+
+
+def are_decimals(stems: Sequence[str]) -> bool:
+    """Return whether names without suffix end in decimals, such as times in seconds, and not in two whole numbers: read
+    as decimals, their steps are at least as regular.
+
+    >>> are_decimals(["t98.175304", "t98.2", "t98.2249", "t98.25"]), are_decimals([f"shot1.{n}" for n in range(8, 13)])
+    (True, False)
+    """
+    names = [_DECIMAL.fullmatch(stem) for stem in stems]
+    parts = [(name[1], int(name[2]), name[3] or "") for name in names if name]
+    if len(parts) < max(2, len(stems)) or len({text for text, *_ in parts}) > 1 or not all(f for *_, f in parts[:2]):
+        return False
+    decimals = sorted(whole + float(f"0.{fraction or 0}") for _, whole, fraction in parts)
+    numbers = sorted((whole, int(fraction or 0)) for _, whole, fraction in parts)
+    as_decimals = [later - earlier for earlier, later in pairwise(decimals)]
+    as_numbers = [n - m if i == j else -1 for (i, m), (j, n) in pairwise(numbers)]
+    return _regular(as_decimals) >= _regular(as_numbers)
+
+
+_DECIMAL = re.compile(r"(|.*?[^0-9])([0-9]+)(?:\.([0-9]+))?", re.DOTALL)
+
+
+def _decimal(stem: str) -> tuple[int, str, str]:
+    parts = _DECIMAL.fullmatch(stem)
+    assert parts is not None
+    return int(parts[2]), parts[3] or "", stem
+
+
+def _regular(steps: Sequence[float]) -> int:
+    """Return how many steps are about equal."""
+    ordered = sorted(step for step in steps if step > 0)
+    return max((bisect_right(ordered, 1.2 * step) - bisect_left(ordered, step) for step in ordered), default=0)

@@ -152,7 +152,7 @@ def open_benchmark(
     if still and isinstance(benchmark, str):
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
     if isinstance(benchmark, str):
-        chosen = load_benchmark(benchmark, data, split, options)
+        chosen = load_benchmark(benchmark, data, split, options, still)
     elif not isinstance(benchmark, Benchmark):
         raise UsageError("benchmark", f"a name or a Benchmark is needed, not {type(benchmark).__name__}")
     else:

@@ -178,8 +178,8 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
     (tmp_path / "split.txt").write_text("000001\n")
     benchmark = load_benchmark("kitti2015", kitti, tmp_path / "split.txt")
     assert (benchmark.keys, len(benchmark.corruptions)) == (("000001",), 20)
-    frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2})
-    assert frames.protocol == {"options": {"step": "2"}}, "a different step is a different run"
+    frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2, "pairs": "consecutive"})
+    assert frames.protocol == {"options": {"pairs": "consecutive", "step": "2"}}, "a different step is a different run"
     refusal(lambda: load_benchmark("kitti-fc", kitti, options={"render_pass": "final"}), UsageError, "kitti-fc")
     refusal(lambda: load_benchmark("sintl", kitti), UsageError, "sintl")
 

@@ -28,7 +28,7 @@ def test_folder_gives_frames_in_natural_order(tmp_path: Path) -> None:
         picture(tmp_path / f"frame{number}.png")
     (tmp_path / "notes.txt").write_text("no frame")
     (tmp_path / ".frame0.png").write_bytes(b"hidden")
-    dataset = load_dataset("folder", tmp_path)
+    dataset = load_dataset("folder", tmp_path, gaps="keep")
     assert isinstance(dataset, Dataset)
     assert dataset.keys() == ["frame1", "frame2", "frame9", "frame10"]
     sample = dataset.load("frame9")
@@ -36,7 +36,7 @@ def test_folder_gives_frames_in_natural_order(tmp_path: Path) -> None:
     assert sample.flow is None
     assert not dataset.has_flow
     assert dataset.load("frame1").group == dataset.load("frame10").group == "frames", "one sequence, one group"
-    dataset = load_dataset("folder", tmp_path, step=3)
+    dataset = load_dataset("folder", tmp_path, step=3, gaps="keep")
     assert dataset.keys() == ["frame1", "frame2"]
     assert [path.name for path in dataset.files("frame2")] == ["frame2.png", "frame11.png"]
 
@@ -210,7 +210,7 @@ def test_start_and_stop_select_a_part_of_a_video_of_variable_frame_rate(tmp_path
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
     assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]
-    assert len(load_dataset("folder", path).keys()) == 5
+    assert len(load_dataset("folder", path, gaps="keep").keys()) == 5
 
 
 def test_start_and_stop_select_a_part_of_a_folder_of_frames(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_
 from ...corruptions.registry import ON_DISK, with_families
 from ...corruptions.stack import needs_depth, split_stack
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
+from ..datasets.continuity import continuous
 from ..datasets.own import OwnDepth
 from ..datasets.still import Still
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
@@ -89,7 +90,8 @@ class Benchmark:
     ) -> Benchmark:
         """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
 
-        Names of families and "all" stand for the benchmark's corruptions. With attacks but without corruptions, only
+        Pairs of a user's own frames that are not consecutive are left out (`continuity`). Names of families and "all"
+        stand for the benchmark's corruptions. With attacks but without corruptions, only
         the attacks are run. Random noise of the same norms is added as a baseline.
 
         Raises:
@@ -117,7 +119,8 @@ class Benchmark:
             raise UsageError("--corruptions", "nothing to run; give a corruption or attack, and a severity")
         if both := set(chosen) & set(against):
             raise UsageError(min(both), "this is the name of an attack; give your own corruption a different name")
-        return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
+        keys = tuple(continuous(self.dataset, spread(self.keys, limit)))
+        return replace(self, keys=keys, corruptions=chosen, severities=levels, attacks=against)
 
     def still(self) -> Benchmark:
         """Return the still version of the benchmark: every frame paired with itself, with a true flow of zero

@@ -16,9 +16,10 @@ from ...core.errors import DataError, UsageError, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import Registry, called, import_target, is_target
 from ...corruptions import IMAGE_PAIR
-from ..datasets import DATASETS, PreCorrupted, dataset_facts, load_dataset
-from ..datasets.base import facts_of
+from ..datasets import DATASETS, PreCorrupted, dataset_facts
+from ..datasets.base import OWN_FRAMES, facts_of
 from ..datasets.own import OwnDepth, check_members, open_own_dataset, own_source
+from ..datasets.registry import open_dataset
 from ..datasets.split import read_split, selected
 from .base import Benchmark
 from .facts import NON_OCCLUDED, BenchmarkFacts, facts_of_dataset, facts_of_still, is_still, moving_name, truth_remark
@@ -67,14 +68,19 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
     return Benchmark(dataset.name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts)
 
 
-def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
-    """Return a benchmark with every sample of a dataset under every image-pair corruption, or those in its files."""
-    dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
+def from_dataset(
+    name: str, data: Path | None, split: Path | None, options: dict[str, Any], still: bool = False
+) -> Benchmark:
+    """Return a benchmark with every sample of a dataset under every image-pair corruption, or those in its files. For
+    still scenes, every frame of a user's own counts, so nothing is recognised or left out."""
+    every_frame = {"pairs": "consecutive", "gaps": "keep"} if still and name == OWN_FRAMES else {}
+    dataset, facts = open_dataset(name, data, **every_frame | options), dataset_facts(name)
     if isinstance(dataset, PreCorrupted) and not facts.corruptions:
         instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
         raise UsageError(name, f"its frames are corrupted already{instead}")
     keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     deciding = {key: str(value) for key, value in sorted(options.items()) if key not in facts.folder_options}
+    deciding |= getattr(dataset, "recognised", {})
     protocol: dict[str, Any] = {"options": deciding} if deciding else {}
     if getattr(dataset, "non_occluded", False):
         protocol |= NON_OCCLUDED
@@ -112,11 +118,12 @@ def load_benchmark(
     data: str | Path | None = None,
     split: str | Path | None = None,
     options: dict[str, Any] | None = None,
+    still: bool = False,
 ) -> Benchmark:
-    """Open a benchmark by name."""
+    """Open a benchmark by name; `still` if its frames will be paired with themselves."""
     others = dict(options or {})
     own = [others.pop(key, None) for key in ("depth", "focal", "depth_unit")]
-    return with_own_depth(_load(name, data, split, others), *own)
+    return with_own_depth(_load(name, data, split, others, still), *own)
 
 
 def with_own_depth(
@@ -130,7 +137,9 @@ def with_own_depth(
     return benchmark
 
 
-def _load(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
+def _load(
+    name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any], still: bool
+) -> Benchmark:
     chosen = user_path(split) if split is not None else None
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
@@ -147,7 +156,7 @@ def _load(name: str, data: str | Path | None, split: str | Path | None, options:
         if name in BENCHMARKS.names():
             return BENCHMARKS.get(name).open(root, chosen)
         if name in DATASETS:
-            return from_dataset(name, root, chosen, options)
+            return from_dataset(name, root, chosen, options, still)
         raise unknown_name("benchmark", name, (*BENCHMARKS.names(), *DATASETS.names()))
     except DataError as error:
         fitting = _fitting(root) if root is not None else None

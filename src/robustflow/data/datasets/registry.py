@@ -10,7 +10,7 @@ from typing import Any
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import Registry
-from .base import Dataset, DatasetFacts, facts_of
+from .base import OWN_FRAMES, Dataset, DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
 """Registered datasets: callables that take the root (if required) and keyword options, and return a `Dataset`."""
@@ -41,7 +41,8 @@ for _name, _target in _TARGETS.items():
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
-    """Open a dataset.
+    """Open a dataset. In a user's own frames, all pairs are compared, and left out if they are not consecutive frames
+    (`continuity`).
 
     Args:
         name: name in `DATASETS`.
@@ -58,6 +59,17 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     Traceback (most recent call last):
     robustflow.core.errors.UsageError: unknown dataset 'motorcycel': did you mean 'motorcycle'? Known: ...
     """
+    dataset = open_dataset(name, root, **options)
+    if name == OWN_FRAMES:
+        from .continuity import OwnFrames, continuous
+
+        if isinstance(dataset, OwnFrames):
+            dataset.keep(continuous(dataset, dataset.keys()))
+    return dataset
+
+
+def open_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
+    """Open a dataset as `load_dataset` does, without comparing frames."""
     factory = DATASETS.get(name)
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise, takewhile
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 
@@ -111,14 +113,16 @@ class ClipPart:
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
         if not 2 <= shown <= MOST_SHOWN:
             raise UsageError("--length", f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
+        from ...data.datasets.continuity import continuous
         from ...data.datasets.folder import open_folder  # imports PyAV, which the page of a run does not need
         from ...data.video.variants import frame_rate
 
         self._data = open_folder(path, 1, start, stop)
         self.rate = frame_rate(path)
         keys = self._data.keys()
-        group = self._data.load(keys[0]).group
-        self._keys = [key for key in keys[: LONGEST_PART - 1] if self._data.load(key).group == group]
+        part = continuous(self._data, keys[: LONGEST_PART - 1])
+        joined = (second == first for (_, second), (first, _) in pairwise(map(self._data.frame_names, part)))
+        self._keys = [part[0], *(key for key, _ in takewhile(itemgetter(1), zip(part[1:], joined, strict=True)))]
         self.count = len(self._keys) + 1
         begin = max(0, (self.count - shown) // 2) if start is None else 0
         self.shown = range(begin, min(begin + shown, self.count))

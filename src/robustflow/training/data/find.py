@@ -21,8 +21,10 @@ import numpy.typing as npt
 from ...core.errors import DataError, UsageError
 from ...core.paths import user_path
 from ...core.rng import Rng
-from ...data.datasets import DATASETS, load_dataset, needs_folder
+from ...data.datasets import DATASETS, needs_folder
 from ...data.datasets.base import Dataset
+from ...data.datasets.continuity import continuous
+from ...data.datasets.registry import open_dataset
 from ...data.datasets.split import kitti_split
 from ..recipe import Part, Recipe, mix_parts
 
@@ -100,12 +102,12 @@ def open_part(part: Part, data: Sequence[str | Path], labelled: bool) -> OpenPar
     if folder is None and needs_folder(part.data):
         dataset = _search(part, roots)
     else:
-        dataset = load_dataset(part.data, folder, **part.options)
+        dataset = open_dataset(part.data, folder, **part.options)
     if labelled and not dataset.has_flow:
         raise UsageError(
             part.data, "has no ground truth to train on; choose a different mix, or a recipe without labels"
         )
-    keys = dataset.keys()
+    keys = continuous(dataset, dataset.keys(), compare=False)
     if part.keys == "training":
         keys = kitti_split(keys).training
         if not keys:
@@ -148,7 +150,7 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
         anything = part.data == "folder"  # any folder of images would match, so do not use the first one
         for folder in candidates if anything else [*candidates, root]:
             try:
-                return load_dataset(part.data, folder, **part.options)
+                return open_dataset(part.data, folder, **part.options)
             except DataError as error:
                 if folder in candidates or _plain(folder.name) in names:
                     reasons.append(str(error))
