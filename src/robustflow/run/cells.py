@@ -6,8 +6,8 @@ one of them, together with the samples that are measured under the same conditio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import chain, pairwise
 from typing import Annotated
 
 import polars as pl
@@ -17,6 +17,8 @@ from ..core.types import Untrusted
 from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN
 from .identity import Text
+
+_Conditions = tuple[frozenset[tuple[str, tuple[int, ...]]], ...]
 
 Cell = tuple[str, str, int]
 """The sample key, corruption and severity of a row."""
@@ -53,6 +55,10 @@ class Cells(Untrusted):
         levels = self.attacks
         return ((key, name, level) for key in self.samples for name in levels for level in levels[name])
 
+    def every(self) -> Iterator[Cell]:
+        """Yield every cell."""
+        return chain(self.corrupted(), self.attacked())
+
     def count(self) -> int:
         """Return the number of cells, without listing them."""
         return len(self.samples) * (1 + sum(map(len, (*self.corruptions.values(), *self.attacks.values()))))
@@ -73,20 +79,45 @@ class Cells(Untrusted):
 
 
 def union(every: Iterable[Cells]) -> tuple[Cells, ...]:
-    """Return the same cells, with every sample in exactly one of the parts, and no two parts with equal conditions."""
-    parts: list[Cells] = []
+    """Return the same cells, with every sample in exactly one of the parts, and no two parts with equal conditions. The
+    time is linear in the number of samples and conditions."""
+    of_sample: dict[str, Cells] = {}
+    parts: dict[_Conditions, Cells] = {}
+
+    def shared(part: Cells) -> Cells:
+        """Return the one object with these conditions."""
+        return parts.setdefault((frozenset(part.corruptions.items()), frozenset(part.attacks.items())), part.among(()))
+
     for asked in every:
-        new, known = set(asked.samples), {key for part in parts for key in part.samples}
-        split = []
-        for part in parts:
-            together = Cells(
-                samples=tuple(key for key in part.samples if key in new),
-                corruptions=merged_levels(part.corruptions, asked.corruptions),
-                attacks=merged_levels(part.attacks, asked.attacks),
-            )
-            split += [part.among(key for key in part.samples if key not in new), together]
-        parts = _grouped([*split, asked.among(key for key in asked.samples if key not in known)])
-    return tuple(parts)
+        alone, together = shared(asked), dict[int, Cells]()
+        for key in asked.samples:
+            before = of_sample.get(key, alone)
+            if id(before) not in together:
+                corruptions = merged_levels(before.corruptions, asked.corruptions)
+                attacks = merged_levels(before.attacks, asked.attacks)
+                together[id(before)] = shared(Cells(samples=(), corruptions=corruptions, attacks=attacks))
+            of_sample[key] = together[id(before)]
+    samples: dict[int, list[str]] = {}
+    for key, part in of_sample.items():
+        samples.setdefault(id(part), []).append(key)
+    return tuple(part.among(samples[id(part)]) for part in parts.values() if id(part) in samples)
+
+
+def parts_of(cells: Iterable[Cell], attacks: Collection[str]) -> tuple[Cells, ...]:
+    """Return some cells as parts; every sample has its clean cell."""
+    of_sample: dict[str, dict[str, list[int]]] = {}
+    for key, name, level in cells:
+        levels = of_sample.setdefault(key, {})
+        if name != CLEAN:
+            levels.setdefault(name, []).append(level)
+    return union(
+        Cells(
+            samples=(key,),
+            corruptions={name: tuple(sorted(given)) for name, given in levels.items() if name not in attacks},
+            attacks={name: tuple(sorted(given)) for name, given in levels.items() if name in attacks},
+        )
+        for key, levels in sorted(of_sample.items())
+    )
 
 
 def merged_levels(
@@ -118,13 +149,3 @@ def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
     """
     each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
     return f"the calibrated scale has no {each}"
-
-
-def _grouped(parts: Iterable[Cells]) -> list[Cells]:
-    """Merge parts with equal conditions, and omit parts without samples."""
-    groups: dict[tuple[frozenset[tuple[str, tuple[int, ...]]], ...], Cells] = {}
-    for part in parts:
-        if part.samples:
-            key = (frozenset(part.corruptions.items()), frozenset(part.attacks.items()))
-            groups[key] = part.among((*groups[key].samples, *part.samples)) if key in groups else part
-    return list(groups.values())

@@ -32,7 +32,7 @@ from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
 from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Engine
-from .identity import difference, environment
+from .identity import Environment, difference, environment, versions_in_words
 from .manifest import Manifest, clips_of
 from .plan import Plan
 from .progress import Progress, TerminalProgress
@@ -51,11 +51,21 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     v down) in pixels from frame 1 to frame 2."""
     before = folder.manifest()
     known = _known_row(folder, plan)
-    manifest = _continued(folder, plan, before, known)
+    here = _environment(plan)
+    manifest = _continued(folder, plan, before, known, here)
     cells = folder.tidy()
+    if units := plan.missing(cells):
+        then, now = manifest.environment.versions(), here.versions()
+        if cells and then != now:
+            warnings.warn(
+                f"{folder.path} contains {len(cells)} rows made with other versions ({versions_in_words(then, now)}); "
+                "they are kept, and the manifest says which versions made which rows; for rows of the same versions, "
+                "install the earlier ones, or choose another folder with --output",
+                stacklevel=2,
+            )
+        manifest = manifest.continued_in(here, cells)
     _check_known_sample(plan, known)
     folder.write_manifest(manifest)
-    units = plan.missing(cells)
     job = plan.job(
         folder=folder.path,
         kept=_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}),
@@ -100,8 +110,7 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
         _drop_changed(folder, manifest, changed)
     folder.pack()
     if not units and before is not None and before.finished is not None:
-        since = {name: getattr(before, name) for name in ("finished", "environment")}
-        folder.write_manifest(manifest.model_copy(update=since))
+        folder.write_manifest(manifest.model_copy(update={"finished": before.finished}))
         return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     clips = clips_of(job.dataset.clip_records()) if isinstance(job.dataset, FromClips) else manifest.clips
@@ -109,7 +118,16 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     folder.write_manifest(manifest.model_copy(update=since))
 
 
-def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterable[str]) -> Manifest:
+def _environment(plan: Plan) -> Environment:
+    """Return the environment, for video corruptions with the versions of the libraries that encode them."""
+    if not isinstance(plan.benchmark.dataset, FromClips):
+        return environment()
+    from ..data.video.codec import encoder_versions
+
+    return environment(encoder_versions())
+
+
+def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterable[str], here: Environment) -> Manifest:
     """Return a folder's manifest, updated with a plan; raise a RunError if they do not match, or if the files of the
     planned samples, or of those whose rows are measured again, have changed."""
     if old and old.identity != plan.identity:
@@ -119,7 +137,7 @@ def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterab
         old = None
     if old is None:
         old = Manifest(
-            version=6,
+            version=7,
             identity=plan.identity,
             identity_digest=plan.identity.digest(),
             samples={},
@@ -127,7 +145,7 @@ def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterab
             planned=(),
             started=_now(),
             finished=None,
-            environment=environment(),
+            environment=here,
         )
     paths = _files(plan, [*plan.benchmark.keys, *rows, *_samples_to_recognise(folder, plan, old)], old)
     digests = file_digests(paths)
@@ -149,7 +167,6 @@ def _continued(folder: RunFolder, plan: Plan, old: Manifest | None, rows: Iterab
             "left_out": merged_levels(old.left_out, plan.left_out()),
             "name": plan.name or old.name,
             "finished": None,
-            "environment": environment(),
         }
     )
 

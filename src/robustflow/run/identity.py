@@ -11,7 +11,8 @@ import sys
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated, Any, Self
 
 from pydantic import Field, JsonValue
 
@@ -158,7 +159,9 @@ def checked_name(name: str) -> str:
 
 
 _PACKAGES = ["robustflow", "numpy", "opencv-python-headless", "opencv-python", "scipy", "numba", "polars", "av"]
-_PACKAGES += ["torch", "torchvision", "ptlflow"]
+_PACKAGES += ["pillow", "scikit-image", "torch", "torchvision", "ptlflow", "onnxruntime"]
+_OF_MODELS = ("torch", "torchvision", "ptlflow", "onnxruntime")
+"""Packages that affect results only if they are imported."""
 
 
 class Machine(Untrusted):
@@ -177,6 +180,27 @@ class Environment(Untrusted):
     machine: Machine
     command: tuple[str, ...] = ()
 
+    def versions(self) -> dict[str, str]:
+        """Return everything in it that can affect bytes of frames, or flows."""
+        unused = {"polars", *(name for name in _OF_MODELS if name not in sys.modules)}
+        packages = {name: version for name, version in self.packages.items() if name not in unused}
+        return {**packages, "python": self.python, "processor": self.machine.processor}
+
+    def shareable(self) -> Self:
+        """Return it without the command line, and without facts about the machine except its kind."""
+        kind = self.machine.model_copy(update={"system": self.machine.system.partition("-")[0]})
+        return self.model_copy(update={"machine": kind, "command": ()})
+
+
+def versions_in_words(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Describe the differing versions of two environments.
+
+    >>> versions_in_words({"numpy": "2.3", "scipy": "1.17"}, {"numpy": "2.4", "scipy": "1.17", "torch": "2.6"})
+    'numpy 2.3, now 2.4; torch none, now 2.6'
+    """
+    names = differing_fields(now, before)
+    return "; ".join(f"{name} {before.get(name, 'none')}, now {now.get(name, 'none')}" for name in names)
+
 
 @cache
 def _versions() -> dict[str, str]:
@@ -190,11 +214,11 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def environment() -> Environment:
-    """Return the environment of this process."""
+def environment(libraries: Mapping[str, str] = MappingProxyType({})) -> Environment:
+    """Return the environment of this process, with the versions of further libraries."""
     return Environment(
         python=platform.python_version(),
-        packages=_versions(),
+        packages={**_versions(), **libraries},
         machine=Machine(system=platform.platform(), processor=platform.machine(), cores=os.cpu_count()),
         command=(os.path.basename(sys.argv[0]), *sys.argv[1:]),
     )

@@ -14,7 +14,7 @@ from ..corruptions.stack import levels_of
 from ..data.benchmarks.setting import Provenance, provenance_of
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..models.provenance import Training
-from .cells import Cells, Levels, union
+from .cells import Cell, Cells, Levels, parts_of, union
 from .identity import IDENTITY_VERSION, LONGEST_NAME, Environment, Identity, Text
 from .trust import document_bytes
 
@@ -33,10 +33,17 @@ class Clip(Untrusted):
     warnings: tuple[str, ...] = ()
 
 
-class Manifest(Untrusted):
-    """The description of a run; `samples` contains the name and the digest of each sample's files."""
+class EarlierEnvironment(Environment):
+    """The environment in which a run was computed before it was continued in another one, and the rows that it made."""
 
-    version: Literal[6]
+    made: Annotated[tuple[Cells, ...], Field(min_length=1)]
+
+
+class Manifest(Untrusted):
+    """The description of a run; `samples` contains the name and the digest of each sample's files, and `environment`
+    is that of the rows that none of `earlier` made."""
+
+    version: Literal[7]
     identity: Identity
     identity_digest: _Digest
     samples: dict[Text, tuple[tuple[str, _Digest], ...]]
@@ -48,6 +55,7 @@ class Manifest(Untrusted):
     finished: str | None
     seconds: dict[str, float] = {}
     environment: Environment
+    earlier: tuple[EarlierEnvironment, ...] = ()
     places: dict[str, int] = {}
     clips: tuple[Clip, ...] = ()
 
@@ -61,6 +69,11 @@ class Manifest(Untrusted):
         planned = [key for part in self.planned for key in part.samples]
         if len(planned) != len(self.samples) or set(planned) != self.samples.keys():
             raise ValueError("every sample must be in exactly one part of the plan")
+        made = [cells for part in self.earlier for cells in part.made]
+        if sum(map(Cells.count, made)) > sum(map(Cells.count, self.planned)):
+            raise ValueError("earlier environments made more rows than are planned")
+        if not {key for cells in made for key in cells.samples} <= self.samples.keys():
+            raise ValueError("an earlier environment made rows of other samples")
         return self
 
     @property
@@ -101,14 +114,24 @@ class Manifest(Untrusted):
     def shareable(self) -> Manifest:
         """Return the manifest for a record: without the user's attacks, the command line, the machines of a cluster,
         or any facts about the machine except its kind."""
-        machine = self.environment.machine
-        kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
-        environment = self.environment.model_copy(update={"machine": kind, "command": ()})
-        planned = union(
-            part.model_copy(update={"attacks": {k: v for k, v in part.attacks.items() if split_name(k)[0] in SHIPPED}})
-            for part in self.planned
+        earlier = tuple(
+            part.shareable().model_copy(update={"made": _without_own_attacks(part.made)}) for part in self.earlier
         )
-        return self.model_copy(update={"environment": environment, "places": {}, "planned": planned})
+        planned = _without_own_attacks(self.planned)
+        environment = self.environment.shareable()
+        return self.model_copy(
+            update={"environment": environment, "earlier": earlier, "places": {}, "planned": planned}
+        )
+
+    def continued_in(self, here: Environment, cells: Collection[Cell]) -> Manifest:
+        """Return the manifest of a run that has these rows and is continued in an environment."""
+        if here.versions() == self.environment.versions():
+            return self.model_copy(update={"environment": here})
+        known = {cell for part in self.earlier for cells in part.made for cell in cells.every()}
+        made = parts_of((cell for cell in cells if cell not in known and cell[0] in self.samples), self.attacks)
+        last = EarlierEnvironment(**dict(self.environment), made=made) if made else None
+        earlier = (*self.earlier, *([last] if last else []))
+        return self.model_copy(update={"environment": here, "earlier": earlier})
 
     def without(self, keys: Collection[str]) -> Manifest:
         """Return the manifest without some of the samples."""
@@ -118,8 +141,16 @@ class Manifest(Untrusted):
     def restricted(self, planned: Sequence[Cells], left_out: Mapping[str, tuple[int, ...]]) -> Manifest:
         """Return the manifest of a run of only some of the cells."""
         keys = [key for part in planned for key in part.samples]
+        left = set(keys)
+        earlier = (
+            part.model_copy(
+                update={"made": union(cells.among(key for key in cells.samples if key in left) for cells in part.made)}
+            )
+            for part in self.earlier
+        )
         update = {
             "samples": {key: self.samples[key] for key in keys},
+            "earlier": tuple(part for part in earlier if part.made),
             "planned": tuple(planned),
             "left_out": dict(left_out),
         }
@@ -133,6 +164,13 @@ class Manifest(Untrusted):
     def provenance_on(self, benchmark: str) -> Provenance:
         """Return what the training data of the model mean for results on a benchmark with the same samples."""
         return provenance_of(self.training, benchmark, list(self.samples), self.identity.frames.protocol)
+
+
+def _without_own_attacks(parts: Iterable[Cells]) -> tuple[Cells, ...]:
+    return union(
+        part.model_copy(update={"attacks": {k: v for k, v in part.attacks.items() if split_name(k)[0] in SHIPPED}})
+        for part in parts
+    )
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ...core.text import plain
+from ...core.text import counted, plain
 from ...corruptions.registry import ordered
 from ...data.benchmarks import benchmark_facts
-from ...run.cells import left_out_sentence
+from ...run.cells import Cells, left_out_sentence
 from ...run.costs import RunCost
+from ...run.identity import Environment
 from ...stats.anatomy import severity_slopes
 from ...stats.model_result import ModelResult, ValueKey
 from ...stats.published.tables import method_of
@@ -136,8 +137,16 @@ def _run_facts(run: Run) -> list[tuple[str, str]]:
         ("Corruption variant", str(frames.made_with["variant"])),
         ("Cost", _cost(run)),
         ("Run", manifest.identity_digest),
-        ("Packages", ", ".join(f"{name} {version}" for name, version in manifest.environment.packages.items())),
+        ("Packages", _packages(manifest.environment)),
+        *[
+            (f"Packages of {counted(sum(map(Cells.count, part.made)), 'earlier row')}", _packages(part))
+            for part in manifest.earlier
+        ],
     ]
+
+
+def _packages(environment: Environment) -> str:
+    return ", ".join(f"{name} {version}" for name, version in environment.packages.items())
 
 
 def _published_facts(lines: Sequence[ModelResult]) -> list[tuple[str, str]]:
