@@ -50,8 +50,14 @@ def comparison(folder: Path) -> Record:
     """Return the numbers of a comparison of two runs: every column that is not text."""
     runs = [GOLDEN_RUNS[name].run(folder / str(number)) for number, name in enumerate(COMPARED)]
     frame = rf.compare(*runs).frame
-    keys = [" ".join(map(str, key)) for key in frame.select("metric", "corruption").iter_rows()]
-    return dict(zip(keys, frame.select(pl.selectors.numeric()).iter_rows(named=True), strict=True))
+    keys = [" ".join(map(str, key)) for key in frame.select("measure", "condition").iter_rows()]
+    return dict(
+        zip(
+            keys,
+            frame.select(pl.selectors.numeric() - pl.selectors.by_name("severity")).iter_rows(named=True),
+            strict=True,
+        )
+    )
 
 
 def golden_text(folder: Path) -> str:

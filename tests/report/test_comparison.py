@@ -10,7 +10,7 @@ import robustflow as rf
 from robustflow.api import evaluate
 from robustflow.core.errors import RunError, UsageError
 from robustflow.report.comparison import Comparison
-from robustflow.stats.uncertainty import compare_rows
+from robustflow.stats.estimate import cubes_of
 from tests.made_rows import made_run
 from tests.refusals import refusal
 
@@ -31,23 +31,23 @@ _BETTER, _WORSE = _rows(0.5), _rows(1.0)
 
 
 def _compared(**options) -> Comparison:
-    return Comparison(_NAMES, compare_rows(_BETTER, _WORSE, _NAMES, resamples=499, **options))
+    return Comparison(cubes_of(dict(zip(_NAMES, (_BETTER, _WORSE), strict=True))), {"resamples": 499, **options})
 
 
 def test_comparison_holds_means_and_differences_per_corruption():
     found = _compared()
-    overall = {(row["metric"], row["corruption"]): row for row in found.overall.iter_rows(named=True)}
+    overall = {(row["measure"], row["condition"]): row for row in found.overall.iter_rows(named=True)}
     assert list(overall) == [("epe", "clean"), *((m, "average") for m in ("epe", "cre", "crer", "rcre"))]
     each = found.per_corruption("epe")
-    assert each["corruption"].to_list() == ["fog", "snow"]
+    assert each["condition"].to_list() == ["fog", "snow"]
     for row in each.iter_rows(named=True):
-        rows_of_both = (rows.filter(corruption=row["corruption"]) for rows in (_BETTER, _WORSE))
+        rows_of_both = (rows.filter(corruption=row["condition"]) for rows in (_BETTER, _WORSE))
         expected = [(rows["epe_sum"] / rows["n_valid"]).mean() for rows in rows_of_both]
-        assert row["value_first"] == pytest.approx(expected[0])
-        assert row["difference"] == pytest.approx(expected[0] - expected[1])
-        assert row["low"] < row["difference"] < row["high"] < 0
-        assert row["p"] <= row["p_holm"] <= 1
-    assert overall["epe", "clean"]["difference"] == 0
+        assert row["value_model"] == pytest.approx(expected[0])
+        assert row["value"] == pytest.approx(expected[0] - expected[1])
+        assert row["low"] < row["value"] < row["high"] < 0
+        assert row["p"] <= row["p_adjusted"] <= 1
+    assert overall["epe", "clean"]["value"] == 0
     refusal(lambda: found.per_corruption("rcree"), UsageError, "rcree")
 
 
@@ -65,7 +65,7 @@ def test_lower_error_is_marked_and_claimed_if_the_level_allows(level, sure):
 def test_comparison_without_ground_truth_is_in_rcre(runs_without_truth):
     found = runs_without_truth[0].compare(runs_without_truth[1])
     assert found.metric == "rcre"
-    assert found.overall["metric"].to_list() == ["rcre"]
+    assert found.overall["measure"].to_list() == ["rcre"]
     assert [line.label for line in found.table("cre").lines] == ["RCRE"]
     assert "Elastic transform" in repr(found)
 
@@ -76,8 +76,8 @@ def test_comparison_of_runs_is_antisymmetric(small_run, tmp_path):
     found = rf.compare(first, second, resamples=99)
     assert found.names == ("DIS", "Farneback")
     assert found.frame.equals(first.compare(second, resamples=99).frame)
-    opposite = rf.compare(second, first, resamples=99).frame["difference"]
-    assert found.frame["difference"].to_list() == [-difference for difference in opposite]
+    opposite = rf.compare(second, first, resamples=99).frame["value"]
+    assert found.frame["value"].to_list() == [-difference for difference in opposite]
     assert found.frame["p"].null_count() == found.frame.height, "one image is too few for a test"
     assert "Farneback" in found.remark, "it is not ranked"
     part = second.rows.filter((pl.col("severity") == 0) | (pl.col("corruption") == "fog") & (pl.col("severity") == 5))

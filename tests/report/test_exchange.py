@@ -19,11 +19,10 @@ from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.exchange import EXCHANGE_FORMATS, check_exported, exchange_files
 from robustflow.run.records.pack import pack
 from robustflow.run.records.verify import Verification, verify
-from robustflow.stats.uncertainty.intervals import intervals
 from tests.made_rows import made_run
 from tests.refusals import refusal
 
-from ..stats.simulated import Truth, rows_of
+from ..stats.simulated import Truth, intervals, rows_of
 
 HOSTILE = '<img src=x onerror=alert(1)>|`*R*`: "y" # {z} [l](javascript:x)'
 HUB = "someone/kitti-fc"
@@ -65,7 +64,7 @@ def test_intervals_are_those_of_the_tables(run, tmp_path):
     imaginary = made_run(run, rows_of(clean, corrupted, corrupted))
     (path,) = exported(imaginary, "huggingface", tmp_path)
     notes = {entry["dataset"]["task_id"]: entry["notes"] for entry in yaml.safe_load(path.read_text())}
-    known = intervals(imaginary.rows, corruptions=False).filter(metric="rcre", corruption="average")
+    known = intervals(imaginary.rows, corruptions=False).filter(measure="rcre", condition="average")
     assert notes["rcre"].startswith(f"95 % interval {known['low'].item():.4g} to {known['high'].item():.4g}. ")
 
 

@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import re
-import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -32,10 +31,10 @@ from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
 from robustflow.run.run import Run
 from robustflow.run.trust import DERIVED
+from robustflow.stats.estimate import estimate
 from robustflow.stats.published.tables import published_results
 from robustflow.stats.results import RESULT_METRICS
 from robustflow.stats.results_file import parse_results, results_csv
-from robustflow.stats.uncertainty import intervals
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run
 
@@ -136,15 +135,15 @@ def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_pa
         (folder / DERIVED).unlink(missing_ok=True)
     asked = []
 
-    def counted(rows, *, corruptions, families):
-        asked.append(corruptions)
-        return intervals(rows, corruptions=corruptions, families=families)
+    def counted(cube, measures, scopes):
+        asked.append(len(scopes))
+        return estimate(cube, measures, scopes)
 
-    monkeypatch.setattr(sys.modules[intervals.__module__], "intervals", counted)
+    monkeypatch.setattr("robustflow.stats.intervals.estimate", counted)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 1)
     runs = [Run(folder) for folder in folders]
     whole_content(runs, published=False)
-    assert asked == [False, False]
+    assert asked == [2, 2]
     assert all("rows" not in vars(run) for run in runs)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     content = whole_content([Run(folder) for folder in folders], published=False)

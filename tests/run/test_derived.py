@@ -15,7 +15,7 @@ from robustflow.run.comparable import run_facts, sample_set
 from robustflow.run.store import RunFolder, list_shards
 from robustflow.run.trust import DERIVED
 from robustflow.stats.exclusion import exclusion_reasons
-from robustflow.stats.uncertainty.intervals import interval_ends
+from robustflow.stats.intervals import interval_ends
 from robustflow.testing import ConstantFlow
 
 from ..refusals import refusal

@@ -15,10 +15,10 @@ from robustflow.run.recheck import recheck
 from robustflow.run.records.row_rules import broken_rules
 from robustflow.stats.audit import audit_results
 from robustflow.stats.model_result import run_frame
-from robustflow.stats.uncertainty import intervals
-from robustflow.stats.uncertainty.variance import variance_split
+from robustflow.stats.variance import variance_split
 
 from ..refusals import refusal
+from ..stats.simulated import intervals
 
 NAMES = ["contrast", "elastic_transform", "fog:2+elastic_transform:1"]
 WITHOUT = {"elastic_transform", "fog:2+elastic_transform:1", "rolls"}
@@ -63,9 +63,9 @@ def test_no_mean_includes_corruptions_without_truth_beside_others(run):
 
 def test_intervals_and_examples_leave_out_corruptions_without_truth(run):
     table = intervals(run.rows)
-    averages = {row["metric"]: row["estimate"] for row in table.filter(corruption="average").iter_rows(named=True)}
+    averages = {row["measure"]: row["value"] for row in table.filter(condition="average").iter_rows(named=True)}
     assert averages["rcre"] == pytest.approx(run.rcre)
-    measured = set(table.filter(corruption="elastic_transform")["metric"])
+    measured = set(table.filter(condition="elastic_transform")["measure"])
     assert measured == {"rcre"}
     assert {cell.corruption for cell in example_cells(run.rows)} == {"contrast"}
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from robustflow.data.datasets.kitti import drive_groups
 from robustflow.data.datasets.split import kitti_split
+from robustflow.metrics.cube import AVERAGE
+from robustflow.metrics.measures import MEASURES
 from robustflow.metrics.rows import CLEAN
-from robustflow.stats.uncertainty.statistic import Mean
+from robustflow.run.comparable import common_rows
+from robustflow.stats.estimate import HEADLINE, OVERALL_SCOPES, contrast, cubes_of, estimate, scopes_of
+from robustflow.stats.statistic import Mean
 from tests.made_rows import rows_frame
 from tests.run.mean_rows import row
 
@@ -92,3 +97,25 @@ def coverage(once: Callable[[np.random.Generator], dict[object, bool]], repeats:
         for key, hit in once(rng).items():
             hits.setdefault(key, []).append(hit)
     return {key: 100.0 * float(np.mean(found)) for key, found in hits.items()}
+
+
+def intervals(rows: pl.DataFrame, metrics: Collection[str] = HEADLINE, **options: Any) -> pl.DataFrame:
+    """The estimates of the rows of one model; `families`, `severities` and `corruptions` choose the scopes."""
+    (cube,) = cubes_of({"": rows}).values()
+    more = {name: options.pop(name) for name in ("families", "severities") if name in options}
+    scopes = scopes_of(cube, **more) if options.pop("corruptions", True) else OVERALL_SCOPES
+    return estimate(cube, {name: MEASURES[name] for name in metrics}, scopes, **options)
+
+
+def compare_all(runs: Mapping[str, pl.DataFrame], metric: str = "cre", **options: Any) -> pl.DataFrame:
+    """The tests of every two models in the average of one measure."""
+    rows, _ = common_rows(list(runs.values()), list(runs))
+    cubes = cubes_of(dict(zip(runs, rows, strict=True)))
+    return contrast(cubes, {metric: MEASURES[metric]}, [(AVERAGE, None)], **options)
+
+
+def compare_rows(
+    first: pl.DataFrame, second: pl.DataFrame, names: Sequence[str] = ("first", "second"), **options: Any
+) -> pl.DataFrame:
+    """The tests of two models in the headline measures, on average and under each corruption."""
+    return contrast(cubes_of(dict(zip(names, common_rows((first, second), names)[0], strict=True))), **options)

@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.stats.uncertainty import compare_rows, intervals
-from robustflow.stats.uncertainty.bootstrap import bootstrap, error_intervals
-from robustflow.stats.uncertainty.statistic import ErrorMean
+from robustflow.stats.bootstrap import bootstrap, error_intervals
+from robustflow.stats.statistic import ErrorMean
 
-from .simulated import KITTI_DRIVES, Truth, coverage, mean_of, rows_of
+from .simulated import KITTI_DRIVES, Truth, compare_rows, coverage, intervals, mean_of, rows_of
 
 LOW, HIGH = 93.0, 97.0
 REAL_DEVIATION = 1.35
@@ -38,7 +37,7 @@ def _interval_coverage(
         clean, corrupted = truth.draw(rng, sizes)
         rows = rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None)
         found = intervals(rows, resamples=resamples, seed=int(rng.integers(2**31)))
-        ends = {(row["metric"], row["corruption"]): (row["low"], row["high"]) for row in found.iter_rows(named=True)}
+        ends = {(row["measure"], row["condition"]): (row["low"], row["high"]) for row in found.iter_rows(named=True)}
         return {key: ends[key][0] <= mean <= ends[key][1] for key, mean in truth.means.items()}
 
     return coverage(once, repeats, seed)
@@ -59,8 +58,8 @@ def _rejections(
             corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(shape, 1 / shape, (len(hard), 3))
             runs.append(rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None))
         found = compare_rows(*runs, resamples=resamples, seed=int(rng.integers(2**31)))
-        raw = {(row["metric"], row["corruption"]): row["p"] < 0.05 for row in found.iter_rows(named=True)}
-        family = (found.filter(metric="epe")["p_holm"] < 0.05).any()
+        raw = {(row["measure"], row["condition"]): row["p"] < 0.05 for row in found.iter_rows(named=True)}
+        family = (found.filter(measure="epe")["p_adjusted"] < 0.05).any()
         return {key: raw[key] for key in (("epe", "average"), ("cre", "average"), ("crer", "average"))} | {
             "family": bool(family)
         }

@@ -12,12 +12,11 @@ from robustflow.metrics import Cube
 from robustflow.metrics.measures import CLEAN_MEASURES
 from robustflow.stats.exclusion import exclusion_reasons, reasons_from_rows
 from robustflow.stats.model_result import run_results
-from robustflow.stats.uncertainty import compare_all
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run, rows_frame
 from tests.run.mean_rows import row
 
-from .simulated import PIXELS, rows_of
+from .simulated import PIXELS, compare_all, rows_of
 
 _RNG = np.random.default_rng(3)
 _HARD = _RNG.gamma(2, 1, 40)
@@ -155,7 +154,7 @@ def test_many_models_are_compared_over_what_all_of_them_measured():
     lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
     values = {}
     for line in lines.iter_rows(named=True):
-        for side in ("first", "second"):
+        for side in ("model", "against"):
             values.setdefault(line[side], set()).add(line[f"value_{side}"])
     assert {name: len(found) for name, found in values.items()} == {"a": 1, "b": 1, "c": 1}
     assert values["b"].pop() == pytest.approx(5)

@@ -8,7 +8,7 @@ import pytest
 import robustflow as rf
 from robustflow.stats.attacks import attack_scores
 from robustflow.stats.frame import KINDS, RESULTS_SCHEMA, results_frame
-from robustflow.stats.uncertainty.intervals import interval_ends
+from robustflow.stats.intervals import interval_ends
 from tests.made_rows import made_run
 
 OPTIONS = {"corruptions": ["contrast", "fog"], "severities": [1, 5], "data_options": {"pairs": 6, "size": "64x96"}}

@@ -12,8 +12,8 @@ import pytest
 
 from robustflow.data.datasets.kitti import drive_groups, drives
 from robustflow.data.datasets.split import kitti_split
-from robustflow.stats.uncertainty.bootstrap import bootstrap, error_intervals
-from robustflow.stats.uncertainty.statistic import ErrorMean
+from robustflow.stats.bootstrap import bootstrap, error_intervals
+from robustflow.stats.statistic import ErrorMean
 
 from .simulated import mean_of
 

@@ -15,11 +15,10 @@ from robustflow.data.datasets.kitti import drive_groups
 from robustflow.data.datasets.split import kitti_split
 from robustflow.report.comparison import power_table
 from robustflow.report.render import render
-from robustflow.stats.uncertainty import compare_rows
-from robustflow.stats.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
+from robustflow.stats.power import clusters_needed, detectable, plan_pairs, power_of
 
 from ..refusals import refusal
-from .simulated import rows_of
+from .simulated import compare_rows, rows_of
 
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
 DRIVES = [drive_groups("kitti2015")[key] for key in KEYS]
@@ -64,15 +63,15 @@ def test_plan_has_the_standard_error_of_the_difference_of_the_pairs():
     clean, corrupted, moved = rng.gamma(4, 1, 40), rng.gamma(4, 1, (40, 3)), rng.gamma(4, 1, (40, 3))
     other = corrupted + rng.normal(0.2, 0.5, (40, 3))
     plan = plan_pairs({"a": rows_of(clean, other, moved), "b": rows_of(clean, corrupted, moved)}, 0.1)
-    epe = plan.filter(metric="epe").row(0, named=True)
+    epe = plan.filter(measure="epe").row(0, named=True)
     weights = np.array([0.25, 0.25, 0.5])  # fog at two severities, then snow
     differences = (other - corrupted) @ weights
-    assert epe["difference"] == pytest.approx(differences.mean())
+    assert epe["value"] == pytest.approx(differences.mean())
     assert epe["standard_error"] == pytest.approx(differences.std(ddof=1) / np.sqrt(40))
-    assert epe["clusters_needed"] == epe["images_needed"] == clusters_needed(0.1, differences.std(ddof=1))
-    assert plan["metric"].to_list() == ["epe", "cre", "rcre"]
+    assert epe["clusters_needed"] == epe["pairs_needed"] == clusters_needed(0.1, differences.std(ddof=1))
+    assert plan["measure"].to_list() == ["epe", "cre", "rcre"]
     table = render(power_table(plan, 0.8, 0.95), "csv")
-    assert f"{epe['difference']:+.3f},{epe['detectable']:.3f},40,40," in table
+    assert f"{epe['value']:+.3f},{epe['detectable']:.3f},40,40," in table
     assert "pairs for 0.1 px" in table
     assert f"({epe['clusters_low']:,} to {epe['clusters_high']:,})" in table
 
@@ -83,13 +82,13 @@ def test_plan_needs_as_many_groups_as_a_comparison_tests(level, fewest):
         rng = np.random.default_rng(count)
         clean, corrupted = rng.gamma(4, 1, count), rng.gamma(4, 1, (count, 3))
         runs = {"a": rows_of(clean, corrupted + 50, corrupted), "b": rows_of(clean, corrupted, corrupted)}
-        tested = compare_rows(*runs.values(), ("a", "b"), level=level).filter(metric="epe", corruption="average")
+        tested = compare_rows(*runs.values(), ("a", "b"), level=level).filter(measure="epe", condition="average")
         assert (tested["p"][0] is None) == (count < fewest)
         noisy = {**runs, "b": rows_of(clean, corrupted + rng.normal(size=(count, 3)), corrupted)}
         if count < fewest:
             assert str(fewest) in str(refusal(partial(plan_pairs, noisy, 50, level=level), RunError, "a and b"))
         else:
-            epe = plan_pairs(noisy, 50, level=level).filter(metric="epe").row(0, named=True)
+            epe = plan_pairs(noisy, 50, level=level).filter(measure="epe").row(0, named=True)
             assert epe["clusters_needed"] == fewest
 
 
@@ -100,7 +99,7 @@ def test_interval_of_the_number_of_groups_covers_the_number_for_the_true_deviati
     for _ in range(120):
         errors = 10 + rng.normal(0, 2, (8, 1)) * np.ones(3)
         runs = {"a": rows_of(np.ones(8), errors, errors), "b": rows_of(np.ones(8), np.full((8, 3), 10.0), errors)}
-        (plan,) = plan_pairs(runs, 0.5).filter(metric="epe").to_dicts()
+        (plan,) = plan_pairs(runs, 0.5).filter(measure="epe").to_dicts()
         assert plan["clusters_low"] <= plan["clusters_needed"] <= plan["clusters_high"]
         scale = plan["standard_error"] * np.sqrt(8 * 7 / chi2.ppf([0.975, 0.025], 7))
         assert [plan["clusters_low"], plan["clusters_high"]] == [clusters_needed(0.5, one) for one in scale]

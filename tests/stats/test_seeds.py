@@ -15,12 +15,13 @@ from robustflow.core.errors import RunError, UsageError
 from robustflow.report.render import FORMATS, render
 from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
+from robustflow.stats.paired import group_letters, standings
 from robustflow.stats.seeds import seed_groups, seeds_of
-from robustflow.stats.uncertainty import compare_all, group_letters, standings, variance_split
+from robustflow.stats.variance import variance_split
 from tests.made_rows import made_run
 from tests.refusals import refusal
 
-from .simulated import rows_of
+from .simulated import compare_all, rows_of
 
 IMAGES = 60
 
@@ -187,8 +188,8 @@ def test_command_that_is_suggested_after_several_runs_works(seeds, capsys, monke
 def test_models_share_a_group_letter_if_and_only_if_no_test_tells_them_apart(seed):
     rng, names = np.random.default_rng(seed), "ABCDEFGHIJKLMNOPQRST"[: 8 if seed % 2 else 20]
     apart = {pair: bool(rng.random() < (0.1, 0.3, 0.5, 0.8)[seed // 2 % 4]) for pair in combinations(names, 2)}
-    rows = [{"first": a, "second": b, "p_holm": 0.01 if apart[a, b] else None, "level": 0.95} for a, b in apart]
-    letters = group_letters(pl.DataFrame(rows, schema_overrides={"p_holm": pl.Float64}), names)
+    rows = [{"model": a, "against": b, "p_adjusted": 0.01 if apart[a, b] else None, "level": 0.95} for a, b in apart]
+    letters = group_letters(pl.DataFrame(rows, schema_overrides={"p_adjusted": pl.Float64}), names)
     assert letters["A"].startswith("a")
     assert all(bool(set(letters[a]) & set(letters[b])) != far for (a, b), far in apart.items())
     together = ["".join(name for name in names if letter in letters[name]) for letter in set("".join(letters.values()))]

@@ -12,14 +12,17 @@ from hypothesis import strategies as st
 from scipy.stats import binom, false_discovery_control, t
 
 from robustflow.core.errors import RunError, UsageError
+from robustflow.metrics.cube import Cube
+from robustflow.metrics.measures import EVERY, MEASURES
 from robustflow.run.summary import summarize
-from robustflow.stats.uncertainty import compare_all, compare_rows, intervals
-from robustflow.stats.uncertainty.bootstrap import bootstrap, error_intervals, resampled_weights
-from robustflow.stats.uncertainty.paired import difference_sentence, holm
-from robustflow.stats.uncertainty.statistic import ErrorMean, Mean
+from robustflow.stats.bootstrap import bootstrap, error_intervals, resampled_weights
+from robustflow.stats.estimate import contrast, estimate
+from robustflow.stats.paired import difference_sentence
+from robustflow.stats.ranking import holm
+from robustflow.stats.statistic import ErrorMean, Mean
 
 from ..refusals import refusal
-from .simulated import Truth, mean_of, rows_of
+from .simulated import Truth, compare_all, compare_rows, intervals, mean_of, rows_of
 
 
 def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: float = 0.0, digest: str = "d"):
@@ -39,7 +42,7 @@ def test_estimates_are_the_means_of_the_summary():
     other = rows.filter(corruption="snow").with_columns(corruption=pl.lit("elastic_transform"))
     rows = pl.concat([rows, other])
     means, measured = summarize(rows)
-    columns = intervals(rows, severities=True).select("metric", "corruption", "severity", "estimate")
+    columns = intervals(rows, severities=True).select("measure", "condition", "severity", "value")
     found = {tuple(key): estimate for *key, estimate in columns.iter_rows()}
     shown = [("average", None), *((name, None) for name in measured.corruptions)]
     shown += [(name, level) for name, levels in measured.corruptions.items() for level in levels]
@@ -88,9 +91,9 @@ def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
     rows = _rows(24, groups=clusters)
     errors = rows.filter(corruption="clean").sort("sample")["epe_sum"].to_numpy() / 1000
     means = np.array([errors[g::clusters].mean() for g in range(clusters)])
-    (found,) = intervals(rows).filter(metric="epe", corruption="clean").to_dicts()
+    (found,) = intervals(rows).filter(measure="epe", condition="clean").to_dicts()
     assert found["standard_error"] == pytest.approx(means.std(ddof=1) / math.sqrt(clusters))
-    assert (found["clusters"], found["images"]) == (clusters, 24)
+    assert (found["clusters"], found["pairs"]) == (clusters, 24)
 
 
 def test_the_interval_is_nearly_students_for_normal_numbers():
@@ -170,7 +173,7 @@ def test_interval_of_cre_from_rows_is_that_of_its_sums():
     """Ground truth is missing on one clean frame, so CRE is over fewer images than EPE."""
     rows = _rows(15, groups=13)
     rows = rows.filter(~((pl.col("sample") == "00003") & (pl.col("corruption") == "clean")))
-    found = intervals(rows, resamples=199).filter(metric="cre", corruption="snow").row(0, named=True)
+    found = intervals(rows, resamples=199).filter(measure="cre", condition="snow").row(0, named=True)
     totals = {}
     for sample in sorted(set(rows["sample"]) - {"00003"}):
         before, after = (
@@ -191,8 +194,8 @@ def test_mean_that_one_image_decides_has_no_interval():
     errors = np.random.default_rng(14).lognormal(0, 0.3, 16)
     errors[3] = 400
     corrupted = np.outer(errors, np.ones(3))
-    found = intervals(rows_of(np.ones(16), corrupted, corrupted)).filter(corruption="average")
-    assert found["estimate"].null_count() == 0
+    found = intervals(rows_of(np.ones(16), corrupted, corrupted)).filter(condition="average")
+    assert found["value"].null_count() == 0
     assert found["low"].null_count() == found["high"].null_count() == found.height
 
 
@@ -207,24 +210,24 @@ def test_interval_of_errors_that_are_0_on_most_images_is_finite():
 
 def test_cre_of_a_model_without_error_on_clean_frames_has_the_interval_of_its_epe():
     errors = np.random.default_rng(11).lognormal(0, 1, (20, 3))
-    found = intervals(rows_of(np.zeros(20), errors, errors)).filter(corruption="average")
-    ends = {metric: (low, high) for metric, low, high in found.select("metric", "low", "high").iter_rows()}
+    found = intervals(rows_of(np.zeros(20), errors, errors)).filter(condition="average")
+    ends = {metric: (low, high) for metric, low, high in found.select("measure", "low", "high").iter_rows()}
     assert ends["cre"] == pytest.approx(ends["epe"])
-    assert found.filter(metric="epe")["low"].item() > 0
+    assert found.filter(measure="epe")["low"].item() > 0
 
 
 def test_cre_of_a_model_without_error_under_corruption_has_no_interval():
     errors = np.random.default_rng(12).lognormal(0, 1, 20)
-    found = intervals(rows_of(errors, np.zeros((20, 3)), np.ones((20, 3)))).filter(corruption="average")
-    assert found.filter(metric="crer")["estimate"].item() == -1
-    assert found["low"].is_null().to_list() == [metric == "cre" for metric in found["metric"]]
+    found = intervals(rows_of(errors, np.zeros((20, 3)), np.ones((20, 3)))).filter(condition="average")
+    assert found.filter(measure="crer")["value"].item() == -1
+    assert found["low"].is_null().to_list() == [metric == "cre" for metric in found["measure"]]
 
 
 def test_log_deviation_is_that_of_the_mean_errors_of_groups():
     errors = np.array([1.0, 2.0, 4.0, 8.0, 1.0, 1.0])
     rows = rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((6, 3)), ["a", "a", "b", "b", "c", "c"])
     found = {
-        tuple(key): value for *key, value in intervals(rows).select("metric", "corruption", "log_deviation").rows()
+        tuple(key): value for *key, value in intervals(rows).select("measure", "condition", "log_deviation").rows()
     }
     logs = [math.log(1.5), math.log(6), 0.0]
     expected = math.sqrt(sum((one - sum(logs) / 3) ** 2 for one in logs) / 2)
@@ -236,7 +239,7 @@ def test_log_deviation_is_that_of_the_mean_errors_of_groups():
 def test_log_deviation_of_a_group_without_error_is_unknown():
     errors = np.array([0.0, 2.0, 4.0, 8.0])
     found = intervals(rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((4, 3))))
-    assert found.filter(metric="epe")["log_deviation"].to_list() == [None] * found.filter(metric="epe").height
+    assert found.filter(measure="epe")["log_deviation"].to_list() == [None] * found.filter(measure="epe").height
 
 
 def test_equal_seeds_give_equal_intervals_and_different_seeds_close_ones():
@@ -250,14 +253,14 @@ def test_equal_seeds_give_equal_intervals_and_different_seeds_close_ones():
 def test_order_of_rows_changes_nothing():
     rows = _rows(30, groups=9)
     shuffled = rows.sample(fraction=1, shuffle=True, seed=1)
-    for column in ("estimate", "low", "high"):
+    for column in ("value", "low", "high"):
         np.testing.assert_allclose(intervals(shuffled)[column], intervals(rows)[column], rtol=1e-12)
 
 
 def test_blocks_of_resamples_change_nothing(monkeypatch):
     rows = _rows(30)
     whole = intervals(rows, resamples=500)
-    monkeypatch.setattr("robustflow.stats.uncertainty.bootstrap.BLOCK", 30 * 37)
+    monkeypatch.setattr("robustflow.stats.bootstrap.BLOCK", 30 * 37)
     np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
 
 
@@ -266,15 +269,15 @@ def test_averages_alone_and_a_family_of_one_corruption_have_the_intervals_of_the
     rows = _rows(10, groups=10).filter(pl.col("corruption") != "snow")
     whole, made = intervals(rows), intervals(rows, families=True)
     few = intervals(rows, corruptions=False)
-    averages = whole.filter(pl.col("corruption").is_in(["average", "clean"]))
+    averages = whole.filter(pl.col("condition").is_in(["average", "clean"]))
     assert few.height == 5
     assert few.drop("standard_error", "low", "high").equals(averages.drop("standard_error", "low", "high"))
     for name in ("standard_error", "low", "high"):
         assert few[name].to_list() == pytest.approx(averages[name].to_list(), rel=1e-12)
-    for name in ("estimate", "low"):
-        of_family, of_one = (made.filter(corruption=of).sort("metric")[name].to_list() for of in ("weather", "fog"))
+    for name in ("value", "low"):
+        of_family, of_one = (made.filter(condition=of).sort("measure")[name].to_list() for of in ("weather", "fog"))
         assert of_family == pytest.approx(of_one)
-    assert made.filter(corruption="noise").is_empty()
+    assert made.filter(condition="noise").is_empty()
 
 
 @pytest.mark.parametrize("clusters", [1, 2, 3, 4, 12])
@@ -282,21 +285,21 @@ def test_an_interval_exists_where_resamples_without_spread_are_rarer_than_the_ta
     """With G clusters, G of the G ** G resamples consist of a single cluster."""
     found = intervals(_rows(40, groups=clusters))
     absent = 0 if clusters / clusters**clusters < 0.05 else found.height
-    assert [found[name].null_count() for name in ("estimate", "low", "high")] == [0, absent, absent]
-    assert (found["low"] < found["estimate"]).all()  # where there is an interval
-    assert (found["estimate"] < found["high"]).all()
+    assert [found[name].null_count() for name in ("value", "low", "high")] == [0, absent, absent]
+    assert (found["low"] < found["value"]).all()  # where there is an interval
+    assert (found["value"] < found["high"]).all()
 
 
 def test_equal_images_have_an_interval_without_width():
     rows = rows_of(np.full(10, 2.0), np.full((10, 3), 3.0), np.full((10, 3), 1.5))
-    found = intervals(rows).filter(metric="epe", corruption="average").row(0, named=True)
+    found = intervals(rows).filter(measure="epe", condition="average").row(0, named=True)
     assert found["low"] == found["high"] == pytest.approx(3.0)
 
 
 def test_rows_without_ground_truth_have_intervals_of_rcre_only():
     rows = _rows(10).with_columns(n_valid=pl.lit(None, pl.Int64), epe_sum=pl.lit(None, pl.Float64))
     found = intervals(rows)
-    assert set(found["metric"]) == {"rcre"}
+    assert set(found["measure"]) == {"rcre"}
     assert intervals(rows.clear()).is_empty()
 
 
@@ -310,18 +313,18 @@ def test_interval_at_a_higher_level_is_wider():
 def test_a_model_does_not_differ_from_itself():
     rows = _rows(20)
     found = compare_rows(rows, rows)
-    assert (found["difference"] == 0).all()
+    assert (found["value"] == 0).all()
     assert (found["p"] == 1).all()
 
 
 def test_constant_difference_has_an_interval_without_width():
     found = compare_rows(_rows(20), _rows(20, shift=0.5), ("A", "B"))
-    line = found.filter(metric="epe", corruption="average").row(0, named=True)
-    assert line["difference"] == pytest.approx(-0.5)
+    line = found.filter(measure="epe", condition="average").row(0, named=True)
+    assert line["value"] == pytest.approx(-0.5)
     assert line["low"] == pytest.approx(-0.5)
-    assert line["p_holm"] < 0.01
-    assert line["sentence"].endswith("A is lower.")
-    clean = found.filter(metric="epe", corruption="clean").row(0, named=True)
+    assert line["p_adjusted"] < 0.01
+    assert difference_sentence(line).endswith("A is lower.")
+    clean = found.filter(measure="epe", condition="clean").row(0, named=True)
     assert clean["p"] == 1
 
 
@@ -331,9 +334,9 @@ def test_paired_test_finds_a_difference_where_single_intervals_overlap():
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
     better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)
     a, b = rows_of(clean, corrupted, corrupted), rows_of(clean, better, better)
-    line = compare_rows(a, b).filter(metric="epe", corruption="average").row(0, named=True)
-    assert line["p_holm"] < 0.01
-    one, two = (intervals(rows).filter(metric="epe", corruption="average").row(0, named=True) for rows in (a, b))
+    line = compare_rows(a, b).filter(measure="epe", condition="average").row(0, named=True)
+    assert line["p_adjusted"] < 0.01
+    one, two = (intervals(rows).filter(measure="epe", condition="average").row(0, named=True) for rows in (a, b))
     assert two["high"] > one["low"]
 
 
@@ -359,28 +362,28 @@ def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
     other = errors + noise * rng.normal(size=(16, 3))
     other[7] = errors[7] + 400
     found = compare_rows(rows_of(np.ones(16), other, errors), rows_of(np.ones(16), errors, errors), ("A", "B"))
-    line = found.filter(metric="epe", corruption="average").row(0, named=True)
-    assert line["difference"] == pytest.approx(25, rel=1e-3)
+    line = found.filter(measure="epe", condition="average").row(0, named=True)
+    assert line["value"] == pytest.approx(25, rel=1e-3)
     assert (line["low"], line["high"]) == (None, None)
     assert line["p"] == pytest.approx(binom.pmf(0, 16, 1 / 16) + binom.sf(2, 16, 1 / 16), abs=0.03)
-    assert line["equal"] == (0 if noise else 15)
-    assert (line["blow_ups_first"], line["blow_ups_second"]) == (1, 0)
-    assert not line["sentence"].endswith(" is lower.")
+    assert line["pairs"] - line["wins"] - line["losses"] == (0 if noise else 15)
+    assert (line["blow_ups_model"], line["blow_ups_against"]) == (1, 0)
+    assert not difference_sentence(line).endswith(" is lower.")
 
 
 def test_blow_ups_are_counted_per_image_and_condition():
     errors = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0], [4.0, 4.0, 4.0], [1.0, 1.0, 1.0]])
     other = errors * np.array([[10.0, 10.0, 10.1], [1, 1, 30], [9, 9, 9], [0.05, 0.05, 0.05], [1, 1, 1]])
     one, two = rows_of(np.ones(5), other, errors), rows_of(np.ones(5), errors, errors)
-    found = compare_rows(one, two).filter(metric="cre")
-    counts = {name: tuple(ends) for name, *ends in found.select("corruption", pl.col("^blow_ups.*$")).rows()}
+    found = compare_rows(one, two).filter(measure="cre")
+    counts = {name: tuple(ends) for name, *ends in found.select("condition", pl.col("^blow_ups.*$")).rows()}
     # average of image 1: (1 + 1) / 4 + 30 / 2 = 15.5 times
     assert counts == {"average": (2, 1), "fog": (0, 1), "snow": (2, 1)}
-    assert dict(found.select("corruption", "equal").rows()) == {"average": 1, "fog": 2, "snow": 1}
+    assert dict(found.select("condition", "wins").rows()) == {"average": 1, "fog": 1, "snow": 1}
     without = [
         rows.with_columns(n_valid=pl.lit(None, pl.Int64), epe_sum=pl.lit(None, pl.Float64)) for rows in (one, two)
     ]
-    assert compare_rows(*without)["blow_ups_first"].to_list() == [0, 0, 0]
+    assert compare_rows(*without)["blow_ups_model"].to_list() == [0, 0, 0]
 
 
 def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_errors():
@@ -403,15 +406,15 @@ def test_lines_without_a_test_are_not_counted_as_comparisons():
     """Snow was measured on two of twenty images, too few for a p-value."""
     few = (pl.col("corruption") != "snow") | (pl.col("sample") < "00002")
     found = compare_rows(*(_rows(20, seed=seed).filter(few) for seed in (0, 1)))
-    assert found.filter(corruption="snow", metric="rcre").select("p", "images", "clusters").row(0) == (None, 2, 2)
-    for _, lines in found.drop_nulls("p").group_by("metric"):
-        assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
+    assert found.filter(condition="snow", measure="rcre").select("p", "pairs", "clusters").row(0) == (None, 2, 2)
+    for _, lines in found.drop_nulls("p").group_by("measure"):
+        assert lines["p_adjusted"].to_list() == pytest.approx(holm(lines["p"].to_list()))
         assert set(lines["comparisons"]) == {lines.height}
 
 
 def test_the_interval_of_a_difference_is_symmetric():
     found = compare_rows(_rows(20), _rows(20, seed=1))
-    np.testing.assert_allclose(found["high"] - found["difference"], found["difference"] - found["low"])
+    np.testing.assert_allclose(found["high"] - found["value"], found["value"] - found["low"])
 
 
 @pytest.mark.filterwarnings("error")
@@ -419,13 +422,13 @@ def test_model_without_error_on_most_clean_images_is_compared_without_a_warning(
     clean, corrupted = Truth().draw(np.random.default_rng(0), np.ones(14, int))
     clean[1:] = 0
     found = compare_rows(rows_of(clean, corrupted, corrupted), rows_of(clean, corrupted + 1, corrupted))
-    assert found.filter(metric="epe", corruption="average")["difference"].item() == pytest.approx(-1)
+    assert found.filter(measure="epe", condition="average")["value"].item() == pytest.approx(-1)
 
 
 def test_only_what_both_measured_is_compared():
     found = compare_rows(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
-    assert set(found["corruption"]) == {"clean", "average", "fog"}
-    assert set(found["images"]) == {15}
+    assert set(found["condition"]) == {"clean", "average", "fog"}
+    assert set(found["pairs"]) == {15}
 
 
 def test_image_without_a_prediction_of_one_model_is_left_out_of_both_means():
@@ -433,10 +436,53 @@ def test_image_without_a_prediction_of_one_model_is_left_out_of_both_means():
     rows = _rows(20)
     blind = rows.with_columns(n_valid=pl.when(lost).then(0).otherwise("n_valid"))
     found = compare_rows(rows, blind)
-    assert (found["difference"] == 0).all()
-    assert found.filter(corruption="snow", metric="epe")["value_first"].item() == pytest.approx(
-        intervals(rows).filter(corruption="snow", metric="epe")["estimate"].item()
+    assert (found["value"] == 0).all()
+    assert found.filter(condition="snow", measure="epe")["value_model"].item() == pytest.approx(
+        intervals(rows).filter(condition="snow", measure="epe")["value"].item()
     )
+
+
+def test_images_that_any_model_groups_are_one_cluster():
+    """Images 2 k and 2 k + 1 are a group of one model, and 4 k to 4 k + 3 of the other."""
+    rows = _rows(20, shift=0.5)
+    halves, quarters = (
+        rows.with_columns(group=pl.lit("g") + (pl.col("sample").cast(pl.Int64) // size).cast(pl.String))
+        for size in (2, 4)
+    )
+    of_both = compare_rows(halves, quarters.with_columns(epe_sum=pl.col("epe_sum") + 1))
+    assert set(of_both["clusters"]) == {5}
+    assert of_both.equals(compare_rows(quarters, quarters.with_columns(epe_sum=pl.col("epe_sum") + 1)))
+    assert set(compare_rows(rows, halves)["clusters"]) == {10}
+
+
+@pytest.mark.parametrize("name", ["fl", "px1", "wauc", "photometric", "rcre_all", "coverage"])
+def test_every_measure_has_an_interval_and_a_paired_test(name):
+    """Percentages near the end of their range have intervals within it."""
+    share = np.random.default_rng(1).beta(8, 1, 80)
+    one, other = (
+        _rows(20).with_columns(
+            *(pl.Series(column, 1000 * part) for column in ("fl_count", "px1_count", "n_photometric")),
+            *(pl.Series(column, 1000.0 * part) for column in ("wauc_sum", "photometric_sum", "rcre_all_sum")),
+            n_truth=pl.Series(1000 / part),
+        )
+        for part in (share, share**2)
+    )
+    found = intervals(one, [name]).filter(condition="average")
+    low, value, high = found.select("low", "value", "high").row(0)
+    least, most = MEASURES[name].bounds
+    if name not in ("photometric",):
+        assert least <= low < value < high <= most
+    test = compare_all({"a": one, "b": other}, name).row(0, named=True)
+    assert (test["wins"], test["losses"])[MEASURES[name].better < 0] == (0 if name == "photometric" else 20)
+    assert (test["p"] < 0.01) == (name != "photometric")
+
+
+def test_median_has_a_value_and_wins_but_no_test():
+    one, other = _rows(20), _rows(20, shift=1.0)
+    median = {"median_cre": EVERY["median_cre"]}
+    test = contrast({name: Cube.of(rows) for name, rows in (("a", one), ("b", other))}, median, [("average", None)])
+    assert test.select("value", "p", "low", "wins").row(0) == (pytest.approx(-1.0), None, None, 20)
+    assert estimate(Cube.of(one), median)["low"].null_count() == 3
 
 
 def test_many_models_are_corrected_over_all_pairs():
@@ -444,8 +490,8 @@ def test_many_models_are_corrected_over_all_pairs():
     found = compare_all(runs, "epe")
     assert found.height == 6
     assert set(found["comparisons"]) == {6}
-    assert found.filter(first="a", second="b")["p_holm"].item() == 1
-    assert (found.filter(second="d")["p_holm"] < 0.05).all()
+    assert found.filter(model="a", against="b")["p_adjusted"].item() == 1
+    assert (found.filter(against="d")["p_adjusted"] < 0.05).all()
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
@@ -467,7 +513,6 @@ REFUSED = [
     *((lambda level=level: intervals(ROWS, level=level), UsageError, "level") for level in (95, 0.2, 1.0)),
     (lambda: intervals(ROWS, resamples=10), UsageError, "resamples"),
     (lambda: compare_rows(ROWS, UNMEASURED, ("A", "B")), RunError, "A and B"),
-    (lambda: compare_rows(_rows(20, groups=5), _rows(20, groups=4)), RunError, "group"),
     (lambda: compare_rows(ROWS, _rows(6, digest="e")), RunError, "first and second"),
     (lambda: compare_rows(ROWS, ELSEWHERE), RunError, "first and second"),
 ]
@@ -480,18 +525,18 @@ def test_wrong_options_and_runs_that_cannot_be_compared_are_refused(call, error,
 
 VERDICTS = [
     ({}, "A is lower."),
-    ({"difference": 0.4, "low": 0.1, "high": 0.7}, "B is lower."),
-    ({"p_holm": 0.06}, "they cannot be told apart."),
+    ({"value": 0.4, "low": 0.1, "high": 0.7}, "B is lower."),
+    ({"p_adjusted": 0.06}, "they cannot be told apart."),
     ({"low": None, "high": None}, "they cannot be told apart."),
-    ({"p_holm": None}, "too few to tell them apart."),
+    ({"p_adjusted": None}, "too few to tell them apart."),
     ({"level": 0.99}, "they cannot be told apart."),
 ]
 
 
 @pytest.mark.parametrize(("changes", "verdict"), VERDICTS)
 def test_verdict_follows_the_corrected_p_value_and_the_interval(changes, verdict):
-    row = {"first": "A", "second": "B", "metric": "cre", "corruption": "fog", "difference": -0.4, "low": -0.7}
-    row |= {"high": -0.1, "p_holm": 0.02, "comparisons": 3, "images": 80, "clusters": 30, "level": 0.95}
+    row = {"model": "A", "against": "B", "measure": "cre", "condition": "fog", "value": -0.4, "low": -0.7}
+    row |= {"high": -0.1, "p_adjusted": 0.02, "comparisons": 3, "pairs": 80, "clusters": 30, "level": 0.95}
     sentence = difference_sentence(row | changes)
     assert sentence.endswith(f": {verdict}")
-    assert all(number in sentence for number in ("80", "30", f"{(row | changes)['difference']:+.2f}"))
+    assert all(number in sentence for number in ("80", "30", f"{(row | changes)['value']:+.2f}"))

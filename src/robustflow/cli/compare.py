@@ -21,7 +21,7 @@ _OF_TESTS = ("level", "resamples", "seed")
 def compare(
     context: typer.Context,
     runs: Annotated[list[Path], Argument(metavar="RUN", help="Folders or records of runs on the same data.")],
-    metric: Annotated[str | None, Option(help="Compare only this metric: epe, cre, crer or rcre.")] = None,
+    metric: Annotated[str | None, Option(help="Compare only this metric: epe, cre, crer, rcre, fl, px1, ...")] = None,
     effect: Annotated[float | None, Option(help="Estimate how many pairs detect so many pixels.")] = None,
     power: Annotated[float, Option(help="With --effect: probability of detecting it.")] = 0.8,
     level: Annotated[float, Option(help="Confidence level of the intervals.")] = 0.95,
@@ -45,20 +45,23 @@ def compare(
     """
     import polars as pl
 
+    from ..metrics.cube import AVERAGE
+    from ..metrics.measures import MEASURES
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to, named_runs
     from ..run.records.pack import load_any_run
+    from ..stats.estimate import contrast, cubes_of
     from ..stats.model_result import not_ranked, run_results
+    from ..stats.paired import standings
+    from ..stats.power import plan_pairs
     from ..stats.seeds import seeds_of
-    from ..stats.uncertainty import compare_all, standings, variance_split
-    from ..stats.uncertainty.power import plan_pairs
-    from ..stats.uncertainty.sums import INTERVAL_METRICS
+    from ..stats.variance import variance_split
     from .tables import as_text, check_format, write_text
 
     format, test = given["format"], {"level": level, "resamples": resamples, "seed": given["seed"]}
-    if metric is not None and metric not in INTERVAL_METRICS:
-        raise unknown_name("metric", metric, INTERVAL_METRICS)
+    if metric is not None and metric not in MEASURES:
+        raise unknown_name("metric", metric, MEASURES)
     check_format(format, given["as_json"])
     if effect is None:
         refuse_unused(context, ("power",), "without --effect")
@@ -78,18 +81,16 @@ def compare(
         tables.append(variance_table(frame, chosen, loaded[0].name, by_seed.remark))
     elif len(loaded) == 2:
         comparison = compare_two(*loaded, **test)
-        frame = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
+        frame = comparison.frame if metric is None else comparison.of(metric)
         tables.append(comparison.table(metric or ""))
     else:
         lines = run_results(loaded)
         common = common_to(dict(zip((line.name for line in lines), loaded, strict=True)))
-        frame = compare_all(common.rows, chosen, **test)
-        if frame.is_empty():
-            raise RunError(
-                "--metric", f"no two of these runs have comparable averages of {chosen}; choose a different one"
-            )
+        if any(run.mean(chosen) is None for run in loaded):
+            raise RunError("--metric", f"not all of these runs have an average of {chosen}; choose a different one")
+        frame = contrast(cubes_of(common.rows), {chosen: MEASURES[chosen]}, [(AVERAGE, None)], **test)
         ranked = [line.name for line in lines if not line.excluded]
-        sound = frame.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
+        sound = frame.filter(pl.all_horizontal(pl.col("model", "against").is_in(ranked)))
         every_pair = len(ranked) > 1 and sound.height == len(ranked) * (len(ranked) - 1) // 2
         if format != "csv" and every_pair:  # a CSV file contains a single table
             tables.append(standings_table(standings(sound, ranked), chosen))

@@ -26,11 +26,11 @@ from ..run.cells import UNEVEN, left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
+from ..stats.intervals import interval_ends
 from ..stats.model_result import run_results
-from ..stats.results import METRIC_LABELS, benchmark_words
+from ..stats.results import LABELS, benchmark_words
 from ..stats.run_results import estimate_of
 from ..stats.seeds import seed_groups, seeds_of
-from ..stats.uncertainty.intervals import interval_ends
 
 MOST_LINES = 40
 """Maximum number of lines printed without options about one run, or about several."""
@@ -148,7 +148,7 @@ def _truth(run: Run) -> str:
 
 def _means(run: Run, condition: str) -> str:
     each = (
-        f"{METRIC_LABELS[m]} {number_text(run.mean(m, condition))}{_interval(run, m, condition)}"
+        f"{LABELS[m]} {number_text(run.mean(m, condition))}{_interval(run, m, condition)}"
         for m in ("epe", "cre", "crer", "rcre")
     )
     return ", ".join(each)

@@ -47,6 +47,7 @@ class Declared:
         better: -1 if lower values are better, 1 if higher ones, 0 if neither.
         bounds: the possible values; the ends of intervals stay within.
         verdict: what may follow from it.
+        on_clean: whether it says something about the clean frames, where changes are 0 by definition.
         explanation: one line of help.
     """
 
@@ -56,6 +57,7 @@ class Declared:
     bounds: tuple[float, float] = (0.0, math.inf)
     verdict: Verdict = "compares"
     explanation: str = ""
+    on_clean: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,7 +135,7 @@ def _of_errors(count: str, region: str = "") -> dict[str, Measure]:
         "epe": epe,
         "cre": cre,
         "crer": Ratio("CREr", "", **explained, above=cre, below=epe),
-        "rcre": Average("RCRE", explanation=_MOVED, total=pl.col(f"rcre_sum{region}"), count=pixels),
+        "rcre": Average("RCRE", explanation=_MOVED, on_clean=False, total=pl.col(f"rcre_sum{region}"), count=pixels),
         "fl": _percent("Fl", pl.col(f"fl_count{region}"), pixels, "Error > 3 px and > 5 %"),
     }
 
@@ -162,9 +164,9 @@ _moved = pl.when(_blind).then("rcre_all_sum").otherwise("rcre_sum")
 
 MEASURES: dict[str, Measure] = {
     **{name: _errors[name] for name in ("epe", "cre", "crer")},
-    "rcre": Average("RCRE", explanation=_MOVED, total=_moved, count=_with_truth),
+    "rcre": Average("RCRE", explanation=_MOVED, on_clean=False, total=_moved, count=_with_truth),
     "rcre_all": Average(
-        "RCRE, all pixels", explanation="RCRE over all pixels", total=pl.col("rcre_all_sum"), count=_all
+        "RCRE, all pixels", explanation="RCRE over all pixels", on_clean=False, total=pl.col("rcre_all_sum"), count=_all
     ),
     "fl": _errors["fl"],
     "px1": _percent("> 1 px", pl.col("px1_count"), _valid, "Error > 1 px"),
@@ -180,7 +182,7 @@ MEASURES: dict[str, Measure] = {
         total=_with_truth,
         count=pl.when(_blind).then(_every).otherwise("n_truth"),
     ),
-    "spread": Average("spread", total=pl.col("spread_sum"), count=_known("spread_sum", _all)),
+    "spread": Average("spread", on_clean=False, total=pl.col("spread_sum"), count=_known("spread_sum", _all)),
 }
 """The measures of every condition."""
 

@@ -16,9 +16,9 @@ import polars as pl
 from scipy.stats import binomtest, ttest_1samp, ttest_ind
 
 from ..core.text import counted
-from ..stats.ranking import rank_correlation
-from ..stats.uncertainty.bootstrap import LEVEL
-from ..stats.uncertainty.paired import holm, standings
+from ..stats.bootstrap import LEVEL
+from ..stats.paired import standings
+from ..stats.ranking import holm, rank_correlation
 
 Verdict = Literal["holds", "does not hold", "too little evidence"]
 THIN: Verdict = "too little evidence"
@@ -89,10 +89,10 @@ def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
     pairs = list(combinations(values, 2))
     gaps = [np.subtract(values[first], values[second]) for first, second in pairs]
     records = [
-        (*pair, float(np.mean(values[pair[0]])), float(np.mean(values[pair[1]])), float(gap.mean()), p, LEVEL)
+        (*pair, "epe", float(np.mean(values[pair[0]])), float(np.mean(values[pair[1]])), float(gap.mean()), p, LEVEL)
         for pair, gap, p in zip(pairs, gaps, holm([_p(gap) for gap in gaps]), strict=True)
     ]
-    columns = ("first", "second", "value_first", "value_second", "difference", "p_holm", "level")
+    columns = ("model", "against", "measure", "value_model", "value_against", "value", "p_adjusted", "level")
     table = standings(pl.DataFrame(records, schema=columns, orient="row"), list(values))
     ranks = {row["model"]: (row["best"], row["worst"]) for row in table.iter_rows(named=True)}
     return {name: ranks[name] for name in values}

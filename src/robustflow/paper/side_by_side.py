@@ -20,7 +20,7 @@ from ..stats.results import (
     AVERAGE,
     CLEAN,
     FAMILY_LABELS,
-    METRIC_LABELS,
+    LABELS,
     OVERALL,
     RESULT_METRICS,
     SETTING_LABELS,
@@ -111,7 +111,7 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
         every += [
             (Column(short_label(name), group=family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)
         ]
-        every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
+        every.append((Column(f"AVG {LABELS[metric]}"), (metric, AVERAGE)))
     shown = [one.here or one.published for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)] or every
 

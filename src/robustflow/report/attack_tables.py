@@ -19,7 +19,7 @@ from ..stats.attacks import (
     predictions,
     security_curves,
 )
-from ..stats.results import METRIC_LABELS
+from ..stats.results import LABELS
 from .run_tables import few_note, signed
 from .table import Column, Row, Table, Wanted, differences_remark
 
@@ -142,7 +142,7 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     predicted = predictions(runs)
     if not predicted:
         return None
-    label = METRIC_LABELS[predicted[0].metric]
+    label = LABELS[predicted[0].metric]
     remarks = [
         f"Spearman's rank correlation over models between the mean {label} over corruptions and its value under the "
         "attack; interval by Fisher's z. All models are compared on the samples that they have in common. Left out: "

@@ -9,20 +9,23 @@ from ..core.errors import RunError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
+from ..metrics.measures import MEASURES
+from ..run.comparable import common_rows
+from ..stats.estimate import contrast, cubes_of
 from ..stats.exclusion import CAVEAT, PHANTOM
+from ..stats.intervals import paper_rows
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
+from ..stats.paired import group_letters
 from ..stats.ranking import best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,
     FAMILY_LABELS,
-    METRIC_LABELS,
+    LABELS,
     benchmark_label,
     long_label,
     short_label,
 )
-from ..stats.uncertainty import compare_all, group_letters
-from ..stats.uncertainty.intervals import paper_rows
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
@@ -145,9 +148,11 @@ def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, str]:
 def _letters(best: Sequence[ModelResult]) -> dict[str, str]:
     rows = {line.name: paper_rows(line.run) if line.beside_published else line.run.rows for line in best if line.run}
     try:
-        return group_letters(compare_all(rows, "epe"), list(rows))
+        common = dict(zip(rows, common_rows(list(rows.values()), list(rows))[0], strict=True))
+        tests = contrast(cubes_of(common), {"epe": MEASURES["epe"]}, [(AVERAGE, None)])
     except RunError:
-        return {}  # records may group the same samples differently; the board still shows their values
+        return {}  # the board still shows their values
+    return group_letters(tests, list(rows))
 
 
 def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:
@@ -158,7 +163,7 @@ def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Map
     for metric in BOARD_METRICS:
         families = [family for family in MEMBERS if (metric, family) in keys]
         if families and (metric, AVERAGE) in keys:
-            columns.append(_column(metric, AVERAGE, f"AVG {METRIC_LABELS[metric]}", "all corruptions", CLASSES))
+            columns.append(_column(metric, AVERAGE, f"AVG {LABELS[metric]}", "all corruptions", CLASSES))
         for family in families:
             columns.append(_column(metric, family, FAMILY_LABELS[family], "the class", CLASSES, family))
             for name in MEMBERS[family]:
@@ -178,7 +183,7 @@ def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Map
 
 
 def _column(metric: str, condition: str, label: str, over: str, *views: str) -> Column:
-    return Column(label, key=(metric, condition), help=f"{METRIC_LABELS[metric]}, {over}", unit="px", views=views)
+    return Column(label, key=(metric, condition), help=f"{LABELS[metric]}, {over}", unit="px", views=views)
 
 
 def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str]:

@@ -74,7 +74,7 @@ def result_html(run: Run) -> str:
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
     """Draw a figure of one or more runs."""
-    from ..stats.uncertainty.sums import INTERVAL_METRICS
+    from ..metrics.measures import MEASURES
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {
@@ -84,8 +84,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     }
     if kind not in (kinds := ("severity", "displacement", *of_results)):
         raise unknown_name("plot", kind, kinds)
-    if metric not in INTERVAL_METRICS:
-        raise unknown_name("metric", metric, INTERVAL_METRICS)
+    if metric not in MEASURES:
+        raise unknown_name("metric", metric, MEASURES)
     if kind == "displacement":
         return figures.displacement_figure(displacements_of(runs))
     named = named_runs(runs)

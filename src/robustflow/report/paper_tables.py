@@ -17,7 +17,7 @@ from ..stats.published.tables import COUNTED_ITERATIONS, PAPER, published_costs
 from ..stats.results import (
     AVERAGE,
     CLEAN,
-    METRIC_LABELS,
+    LABELS,
     SETTING_LABELS,
     benchmark_words,
     family_label,
@@ -60,7 +60,7 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
     }
     chosen = {line: of_line for line, of_line in cells.items() if of_line}
     if not chosen:
-        raise UsageError("--table", f"'{name}' would be empty: these results do not have a {METRIC_LABELS[metric]}")
+        raise UsageError("--table", f"'{name}' would be empty: these results do not have a {LABELS[metric]}")
     measured = {condition for of_line in chosen.values() for condition in of_line}
     keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE, *MEMBERS}) + [AVERAGE]
     gaps = any((line.coverage or 1) < 1 for line in chosen)
@@ -75,7 +75,7 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
             for group in (group for group in seeds if group.runs[-1] == line.key and numbers.keys() >= {*group.runs}):
                 excluded = next(one.excluded for one in here if one.key == group.runs[0])
                 rows.append(seed_row(group, numbers, excluded))
-    title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
+    title = f"{LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
     still = any(is_still(line.benchmark) for line in chosen)
     marked = any(cell.best for of_line in chosen.values() for cell in of_line.values())
     remarks = [_BEST] * marked + [_SHARE] * gaps + [PHANTOM] * still
@@ -85,7 +85,7 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
 
 def _column(key: str, metric: str) -> Column:
     if key in (CLEAN, AVERAGE):
-        return Column("Clean" if key == CLEAN else f"AVG {METRIC_LABELS[metric]}")
+        return Column("Clean" if key == CLEAN else f"AVG {LABELS[metric]}")
     return Column(short_label(key), group=family_label(key) or "Others")
 
 

@@ -14,7 +14,9 @@ from ..metrics.measures import CONFIDENCE, UNCOUPLED
 from ..run.comparable import named_runs
 from ..run.run import Run
 from ..stats.anatomy import error_parts, severity_slopes
+from ..stats.bootstrap import LEVEL, fewest_clusters
 from ..stats.effective import effective_robustness
+from ..stats.estimate import OVERALL_SCOPES, cubes_of, estimate
 from ..stats.flat_and_depth import twin_comparisons
 from ..stats.frame import confidence_means, uncoupled_means
 from ..stats.model_result import ModelResult, by_frames, not_ranked, ranked
@@ -24,6 +26,7 @@ from ..stats.results import (
     AVERAGE,
     CLEAN,
     FAMILY_LABELS,
+    LABELS,
     METRIC_LABELS,
     RESULT_METRICS,
     SETTING_LABELS,
@@ -34,8 +37,6 @@ from ..stats.results import (
 )
 from ..stats.run_results import comparison_note
 from ..stats.seeds import SeedGroup
-from ..stats.uncertainty import intervals
-from ..stats.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .table import (
     DASH,
     Row,
@@ -87,8 +88,8 @@ def corruptions_table(run: Run, title: str) -> Table:
     shown: list[Cell] = [*((metric, None) for metric in metrics), *((at_each, level) for level in levels)]
     rows = rows_of_means(run.means, shown, {name: (name, None) for name in corruptions})
     rows.append(Row("mean", ["" if level else run.mean(metric) for metric, level in shown]))
-    labels = [METRIC_LABELS.get(m, m) for m in metrics]
-    labels += [f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level) for level in levels]
+    labels = [LABELS.get(m, m) for m in metrics]
+    labels += [f"{LABELS[at_each]} {level}" if level == levels[0] else str(level) for level in levels]
     return Table.of("corruptions", title, labels, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
@@ -141,13 +142,15 @@ def means(wanted: Wanted) -> list[Table]:
     texts, values = {}, {}
     for line in results:
         assert line.run is not None
-        estimates = {(one["metric"], one["corruption"]): one for one in intervals(line.run.rows).to_dicts()}
+        (cube,) = cubes_of({line.name: line.run.rows}).values()
+        rows_of_line = estimate(cube, scopes=OVERALL_SCOPES).to_dicts()
+        estimates = {(row["measure"], row["condition"]): row for row in rows_of_line}
         spread = estimates.get(("epe", AVERAGE), estimates.get(("rcre", AVERAGE), {})).get("log_deviation")
         shown = {key: estimates[key] for key in MEANS if key in estimates}
         ends = {key: None if one["low"] is None else (one["low"], one["high"]) for key, one in shown.items()}
-        text = {key: f"{one['estimate']:.2f} {interval_text(ends[key])}".rstrip() for key, one in shown.items()}
+        text = {key: f"{one['value']:.2f} {interval_text(ends[key])}".rstrip() for key, one in shown.items()}
         texts[line.key] = [*map(text.get, MEANS), spread]
-        values[line.key] = [*(shown[key]["estimate"] if key in shown else None for key in MEANS), spread]
+        values[line.key] = [*(shown[key]["value"] if key in shown else None for key in MEANS), spread]
         known += [pair is not None for pair in ends.values()]
     least = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
     remarks = [f"No intervals: they need at least {least}."]
@@ -333,7 +336,7 @@ def flat_and_depth(wanted: Wanted) -> list[Table]:
             for m in one.models
         ]
     remarks = [
-        f"{METRIC_LABELS[found[0].metric]} under a 2D corruption and its 3D counterpart, on the same pairs and "
+        f"{LABELS[found[0].metric]} under a 2D corruption and its 3D counterpart, on the same pairs and "
         "severities. Value: Spearman's rank correlation over ranked models, interval by Fisher's z; for one model, "
         "the difference 3D minus 2D in px, interval over pairs or groups of pairs.",
         *dict.fromkeys(one.remark for one in found),

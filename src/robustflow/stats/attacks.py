@@ -19,9 +19,9 @@ from ..metrics.rows import CLEAN, ROW_KEY
 from ..run.comparable import MEASURED, common_cells, common_to, named_runs
 from ..run.run import Run
 from ..run.store import RunFolder
+from .estimate import cubes_of, estimate, scopes_of
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .uncertainty import intervals
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
 """Iterative gradient-based attacks, which a gradient-free attack should not outperform."""
@@ -145,10 +145,9 @@ def security_curves(run: Run) -> list[CurvePoint]:
     if not scores:
         return []
     metric = "rcre" if scores[0]["epe"] is None else "epe"
-    table = intervals(run.attack_rows, severities=True, metrics=[metric])
-    ends = {
-        (row["corruption"], row["severity"]): (row["estimate"], row["low"], row["high"]) for row in table.to_dicts()
-    }
+    (cube,) = cubes_of({"": run.attack_rows}).values()
+    table = estimate(cube, {metric: MEASURES[metric]}, scopes_of(cube, severities=True))
+    ends = {(row["condition"], row["severity"]): (row["value"], row["low"], row["high"]) for row in table.to_dicts()}
     # The distance from the clean flow is 0 on the clean frames for any model.
     clean = ends.get((CLEAN, None), (0.0, None, None))
     points = []

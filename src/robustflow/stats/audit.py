@@ -13,7 +13,7 @@ from ..corruptions.registry import PAPER_ORDER
 from .frame import LINE, line_by_line
 from .model_result import RANKS, lines_of
 from .published.tables import cost_ranks, published_frame
-from .results import AVERAGE, CLEAN, METRIC_LABELS
+from .results import AVERAGE, CLEAN, LABELS, METRIC_LABELS
 
 AUDIT_CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",
@@ -259,7 +259,7 @@ def _values(check: str, table: pl.DataFrame, template: str) -> Part:
     """Return a finding for each row that does not fit."""
     found = []
     for row in table.filter("misfit").iter_rows(named=True):
-        text = template.format(label=METRIC_LABELS.get(row["measure"]), **row)
+        text = template.format(label=LABELS.get(row["measure"]), **row)
         found.append(_finding(check, row, text, *(row[name] for name in ("given", "recomputed", "tolerance"))))
     return check, table.height, found
 

@@ -16,8 +16,8 @@ from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.run import Run
+from .bootstrap import enough_clusters
 from .results import NEVER_RANKED
-from .uncertainty.bootstrap import enough_clusters
 
 PHANTOM = (
     "Nothing moves in these frames, so EPE measures phantom motion: bias on clean frames, flicker under corruption. "

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from ..metrics.cube import Cube
+from ..metrics.measures import MEASURES
 from ..run.comparable import common_to, named_runs
 from ..run.run import Run
+from .bootstrap import Interval, bootstrap
+from .estimate import Joint
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .uncertainty.bootstrap import Interval, bootstrap
-from .uncertainty.statistic import difference
-from .uncertainty.sums import ClusterSums
+from .statistic import difference
 
 TWINS = (
     ("fog", "fog_3d"),
@@ -69,9 +71,9 @@ def twin_comparisons(runs: Sequence[Run]) -> list[TwinComparison]:
             continue
         models = []
         for name, rows in common.rows.items():
-            sums = ClusterSums.of(rows.filter(pl.col("severity").is_in([0, *shared])))
-            flat, deep = (sums.error_mean(metric, twin) for twin in twins)
-            one = bootstrap({"flat": flat, "deep": deep, "difference": difference(deep, flat)}, len(sums.clusters))
+            joint = Joint([Cube.of(rows.filter(pl.col("severity").is_in([0, *shared])))])
+            (flat,), (deep,) = (joint.forms(MEASURES[metric], twin) or [] for twin in twins)
+            one = bootstrap({"flat": flat, "deep": deep, "difference": difference(deep, flat)}, joint.clusters)
             errors = one["flat"].estimate, one["deep"].estimate
             models.append(TwinErrors(name, *errors, one["difference"], excluded[name]))
         ranked = [(model.flat, model.deep) for model in models if not model.excluded]

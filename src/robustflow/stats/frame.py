@@ -19,10 +19,10 @@ from ..run.costs import RunCost
 from ..run.run import Run
 from .attacks import attack_scores
 from .exclusion import exclusions
+from .intervals import interval_ends
 from .ranking import partial_spearman, spearman
 from .results import NEVER_RANKED
 from .run_results import comparison_notes
-from .uncertainty.intervals import interval_ends
 
 RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
     "benchmark": pl.String,

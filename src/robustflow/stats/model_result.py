@@ -15,8 +15,8 @@ from ..metrics.cube import PAPER
 from ..metrics.regions import REGIONS
 from ..run.comparable import run_names, sample_set
 from .frame import LINE, once, results_frame
+from .intervals import IntervalEnds
 from .results import AVERAGE, CLEAN, RESULT_METRICS, family_means
-from .uncertainty.intervals import IntervalEnds
 
 if TYPE_CHECKING:
     from ..run.run import Run

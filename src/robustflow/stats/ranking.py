@@ -32,6 +32,19 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
     return {name: bisect_left(ordered, value) + 1 for name, value in values.items()}
 
 
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting every hypothesis whose adjusted p-value is
+    below a level keeps the probability of any false rejection below this level, regardless of the dependence
+    between the tests.
+    """
+    adjusted = [0.0] * len(p_values)
+    largest = 0.0
+    for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = largest
+    return adjusted
+
+
 def middle_ranks(values: Sequence[float]) -> list[float]:
     """Rank values, starting with 1 for the smallest; equal values share the mean of the ranks that they occupy."""
     ordered = sorted(values)

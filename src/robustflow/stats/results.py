@@ -11,7 +11,7 @@ from ..metrics.cube import AVERAGE
 from ..metrics.measures import LABELS, UNITS, exact_mean
 from ..metrics.rows import CLEAN
 
-__all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS", "UNITS"]
+__all__ = ["AVERAGE", "CLEAN", "LABELS", "RESULT_METRICS", "UNITS"]
 
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 """Metrics of results, in pixels except the last, which has no unit."""
@@ -92,7 +92,7 @@ def mean_label(metric: str, condition: str) -> str:
     >>> mean_label("epe", "clean"), mean_label("epe", "average")
     ('clean EPE', 'EPE')
     """
-    return f"{'clean ' if condition == CLEAN else ''}{METRIC_LABELS[metric]}"
+    return f"{'clean ' if condition == CLEAN else ''}{LABELS[metric]}"
 
 
 def benchmark_label(benchmark: str) -> str:

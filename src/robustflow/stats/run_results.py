@@ -10,8 +10,8 @@ from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..run.cells import UNEVEN
 from ..run.comparable import conditions_of, sample_set
+from .intervals import more_than_paper
 from .results import benchmark_words, inside, long_label
-from .uncertainty.intervals import more_than_paper
 
 if TYPE_CHECKING:
     from ..run.run import Run

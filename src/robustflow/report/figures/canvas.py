@@ -22,7 +22,7 @@ from ...core.display import default_style
 from ...core.errors import unknown_name
 from ...core.files import make_folder, write_bytes
 from ...core.text import name_text
-from ...stats.uncertainty.intervals import IntervalEnds
+from ...stats.intervals import IntervalEnds
 from ..table import interval_text
 from .styles import GRID, KeyEntry, LegendPlace, legend_handles
 

@@ -19,9 +19,10 @@ from ...core.errors import UsageError
 from ...core.text import name_text
 from ...corruptions.registry import ordered
 from ...metrics.cube import Means
+from ...metrics.measures import MEASURES
 from ...stats.attacks import CurvePoint
-from ...stats.results import FAMILY_LABELS, METRIC_LABELS, UNITS, long_label, metric_label
-from ...stats.uncertainty import intervals
+from ...stats.estimate import cubes_of, estimate
+from ...stats.results import CLEAN, FAMILY_LABELS, LABELS, UNITS, long_label, metric_label
 from .canvas import LEAST_PX, Mark, MarkedFigure, ends_text, fair_limits, new_figure
 from .crer_by_family import LEAST_CRER
 from .styles import BLACK, MODEL_STYLES, Style, distinct_styles, model_styles
@@ -81,20 +82,20 @@ def severity_curves(
         raise UsageError(f"{len(runs)} runs", f"one figure shows at most {len(MODEL_STYLES)}")
     styles = distinct_styles({name: styles.get(name) for name in runs})
     curves = {
-        name: intervals(rows, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
-        for name, rows in runs.items()
+        name: estimate(cube, {metric: MEASURES[metric]}, [at for at in cube.conditions if at[0] != CLEAN])
+        for name, cube in cubes_of(runs).items()
     }
-    corruptions = {corruption for curve in curves.values() for corruption in curve["corruption"]}
+    corruptions = {corruption for curve in curves.values() for corruption in curve["condition"]}
     if not corruptions:
-        raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at any severity")
+        raise UsageError(f"none of these runs measured {LABELS.get(metric, metric)} at any severity")
     shown = ordered(corruptions)
     figure, axes = new_figure(2.3, 1.9, len(shown), _COLUMNS, above=0.5)
     figure.set_layout_engine(None)  # panels of equal size do not need a layout engine, which is slow
     banded = False
     for panel, corruption in zip(axes, shown, strict=True):
         for name, curve in curves.items():
-            rows = curve.filter(corruption=corruption).sort("severity").to_dicts()
-            places, values = ([row[key] for row in rows] for key in ("severity", "estimate"))
+            rows = curve.filter(condition=corruption).sort("severity").to_dicts()
+            places, values = ([row[key] for row in rows] for key in ("severity", "value"))
             ends = [(row["low"], row["high"]) for row in rows]
             marks = [_severity_mark(name, metric, row) for row in rows]
             banded |= _curve(figure, panel, places, values, styles[name], marks, ends)
@@ -134,9 +135,9 @@ def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool =
 
 def _severity_mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
     interval = ends_text(None if row["low"] is None else (row["low"], row["high"]))
-    where = (("corruption", long_label(row["corruption"])), ("severity", str(row["severity"])))
-    value = f"{row['estimate']:.2f} {UNITS[metric]}".strip() + interval
-    return Mark(name, "", (*where, (METRIC_LABELS[metric], value)))
+    where = (("corruption", long_label(row["condition"])), ("severity", str(row["severity"])))
+    value = f"{row['value']:.2f} {UNITS[metric]}".strip() + interval
+    return Mark(name, "", (*where, (LABELS[metric], value)))
 
 
 @default_style()
@@ -174,7 +175,7 @@ def _budget_mark(point: CurvePoint) -> Mark:
     value = f"{point.error:.2f} px{ends_text(ends)}"
     where = (("norm", point.norm), ("budget", f"{point.budget:g}"))
     warning = "yes" if point.warned else "no"
-    return Mark(point.attack, "", (*where, (METRIC_LABELS[point.metric], value), ("warning", warning)))
+    return Mark(point.attack, "", (*where, (LABELS[point.metric], value), ("warning", warning)))
 
 
 @default_style()

@@ -18,11 +18,11 @@ from ...core.display import default_style
 from ...core.errors import UsageError
 from ...core.text import name_text, plain
 from ...stats.effective import effective_robustness
+from ...stats.intervals import IntervalEnds
 from ...stats.model_result import ModelResult
 from ...stats.published.tables import not_discussed, of_paper
 from ...stats.ranking import LEAST_MODELS, spearman
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
-from ...stats.uncertainty.intervals import IntervalEnds
 from .canvas import (
     LONGEST_NAME,
     WITH_INTERVALS,

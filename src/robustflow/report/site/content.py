@@ -17,12 +17,12 @@ from ...core.files import digest_of_bytes
 from ...core.text import plain
 from ...run.comparable import sample_set
 from ...stats.exclusion import exclusion_reasons
+from ...stats.intervals import interval_ends
 from ...stats.model_result import ModelResult, by_line, lines_of, run_frame
 from ...stats.published.tables import PAPER, published_frame
 from ...stats.results import benchmark_words
 from ...stats.results_file import FILE, results_csv
 from ...stats.run_results import comparison_notes
-from ...stats.uncertainty.intervals import interval_ends
 from ..leaderboard import Cells, board_cells, boards_of
 from ..table import Table
 

@@ -10,7 +10,7 @@ from ...data.benchmarks.facts import is_still, sample_noun
 from ...run.run import Run
 from ...stats.attacks import attack_scores
 from ...stats.model_result import ModelResult, by_frames
-from ...stats.results import AVERAGE, CLEAN, METRIC_LABELS, benchmark_words, inside, long_label
+from ...stats.results import AVERAGE, CLEAN, LABELS, benchmark_words, inside, long_label
 from ..leaderboard import GROUP
 from ..table import Table, interval_text
 from .content import Content
@@ -68,7 +68,7 @@ def _about_run(line: ModelResult, run: Run) -> str:
     (value, most), clean, whole = max(cells), run.epe_clean if with_truth else None, line.number(metric, AVERAGE)
     over = {"on the clean frames": clean, f"under {counted(len(averaged), 'corruption')}": whole}
     means = " and ".join(f"{mean:.2f} px {condition}" for condition, mean in over.items() if mean is not None)
-    head = f"{plain(line.name)}: {METRIC_LABELS[metric]} {means}".rstrip()
+    head = f"{plain(line.name)}: {LABELS[metric]} {means}".rstrip()
     highest = f", highest for {most}: {value:.2f} px" if whole is None or value > whole else ""
     return f"{head} ({where}){highest}."
 
@@ -88,8 +88,8 @@ def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -
     number = f"{value.text} px {interval_text(value.ends)}".rstrip()
     if len(known) == 1:
         only = f"{whose} is the only ranked result on {where}"
-        return f"{only}: its {METRIC_LABELS[metric]} under corruption is {number}."
-    lowest = f"{whose} has the lowest {METRIC_LABELS[metric]} under corruption, {number}"
+        return f"{only}: its {LABELS[metric]} under corruption is {number}."
+    lowest = f"{whose} has the lowest {LABELS[metric]} under corruption, {number}"
     same = "the same frames of " if len(groups) > 1 else ""
     of = f"Of {counted(len(known), 'ranked result')} on {same}{where}, "
     letters = {line: content.cells[line][GROUP].text for line in known if GROUP in content.cells[line]}

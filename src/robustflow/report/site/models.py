@@ -18,6 +18,7 @@ from ...stats.published.tables import method_of
 from ...stats.results import (
     AVERAGE,
     CLEAN,
+    LABELS,
     METRIC_LABELS,
     OVERALL,
     benchmark_label,
@@ -108,7 +109,7 @@ def _settings(benchmark: str, results: Sequence[ModelResult]) -> Table:
         )
         for name in [*names, AVERAGE]
     ]
-    columns = [Column(f"{METRIC_LABELS[m]} {plain(r.setting, 40)}", strongest=tops[m]) for m, r in shown]
+    columns = [Column(f"{LABELS[m]} {plain(r.setting, 40)}", strongest=tops[m]) for m, r in shown]
     title = f"{benchmark_label(benchmark)} (px)"
     return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 

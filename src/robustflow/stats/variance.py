@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ...core.errors import RunError, unknown_name
-from ...metrics.cube import averaged_rows
-from ...metrics.rows import CLEAN
-from .sums import image_errors
+from ..core.errors import RunError, unknown_name
+from ..metrics.cube import Cube, averaged_rows
+from ..metrics.measures import EVERY, Average, Increase, Ratio
+from ..metrics.rows import CLEAN
+from .estimate import Joint
 
 VARIANCE_SCHEMA: dict[str, Any] = {
     "source": pl.String,
@@ -36,18 +37,17 @@ VARIANCE_SCHEMA: dict[str, Any] = {
 percentage of the total variance, and `error_of_mean` its contribution to the standard error of the mean in pixels (null
 for severity)."""
 
-VARIANCE_METRICS = ("epe", "cre", "rcre")
-
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
     """Split the variance of one model's score into parts for image, seed, severity and the rest."""
-    if metric not in VARIANCE_METRICS:
-        raise unknown_name("metric", metric, VARIANCE_METRICS)
+    measure = EVERY.get(metric)
+    if measure is None or isinstance(measure, Ratio):
+        raise unknown_name("metric", metric, [name for name, one in EVERY.items() if not isinstance(one, Ratio)])
     if len(runs) < 2:
         raise RunError(
             "--seeds", "the variance between seeds needs at least two; run the same model with --seeds 2 or more"
         )
-    y = _cells(runs, metric)
+    y = _cells(runs, measure)
     images, seeds, levels = y.shape
     if images < 2:
         raise RunError(
@@ -85,29 +85,22 @@ def _mean_square(y: np.ndarray, *axes: int) -> float:
     return y.size / effect.size * float(np.square(effect).sum()) / freedom if freedom else 0.0
 
 
-def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
+def _cells(runs: Mapping[int, pl.DataFrame], measure: Average | Increase) -> np.ndarray:
     """Average over the corruptions that all runs have at all severities, as float64 (images, seeds, severities)."""
-    parts = [
-        image_errors(averaged_rows(rows))
-        .filter(pl.col("corruption") != CLEAN)
-        .drop_nulls(metric)
-        .with_columns(_seed=pl.lit(index))
-        for index, rows in enumerate(runs.values())
-    ]
-    values = pl.concat(parts).select("sample", "corruption", "severity", "_seed", metric)
-    conditions = values.group_by("corruption", "severity").agg(pl.struct("sample", "_seed").n_unique().alias("cells"))
-    most = int(conditions["cells"].max() or 0)  # type: ignore[arg-type]
-    full = conditions.filter(cells=most)
-    levels = int(full["severity"].n_unique()) if full.height else 0
-    whole = full.group_by("corruption").agg(pl.len()).filter(pl.col("len") == levels)
-    values = values.join(whole, on="corruption", how="semi")
-    per_cell = values.group_by("sample", "_seed", "severity").agg(pl.col(metric).mean(), pl.len())
-    complete_cells = per_cell.filter(pl.col("len") == whole.height)
-    complete = complete_cells.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
-    measured_everywhere = complete_cells.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
-    if measured_everywhere.is_empty():
+    joint = Joint([Cube.of(averaged_rows(rows)) for rows in runs.values()])
+    y = np.array([sums.images for sums in joint.of(measure)[0]])
+    seen = ~np.isnan(y[0])
+    columns = {at: k for k, at in enumerate(joint.cubes[0].conditions) if at[0] != CLEAN}
+    most = max((seen[:, k].sum() for k in columns.values()), default=0)
+    full = {at for at, k in columns.items() if seen[:, k].sum() == most > 0}
+    levels = sorted({level for _, level in full})
+    whole = [name for name in joint.cubes[0].corruptions if all((name, level) in full for level in levels)]
+    chosen = [columns[name, level] for name in whole for level in levels]
+    complete = seen[:, chosen].all(axis=1)
+    if not chosen or not complete.any():
         raise RunError(
             "no image was measured with every seed under the same corruptions and severities; "
             "run all seeds on the same pairs"
         )
-    return measured_everywhere[metric].to_numpy().reshape(complete.height, len(runs), levels)
+    scores = y[:, complete][:, :, chosen].reshape(len(y), -1, len(whole), len(levels))
+    return np.asarray(scores.mean(axis=2).transpose(1, 0, 2))

@@ -37,8 +37,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...core.errors import UsageError
-from ...core.rng import Rng
+from ..core.errors import UsageError
+from ..core.rng import Rng
 from .statistic import Array, ErrorMean, Estimates, Mean, Statistic, of_data
 
 RESAMPLES = 4999

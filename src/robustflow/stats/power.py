@@ -17,35 +17,36 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ...core.errors import RunError, UsageError
-from ...core.text import counted
-from ...run.comparable import common_rows
+from ..core.errors import RunError, UsageError
+from ..core.text import counted
+from ..metrics.cube import AVERAGE
+from ..metrics.measures import Ratio
+from ..run.comparable import common_rows
 from .bootstrap import LEVEL, enough_clusters, fewest_clusters
+from .estimate import HEADLINE, Joint, cubes_of
 from .statistic import difference, of_data
-from .sums import AVERAGE, ClusterSums
 
 POWER = 0.8
-PLANNED_METRICS = ("epe", "cre", "rcre")
 _MOST_CLUSTERS = 10**9
 
 POWER_SCHEMA: dict[str, Any] = {
-    "first": pl.String,
-    "second": pl.String,
-    "metric": pl.String,
-    "difference": pl.Float64,
+    "model": pl.String,
+    "against": pl.String,
+    "measure": pl.String,
+    "value": pl.Float64,
     "standard_error": pl.Float64,
-    "images": pl.Int64,
+    "pairs": pl.Int64,
     "clusters": pl.Int64,
     "detectable": pl.Float64,
     "effect": pl.Float64,
     "power": pl.Float64,
-    "images_needed": pl.Int64,
+    "pairs_needed": pl.Int64,
     "clusters_needed": pl.Int64,
     "clusters_low": pl.Int64,
     "clusters_high": pl.Int64,
 }
 """`detectable` is the difference in pixels that these clusters detect with the requested power, `power` the power to
-detect `effect` with these clusters, and `images_needed` and `clusters_needed` the numbers of images and clusters needed
+detect `effect` with these clusters, and `pairs_needed` and `clusters_needed` the numbers of images and clusters needed
 to detect `effect` with the requested power. `clusters_low` and `clusters_high` are the ends of an interval for the
 latter, which follows from the chi-squared distribution of a variance (null: over a billion)."""
 
@@ -123,26 +124,27 @@ def plan_pairs(
 
     records = []
     for names in combinations(runs, 2):
-        first, second = (ClusterSums.of(rows) for rows in common_rows([runs[name] for name in names], list(names))[0])
-        count = len(first.clusters)
+        rows, _ = common_rows([runs[name] for name in names], list(names))
+        joint = Joint([*cubes_of(dict(zip(names, rows, strict=True))).values()])
+        count, images = joint.clusters, len(joint.cluster)
         if not enough_clusters(count, level):
             raise RunError(
                 " and ".join(names),
-                f"they share {counted(first.images, 'pair')} in {counted(count, 'group')} (drive, sequence or single "
+                f"they share {counted(images, 'pair')} in {counted(count, 'group')} (drive, sequence or single "
                 "pair), too few to estimate how much groups differ: run both on at least "
                 f"{fewest_clusters(level)} groups",
             )
-        for metric in PLANNED_METRICS:
-            if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):
+        for metric, measure in HEADLINE.items():
+            forms = None if isinstance(measure, Ratio) else joint.forms(measure, AVERAGE)
+            if forms is None:
                 continue
-            means = (one.error_mean(metric, AVERAGE) for one in (first, second))
-            whole = of_data(difference(*means), count)
+            whole = of_data(difference(*forms), count)
             deviation = whole.error * math.sqrt(count)
             needed = clusters_needed(effect, deviation, power, level)
-            pairs = None if needed is None else math.ceil(needed * first.images / count)
+            pairs = None if needed is None else math.ceil(needed * images / count)
             ratios = chi2.ppf([(1 + level) / 2, (1 - level) / 2], count - 1) / (count - 1)  # of the variance of s
             ends = [clusters_needed(effect, deviation / ratio**0.5, power, level) for ratio in ratios.tolist()]
-            known = (whole.value, whole.error, first.images, count, detectable(deviation, count, power, level))
+            known = (whole.value, whole.error, images, count, detectable(deviation, count, power, level))
             planned = (effect, power_of(effect, deviation, count, level), pairs, needed, *ends)
             records.append((*names, metric, *known, *planned))
     if not records:
