@@ -257,7 +257,11 @@ def are_decimals(stems: Sequence[str]) -> bool:
     """
     names = [_DECIMAL.fullmatch(stem) for stem in stems]
     parts = [(name[1], int(name[2]), name[3] or "") for name in names if name]
-    if len(parts) < max(2, len(stems)) or len({text for text, *_ in parts}) > 1 or not all(f for *_, f in parts[:2]):
+    if (
+        len(parts) < max(2, len(stems))
+        or len({text for text, *_ in parts}) > 1
+        or not any(fraction for *_, fraction in parts)
+    ):
         return False
     decimals = sorted(whole + float(f"0.{fraction or 0}") for _, whole, fraction in parts)
     numbers = sorted((whole, int(fraction or 0)) for _, whole, fraction in parts)

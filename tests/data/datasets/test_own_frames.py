@@ -124,11 +124,18 @@ def test_the_user_states_the_pairs(tmp_path: Path) -> None:
     refusal(lambda: load_dataset("folder", numbered, pairs="names"), UsageError, "pairs")
     refusal(lambda: load_dataset("folder", numbered, pairs="odd"), UsageError, "pairs")
     refusal(lambda: load_dataset("folder", numbered, gaps="no"), UsageError, "gaps")
-    refusal(lambda: load_dataset("folder", numbered, stop=3, pairs="disjoint"), UsageError, "pairs")
+    odd = frames(tmp_path / "odd", film("{n}", [1, 2, 3]))
+    refusal(lambda: load_dataset("folder", odd, pairs="disjoint"), UsageError, "pairs")
     clip = video(tmp_path / "a.mp4", [view(1, time) for time in range(4)])
     refusal(lambda: load_dataset("folder", clip, pairs="names"), UsageError, "pairs")
     stereo = frames(tmp_path / "stereo", film("left/{n}", [1, 2]) | {"right/1": (1, 2), "right/2": (1, 3)})
     assert read(stereo, pairs="names")[0] == [("left/1", "right/1"), ("left/2", "right/2")]
+
+
+def test_a_range_of_frames_selects_whole_pairs(tmp_path: Path) -> None:
+    folder = frames(tmp_path, couples("{s}_10", "{s}_11"))
+    assert read(folder, start=1, stop=5)[0] == [("2_10", "2_11")]
+    refusal(lambda: load_dataset("folder", folder, start=5), DataError, folder)
 
 
 def test_pairs_of_frames_of_different_sizes_are_read_if_independent(tmp_path: Path) -> None:
@@ -176,6 +183,7 @@ def test_names_that_are_times_sort_as_times(tmp_path: Path) -> None:
     for names in (
         ["1551915398.175304", "1551915398.2", "1551915398.2249", "1551915398.25"],
         [f"{n / 8}" for n in range(20)],
+        [f"{n / 2:g}" for n in range(9)],
         [f"shot1.{n}" for n in range(1, 13)],
         [f"run2_{round(n / 30, 4)}" for n in range(40)],
         [f"{1305031102 + n // 10}.{n % 10 * 10**8 + 5}" for n in range(25)],

@@ -85,14 +85,7 @@ def _by_name(films: Sequence[tuple[str, Film]], folders: int) -> Arrangement | N
         alone = sum(len(film.frames) for _, film in films) - sum(len(film.frames) for _, film in longer)
         words = f"read as {counted(len(longer), 'film')} by names such as {longer[0][1].frames[0].name}{_alone(alone)}"
         return Arrangement(longer, NAMES, notice=words + _OTHERWISE)
-    split = [_runs_of_two(film) for _, film in films]
-    if any(split) and all(runs or len(film.frames) == 2 for runs, (_, film) in zip(split, films, strict=True)):
-        return _independent([(group, pair) for group, film in films for pair in film.couples()], DISJOINT)
     return None
-
-
-def _runs_of_two(film: Film) -> bool:
-    return len(film.frames) > 3 and len(film.frames) % 2 == 0 and film.gaps() == set(range(1, len(film.frames) - 1, 2))
 
 
 def _by_content(films: Sequence[tuple[str, Film]]) -> Arrangement | None:

@@ -66,8 +66,8 @@ class FrameFolder(PairDataset, OwnFrames):
         if pairs != CONSECUTIVE:
             places, maps = without_maps(places)
             self.notices += [f"{', '.join(maps)} not read as frames"] * bool(maps)
-        selected = {group: every[begin:end] for group, every in places.items()}
-        films = arranged(selected, pairs)
+        chosen = {frame for every in places.values() for frame in every[begin:end]}
+        films = arranged(places, pairs)
         self.independent = films.independent
         if films.recognised:
             self.recognised = {"pairs": films.recognised}
@@ -75,12 +75,15 @@ class FrameFolder(PairDataset, OwnFrames):
         if films.independent and step > 1:
             raise UsageError("step", f"{step}, but these are independent pairs; pairs={CONSECUTIVE} reads a film")
         found: dict[str, PairFiles] = {}
-        for group, film in films.films:
+        several = len(films.films) > len(places)
+        for group, film in ((group, film.within(chosen)) for group, film in films.films):
             frames = list(film.frames)
+            if several and len(frames) < 2:
+                continue
             of_film = pairs_at_step(frames, step, root / group, len(places.get(group, frames)))
             _check(root / group, frames)
             off = film.gaps() if gaps == "skip" else set()
-            first_of_film = f"{group or ALONE}/{frames[0].stem}" if len(films.films) > len(selected) else group or ALONE
+            first_of_film = f"{group or ALONE}/{frames[0].stem}" if several else group or ALONE
             for place, pair in enumerate(of_film):
                 # Consecutive pairs are not independent; statistics treat them as one group.
                 key = f"{group}/{pair[0].stem}" if group and not films.across else pair[0].stem

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -30,7 +29,8 @@ _MAP = (
 _MAP_FOLDER, _MAP_FILE = re.compile(rf"(.*[_. -])?{_MAP}", re.I), re.compile(rf".*[_. -]{_MAP}", re.I)
 
 _DATE = re.compile(
-    r"(?<!\d)(\d{4})[-_.]?(\d\d)[-_.]?(\d\d)[T_. -]+(\d\d)[-_:.h]?(\d\d)[-_:.m]?(\d\d)(?:[-_.](\d{1,9}))?(?!\d)"
+    r"(?<!\d)([12]\d{3})[-_.]?([01]\d)[-_.]?([0-3]\d)[T_. -]+"
+    r"([0-2]\d)[-_:.h]?([0-5]\d)[-_:.m]?([0-5]\d)(?:[-_.](\d+))?(?!\d)"
 )
 _SECONDS = re.compile(r"(?:.*\D)?(\d{9,10})[_.-](\d{1,9})")
 
@@ -49,6 +49,12 @@ class Film:
     def gaps(self) -> set[int]:
         """Return the places i for which frames i and i + 1 are not the usual interval apart."""
         return irregular(self.numbers, self.timed)
+
+    def within(self, chosen: Container[Path]) -> Film:
+        """Return the film with only the chosen frames, which follow each other."""
+        places = [place for place, frame in enumerate(self.frames) if frame in chosen]
+        numbers = tuple(self.numbers[place] for place in places) if self.numbers else ()
+        return replace(self, frames=tuple(self.frames[place] for place in places), numbers=numbers)
 
     def couples(self) -> list[Film]:
         """Return the frames as pairs that do not overlap."""
@@ -121,25 +127,24 @@ def _times(stems: Sequence[str]) -> list[float]:
     """Return the times in names that all have a date and a time of day, or seconds since 1970 and the number of milli-,
     micro- or nanoseconds; [] for other names.
 
-    >>> _times(["20240131_235959", "20240201_000000"]), _times(["1305031102_9", "1305031102_500000"])
-    ([1706745599.0, 1706745600.0], [1305031102.000009, 1305031102.5])
+    >>> first, second = _times(["20240131_235959", "20240201_000000"])
+    >>> second - first, _times(["1305031102_9", "1305031102_500000"])
+    (1.0, [1305031102.000009, 1305031102.5])
     """
     dates = [_DATE.search(stem) for stem in stems]
-    if len(stems) > 1 and all(dates):
-        times = []
-        for *whole, fraction in (date.groups() for date in dates if date):
-            try:
-                time = datetime(*map(int, whole), tzinfo=UTC)  # type: ignore[misc, arg-type]
-            except ValueError:
-                return []
-            times.append(time.timestamp() + float(f"0.{fraction or 0}"))
-        return times
+    if all(dates):
+        return [_of_date(*map(int, date.groups("0")[:6])) + float(f"0.{date[7] or 0}") for date in dates if date]
     seconds = [_SECONDS.fullmatch(stem) for stem in stems]
     if len(stems) < 2 or not all(seconds) or are_decimals(stems):
         return []
     parts = [(int(name[1]), name[2]) for name in seconds if name]
     unit = 10 ** (-(-max(len(fraction) for _, fraction in parts) // 3) * 3)
     return [whole + int(fraction) / unit for whole, fraction in parts]
+
+
+def _of_date(year: int, month: int, day: int, hour: int, minute: int, second: int) -> int:
+    """Return seconds in a calendar in which every month has 31 days."""
+    return (((12 * year + month) * 31 + day) * 24 + hour) * 3600 + minute * 60 + second
 
 
 def _parsed(stems: Sequence[str], decimals: bool) -> list[tuple[tuple[object, ...], tuple[float, ...]]]:
