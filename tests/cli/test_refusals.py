@@ -28,7 +28,7 @@ CASES = [
     ("run -m dis -s high", UsageError, "high"),
     ("run dis -s 5-1", UsageError, "5-1"),
     ("run -m dis -O presetfast", UsageError, "presetfast"),
-    ("run -m arflow -O checkpoint=a.pth --checkpoint b.pth", UsageError, "checkpoint"),
+    ("run -m arflow -O checkpoint=a.pth --checkpoint b.pth", UsageError, "--checkpoint"),
     ("run -m dis --engine cluster", UsageError, "cluster"),
     ("run dis -m dis", UsageError, "--model"),
     ("run dis farneback --name x", UsageError, "--name"),

@@ -133,7 +133,7 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
         if one.moved is not None:
             moved.setdefault(one.condition, []).append(one.moved)
     fresh = sum(one.fresh for one in flows)
-    echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
+    echo(f"{output}: {counted(len(flows), 'flow')}, {fresh} written and {len(flows) - fresh} already present")
     if moved:
         means = robustness_means(moved)
         write_bytes(output / "results.csv", results_csv(robustspring_results(run, flows)).encode())

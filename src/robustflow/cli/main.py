@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperOption
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from .. import __version__
 from ..core.display import ignore_local_settings
@@ -25,6 +25,7 @@ from ..core.output import results_only
 from ..core.paths import user_path
 from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
+from .advice import advice, explained, unknown_option
 
 _PANELS = {
     "Measure": ("run", "predict", "profile"),
@@ -55,6 +56,7 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
     are listed, without options and without importing them, so that `--help` is fast."""
     app = typer.Typer(
         name="robustflow",
+        cls=_Commands,
         help="How robust is an optical-flow model to image corruptions?",
         epilog="Start with: robustflow run --model dis",
         no_args_is_help=True,
@@ -104,7 +106,15 @@ class _Command(TyperCommand):
         for text in args:
             if not is_utf8(text):
                 raise UsageError(text, "not valid UTF-8: rename the file or folder")
-        values, _, given = self.make_parser(ctx).parse_args(list(args))
+        try:
+            values, extra, given = self.make_parser(ctx).parse_args(list(args))
+        except Exception as error:
+            if type(error).__name__ != "NoSuchOption":
+                raise
+            commands = typer.main.get_command(command_line()).commands  # type: ignore[attr-defined]
+            raise unknown_option(self, error.option_name, commands) or error from None  # type: ignore[attr-defined]
+        if extra and (better := advice(self, extra[0], given=values)):
+            raise better
         for parameter in self.params:
             value = values.get(parameter.name)
             texts = value if isinstance(value, list | tuple) else (value,)
@@ -122,8 +132,21 @@ class _Command(TyperCommand):
         return rest
 
     def invoke(self, ctx: Any) -> Any:
-        with results_only():
-            return super().invoke(ctx)
+        given = dict(ctx.params)
+        try:
+            with results_only():
+                return super().invoke(ctx)
+        except RobustFlowError as error:
+            raise explained(self, error, given) from error.__cause__
+
+
+class _Commands(TyperGroup):
+    """The commands; a word that is not one of them is explained if it names something else."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if self.get_command(ctx, args[0]) is None and (better := advice(self, args[0])):
+            raise better
+        return super().resolve_command(ctx, args)
 
 
 def _expanded(value: Any) -> Any:

@@ -17,8 +17,9 @@ def check_severity(severity: int) -> int:
     Traceback (most recent call last):
     robustflow.core.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
     """
-    if isinstance(severity, bool) or severity not in SEVERITIES:
-        error = UsageError(f"severity {severity!r} does not exist: choose 1 (mild) to 5 (severe)")
+    if isinstance(severity, bool | str | list | tuple | dict) or severity not in SEVERITIES:
+        hint = "" if isinstance(severity, int | float) else ", an integer"
+        error = UsageError(f"severity {severity!r} does not exist: choose 1 (mild) to 5 (severe){hint}")
         error.culprit = str(severity)
         raise error
     return int(severity)

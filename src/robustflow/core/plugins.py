@@ -24,6 +24,7 @@ from .errors import (
     UsageError,
     class_and_message,
     first_line,
+    names_options,
     raise_interrupt,
     unknown_name,
 )
@@ -45,8 +46,10 @@ class Registry(Generic[T]):
     robustflow.core.errors.UsageError: unknown colour 'rad': did you mean 'red'? Known: red
     """
 
-    def __init__(self, kind: str, entry_point_group: str | None = None) -> None:
-        self.kind = kind
+    def __init__(
+        self, kind: str, entry_point_group: str | None = None, also: Sequence[str] = (), separator: str = ","
+    ) -> None:
+        self.kind, self.also, self._separator = kind, tuple(also), separator
         self._targets: dict[str, str] = {}
         self._group = entry_point_group
 
@@ -77,8 +80,20 @@ class Registry(Generic[T]):
         if name not in self._targets:
             self._discover()
         if name not in self._targets:
-            raise unknown_name(self.kind, name, self._targets)
+            raise self.unknown(name)
         return cast(T, self._imported(name))
+
+    def unknown(self, name: str) -> UsageError:
+        """Return the error for a name that is not registered. Names for which the user's list stands (`also`) are
+        proposed, too, and a text with several known names is recognised."""
+        known = [*self.names(), *self.also]
+        parts = [part for part in re.split(r"[,\s]+", name) if part]
+        if len(parts) > 1 and set(parts) <= set(known):
+            form = self._separator.join(parts) if names_options() else parts
+            return UsageError(name, f"several names of {self.kind}s in one; write {form}")
+        if name in self.also:
+            return UsageError(name, f"stands for several {self.kind}s; give the name of one")
+        return unknown_name(self.kind, name, known)
 
     def _imported(self, name: str) -> Any:
         target = self._targets[name]
@@ -174,6 +189,8 @@ def is_target(text: str) -> bool:
 
 def import_target(target: str, kind: str) -> Any:
     """Import an attribute of a module that is installed or in the working folder."""
+    if not is_target(target) and not target.partition(":")[0].endswith(".py"):
+        raise UsageError(target, f"no {kind} has this name; give a registered name or MODULE:ATTRIBUTE")
     name, _, attribute = target.partition(":")
     if name.endswith(".py"):
         meant = f"{Path(name).stem}:{attribute}"
@@ -193,6 +210,8 @@ def import_target(target: str, kind: str) -> Any:
     for part in attribute.split("."):
         if not hasattr(value, part):
             _refuse_hidden(name, here, kind, target)
+            if name in sys.stdlib_module_names:
+                raise UsageError(target, f"'{name}' is a module of Python; a registered {kind} is given by its name")
             raise unknown_name(f"attribute of {name}", part, [key for key in vars(value) if key[0] != "_"])
         value = getattr(value, part)
     return value

@@ -85,7 +85,12 @@ IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in 
 SHIPPED: tuple[str, ...] = (*PAPER_ORDER, *(name for names in FURTHER.values() for name in names))
 """The corruptions of this package; installed packages can add more."""
 
-CORRUPTIONS: Registry[type[Corruption]] = Registry("corruption", entry_point_group="robustflow.corruptions")
+ALL = "all"
+"""In a list of names, selects all corruptions of the benchmark."""
+
+CORRUPTIONS: Registry[type[Corruption]] = Registry(
+    "corruption", entry_point_group="robustflow.corruptions", also=(*FAMILIES, *FURTHER, ALL)
+)
 
 for _modules in (*_PAPER.values(), *_FURTHER.values()):
     for _name, _module in _modules.items():
@@ -126,10 +131,6 @@ def heading_of(name: str) -> str:
 def ordered(names: Iterable[str]) -> list[str]:
     """Return the corruptions in table order: those in `ORDER` first, then the remaining ones by name."""
     return sorted(names, key=lambda name: (_PLACE.get(name, len(_PLACE)), name))
-
-
-ALL = "all"
-"""In a list of names, selects all corruptions of the benchmark."""
 
 
 def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]:

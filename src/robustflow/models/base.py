@@ -14,6 +14,7 @@ import numpy as np
 from ..core.errors import ModelError, RobustFlowError, class_and_message, first_line, raise_interrupt
 from ..core.plugins import working_folder_kept
 from ..core.source_digest import source_digest
+from ..core.text import counted
 from ..core.types import Flow, Frame, unmasked
 from .devices import traceback_hint
 
@@ -163,7 +164,10 @@ def predict_batch_checked(
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
-        raise ModelError(where, f"the model returned {len(flows)} flows for {len(pairs)} pairs; expected one per pair")
+        raise ModelError(
+            where,
+            f"returned {counted(len(flows), 'flow')} for {counted(len(pairs), 'pair')}; expected one per pair",
+        )
     return [
         checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.errors import ModelError, UsageError, unknown_name
+from ..core.text import counted
 from ..core.types import Flow, Frame
 from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
 
@@ -86,7 +87,9 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
         shapes = f"the shape {confidence.shape}; expected {flow.shape[:2]}, one number per pixel"
         raise ModelError(where, f"the model's confidence has {shapes}")
     if (unknown := int(np.isnan(confidence).sum())) > 0:
-        raise ModelError(where, f"the model's confidence is NaN at {unknown} pixels; return -inf where it is unknown")
+        raise ModelError(
+            where, f"the model's confidence is NaN at {counted(unknown, 'pixel')}; return -inf where it is unknown"
+        )
     return np.concatenate([flow, confidence[..., None]], axis=2)
 
 

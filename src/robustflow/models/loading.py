@@ -19,6 +19,7 @@ from ..core.plugins import (
     accepts,
     check_options,
     import_target,
+    is_target,
     parameters_of,
     require,
     source_of_target,
@@ -117,6 +118,7 @@ def preflight(name: str, options: Mapping[str, Any]) -> None:
             require_file(user_path(name), "file; pass the path of the exported network")
             require("onnxruntime", f"model '{name}'")
         if not is_in_ptlflow(name):
+            _check_name(name)
             return
     library = "ptlflow" if method is None else method.source
     source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(library)
@@ -183,17 +185,32 @@ def load_model(name: str | Path, **options: Any) -> AnyModel:
         return _load_attribute(name, options)
     if not registered and user_path(name).is_dir():
         return construct(MODELS.get("precomputed"), name, {"folder": name, **options})
-    if not registered and ("/" in name or Path(name).suffix):
-        reason = "no file, folder or model with this name exists (see 'robustflow list models')"
-        if user_path(name).exists():
-            reason = f"a file but not an exported network ({', '.join(EXPORTED)}); pass --model NAME --checkpoint FILE"
-        raise UsageError(name, reason)
+    _check_name(name)
     if not registered and name.isidentifier():
         from .ptlflow.models import is_of_ptlflow
 
         if is_of_ptlflow(name):
             return _load_from_ptlflow(name, name, options)
     return construct(MODELS.get(name), name, options)
+
+
+def _check_name(name: str) -> None:
+    """Raise an error if no model has this name, before any model is run."""
+    path, suffix = user_path(name), Path(name).suffix.lower()
+    if not name or name in MODELS or is_target(name) or name.startswith(PTLFLOW) or suffix in (*EXPORTED, *TORCHSCRIPT):
+        return
+    if path.is_dir():
+        construct(MODELS.get("precomputed"), name, {"folder": name})
+    elif path.exists():
+        endings = ", ".join(EXPORTED)
+        raise UsageError(name, f"a file but not an exported network ({endings}); pass --model NAME --checkpoint FILE")
+    elif "/" in name or suffix:
+        raise UsageError(name, "no file, folder or model with this name exists (see 'robustflow list models')")
+    else:
+        from .ptlflow.models import is_of_ptlflow
+
+        if not (name.isidentifier() and is_of_ptlflow(name)):
+            raise MODELS.unknown(name)
 
 
 @dataclass(frozen=True)

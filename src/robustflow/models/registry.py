@@ -8,7 +8,7 @@ from ..core.plugins import Registry
 from .base import AnyModel
 from .networks.table import NETWORKS
 
-MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
+MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models", separator=" ")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")

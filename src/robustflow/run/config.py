@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, SkipValidation, ValidationError, field_validator
+from pydantic import Field, SkipValidation, StrictBool, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 
 from ..core.errors import UsageError
@@ -104,9 +104,7 @@ class Selection(Frozen):
         heading=None,
         complete="benchmarks",
     )
-    data: SkipValidation[Path | None] = option(
-        None, "Folder of the dataset (or a video, for 'folder').", "--data", "-d", heading=None
-    )
+    data: Path | None = option(None, "Folder of the dataset (or a video, for 'folder').", "--data", "-d", heading=None)
     corruptions: SkipValidation[Any] = option(
         None,
         "Comma-separated names, families (weather), stacks (fog+snow), or your own module:Attribute; all by default.",
@@ -134,13 +132,13 @@ class Selection(Frozen):
         None,
         "quick: a small set of conditions that ranks models like the full set (kitti-fc); its means are estimates.",
     )
-    split: SkipValidation[Path | None] = option(
+    split: Path | None = option(
         None, "File with the names of the pairs to use, one per line; or drive-disjoint (KITTI 2015).", heading=DATA
     )
-    data_options: SkipValidation[Any] = option(
+    data_options: dict[str, Any] | None = option(
         None, "Dataset option, e.g. step=2. Repeatable.", "--data-option", "-D", heading=DATA, parse="pairs"
     )
-    still: SkipValidation[bool] = option(
+    still: StrictBool = option(
         False, "Pair every frame with itself; the true flow is zero, so errors are phantom motion.", "--still"
     )
 
@@ -171,14 +169,14 @@ class Compute(Frozen):
 class Output(Frozen):
     """Where a run is stored, and how it is shown."""
 
-    output: SkipValidation[Path | None] = option(
+    output: Path | None = option(
         None,
         "Folder of the run, or parent folder for several runs; in runs/ by default.",
         *("--output", "-o"),
         heading=None,
     )
-    name: SkipValidation[str | None] = option(None, "Display name of the model in tables and figures.", heading=OUTPUT)
-    examples: SkipValidation[bool] = option(
+    name: str | None = option(None, "Display name of the model in tables and figures.", heading=OUTPUT)
+    examples: StrictBool = option(
         False,
         "Draw pictures of the worst and the median sample at the end.",
         "--examples/--no-examples",
@@ -206,6 +204,8 @@ class RunConfig(Frozen):
                 made[name] = part(**given)
             except ValidationError as error:
                 first = error.errors(include_url=False)[0]
+                if isinstance(cause := first.get("ctx", {}).get("error"), UsageError):
+                    raise cause from None
                 raise UsageError(str(first["loc"][0]), f"{first['msg']}, not {first['input']!r:.60}") from None
         return cls(**made)
 

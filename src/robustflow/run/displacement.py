@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from ..core.errors import DataError, ModelError, RunError, UsageError
+from ..core.text import counted
 from ..core.types import Flow, Mask
 from ..data.benchmarks import Benchmark
 from ..models.base import AnyModel, FlowLookup, FlowModel, describe_cell, predict_checked
@@ -84,6 +85,6 @@ def _flows(
             flow = predict_checked(model, sample.frames, key, "clean", 0)
             if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
                 where = describe_cell(key, "clean", 0)
-                raise ModelError(where, f"the model returned {broken} pixels that are NaN or infinite; fix the model")
+                raise ModelError(where, f"NaN or infinite at {counted(broken, 'pixel')}; fix the model")
             yield flow, np.ones(sample.shape, np.bool_)
         progress(number)

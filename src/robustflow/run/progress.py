@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from rich.console import Console
 
 from ..core.display import ProgressBar
+from ..core.errors import UsageError
 from ..core.text import counted, plain
 from .worker import FinishedUnit
 
@@ -51,6 +52,8 @@ def shown(progress: Progress | bool | None) -> Iterator[Progress]:
         console = Console(stderr=True)
         progress = console.is_terminal or console.is_jupyter
     if not isinstance(progress, bool):
+        if not hasattr(progress, "start"):
+            raise UsageError("progress", f"must be true, false or an object with start and advance, not {progress!r}")
         yield progress
     elif progress:
         with TerminalProgress() as bar:

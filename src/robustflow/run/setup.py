@@ -19,7 +19,7 @@ from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
 from ..data.datasets import DATASETS
 from ..data.datasets.base import FromClips
-from ..models import ModelSpec
+from ..models import MODELS, ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup
 from ..models.confidence import check_confidence
 from .cells import left_out_sentence
@@ -141,7 +141,7 @@ def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: 
 
 
 def open_benchmark(
-    benchmark: str | Benchmark,
+    benchmark: str | Path | Benchmark,
     data: str | Path | None = None,
     split: str | Path | None = None,
     options: dict[str, Any] | None = None,
@@ -151,7 +151,11 @@ def open_benchmark(
     """Open a benchmark by name, or check a given one; clips in a variant, or without motion (`Benchmark.still`)."""
     if still and isinstance(benchmark, str):
         check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
+    if isinstance(benchmark, Path):
+        benchmark = str(benchmark)
     if isinstance(benchmark, str):
+        if benchmark in MODELS:
+            raise UsageError(benchmark, "the name of a model, not of a benchmark; give the model first")
         chosen = load_benchmark(benchmark, data, split, options, still)
     elif not isinstance(benchmark, Benchmark):
         raise UsageError("benchmark", f"a name or a Benchmark is needed, not {type(benchmark).__name__}")

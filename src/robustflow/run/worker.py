@@ -15,6 +15,7 @@ import numpy as np
 from ..core.compiled import load_numba
 from ..core.errors import ModelError
 from ..core.processes import one_opencv_thread
+from ..core.text import counted
 from ..core.types import Flow, Frame, Mask, Sample
 from ..corruptions.stack import truth_under
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
@@ -208,7 +209,9 @@ class Computation:
             else:
                 row |= _confidence_columns(answer, clean_flow, sample)
         if row["n_invalid"] and not self._options.allow_invalid:
-            raise _invalid(f"{row['n_invalid']} pixels", cell, "use --allow-invalid to exclude and count such pixels")
+            raise _invalid(
+                counted(row["n_invalid"], "pixel"), cell, "use --allow-invalid to exclude and count such pixels"
+            )
         return row
 
 

@@ -12,6 +12,7 @@ from ..attacks.ball import images_of
 from ..attacks.evaluation import Evaluation, evaluate
 from ..attacks.problem import check_same_flow
 from ..core.errors import ModelError, raise_interrupt
+from ..core.text import counted
 from ..core.types import Flow, Frame, described_array
 from ..metrics.photometric import misread
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
@@ -177,7 +178,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
         f"returned {described_array(flow)} {where}; expected a float array {shape}, (u right, v down) in pixels",
     )
     wrong = int((~np.isfinite(flow)).any(axis=2).sum())
-    _require(not wrong, "predict", f"returned {wrong} pixels that are NaN or infinite {where}")
+    _require(not wrong, "predict", f"returned NaN or infinity at {counted(wrong, 'pixel')} {where}")
     return np.array(flow, copy=True)
 
 
@@ -202,7 +203,9 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
     _require(
         hasattr(together, "__len__"), name, f"returned {described_array(together)} {where}; return one flow per pair"
     )
-    _require(len(together) == len(clips), name, f"returned {len(together)} flows for {len(clips)} pairs {where}")
+    _require(
+        len(together) == len(clips), name, f"returned {counted(len(together), 'flow')} for {len(clips)} pairs {where}"
+    )
     for flow, single in zip(together, alone, strict=True):
         _require(
             np.shape(flow) == single.shape and np.abs(np.asarray(flow) - single).max() <= BATCH_TOLERANCE,

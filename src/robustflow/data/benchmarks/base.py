@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from ...core.arguments import check_count, check_severity
@@ -103,14 +104,14 @@ class Benchmark:
         if attacks:
             from ...attacks.api import with_controls
 
-            against = with_controls(_as_iterable(attacks))
-        asked = (() if against else self.corruptions) if corruptions is None else _as_iterable(corruptions)
+            against = with_controls(_several("attacks", attacks))
+        asked = (() if against else self.corruptions) if corruptions is None else _several("corruptions", corruptions)
         chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and name in ON_DISK):
                 load_corruption(name)
                 self._refuse_clip_corruption(name)
-        named = self.severities if severities is None else _as_iterable(severities)
+        named = self.severities if severities is None else _several("severities", severities)
         levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             known = f"{', '.join(self.corruptions)} at severities {', '.join(map(str, self.severities))}"
@@ -165,8 +166,13 @@ class Benchmark:
         raise UsageError(name, f"needs the clip that the frames are from; give --benchmark gopro-fc{video}{instead}")
 
 
-def _as_iterable(given: Any) -> Iterable[Any]:
-    return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
+def _several(name: str, given: Any) -> list[Any]:
+    """Return one or several values as a list."""
+    values = [given] if isinstance(given, str | bytes | type | Mapping) or not isinstance(given, Iterable) else [*given]
+    for value in values:
+        if isinstance(value, bytes | Mapping | list | tuple) or (name != "severities" and isinstance(value, Real)):
+            raise UsageError(name, f"give one or a list of them, not {value!r:.60}")
+    return values
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:

@@ -157,6 +157,8 @@ def _load(
             return BENCHMARKS.get(name).open(root, chosen)
         if name in DATASETS:
             return from_dataset(name, root, chosen, options, still)
+        if Path(name).exists():
+            raise UsageError(name, f"a path, not a benchmark; give --benchmark folder, --data {name}")
         raise unknown_name("benchmark", name, (*BENCHMARKS.names(), *DATASETS.names()))
     except DataError as error:
         fitting = _fitting(root) if root is not None else None

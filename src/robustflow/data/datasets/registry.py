@@ -70,13 +70,15 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
 def open_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
     """Open a dataset as `load_dataset` does, without comparing frames."""
+    if name not in DATASETS and Path(name).exists():
+        raise UsageError(name, f"a path, not the name of a dataset; give the name first: 'folder', {name!r}")
     factory = DATASETS.get(name)
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)
     if takes_root and root is None:
-        raise UsageError("--data", f"dataset '{name}' is read from a folder; give it (root=... in Python)")
+        raise UsageError("--data", f"dataset '{name}' is read from a folder; give it (load_dataset calls it root)")
     if root is not None and not takes_root:
-        raise UsageError("--data", f"dataset '{name}' needs no folder; omit it (root=... in Python)")
+        raise UsageError("--data", f"dataset '{name}' needs no folder; omit it (load_dataset calls it root)")
     for option in options:
         if option == "root" or option not in parameters:
             raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])

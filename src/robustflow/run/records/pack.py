@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from ...core.errors import DataError, RunError, UsageError
 from ...core.files import json_bytes, write_bytes
 from ...core.paths import user_path
+from ...core.text import counted
 from ..costs import PROFILE, RunCost
 from ..run import Run
 from ..trust import document_bytes
@@ -69,8 +70,8 @@ def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, *
     if missing and not partial:
         raise RunError(
             run.path,
-            f"not finished: {missing} rows are missing; run the same command again to continue, or pack the unfinished "
-            "run with --partial",
+            f"not finished: {counted(missing, 'row')} missing; run the same command again, or pack the unfinished run "
+            "with --partial",
         )
     entries = {"manifest.json": manifest.document(), "rows.csv": rows_to_text(pl.concat([run.rows, attacked]))}
     if (cost := RunCost.read(run)) is not None:

@@ -15,7 +15,7 @@ import polars as pl
 from ...attacks.registry import CONTROLS
 from ...core.errors import DataError, RobustFlowError, RunError, UsageError
 from ...core.paths import user_path
-from ...core.text import plain
+from ...core.text import counted, plain
 from ...core.types import Frozen
 from ...corruptions.registry import CORRUPTIONS
 from ...corruptions.stack import levels_of, split_stack
@@ -85,7 +85,7 @@ def check_cells(reader: Reader) -> str:
     planned = set(chain.from_iterable(chain(part.corrupted(), part.attacked()) for part in plan.planned))
     present = set(rows.select(ROW_KEY).iter_rows())
     if extra := present - planned:
-        raise DataError(cell_in_words(min(extra)), f"{len(extra)} rows were not planned, of which this is the first")
+        raise DataError(cell_in_words(min(extra)), f"not planned, the first of {counted(len(extra), 'row')}")
     missing = planned - present
     if bool(missing) == reader.facts.complete:
         stated = "complete" if reader.facts.complete else "not complete"
@@ -144,7 +144,9 @@ CHECKS: dict[str, tuple[str, DataCheck]] = {
     ),
     "rows": (
         "rows have the right columns and are unique, finite and in range",
-        lambda reader: f"{reader.frame.height} rows of {reader.frame['sample'].n_unique()} samples",
+        lambda reader: (
+            f"{counted(reader.frame.height, 'row')} of {counted(reader.frame['sample'].n_unique(), 'sample')}"
+        ),
     ),
     "training": ("the training sets are those of a known checkpoint, or declared", check_training),
     "cells": ("all rows were planned, and their corruptions are known", check_cells),
