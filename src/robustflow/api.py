@@ -121,7 +121,6 @@ def evaluate(
     seed: int = 0,
     variant: str = "default",
     severity_scale: str = "paper",
-    common_draws: bool = False,
     name: str | None = None,
     workers: int | None = None,
     batch_size: int = 1,
@@ -165,8 +164,6 @@ def evaluate(
         variant: the variant of the corruptions: "default", "reference", "reference-bgr" or "paper".
         name: the model's display name in tables, figures and pages; by default the model's own name. The display name
             does not affect the results: a run can be resumed under a different name.
-        common_draws: True to use the same random draw for all five severities of a pair, so that they differ only in
-            strength.
         severity_scale: "paper", or "calibrated" for severities that are comparable across corruptions; severities that
             do not exist for a corruption are left out and listed in `Result.left_out`.
         workers: number of worker processes. By default, there are none unless `timeout` is given; but for a named

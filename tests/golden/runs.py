@@ -62,7 +62,7 @@ GOLDEN_RUNS = {
         brightness_flow, "shapes", {**SHAPES, "corruptions": None, "attacks": ["square:queries=4"], "limit": 2}
     ),
     "confidence": GoldenRun(DIS, "shapes", SHAPES | {"confidence": "forward-backward"}),
-    "calibrated": GoldenRun(options=FEW | {"severity_scale": "calibrated", "common_draws": True}),
+    "calibrated": GoldenRun(options=FEW | {"severity_scale": "calibrated"}),
     "stack": GoldenRun(options={"corruptions": ["fog:2+jpeg_compression"], "severities": [2, 4], "seed": 7}),
     "own corruption": GoldenRun(options={"corruptions": [Stripes], "severities": [1, 5]}),
     "without truth": GoldenRun(options={"corruptions": ["elastic_transform", "contrast"], "severities": [2]}),

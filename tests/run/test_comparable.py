@@ -56,7 +56,6 @@ DIFFERENT = {
     "a seed": ({"seed": 1}, rows(), "1"),
     "a variant": ({"variant": "reference"}, rows(), "reference"),
     "a scale": ({"severity_scale": "calibrated 00"}, rows(), "calibrated 00"),
-    "common draws": ({"common_draws": True}, rows(), ""),
     "lenses": ({"psf": "reference 00"}, rows(), "reference 00"),
     "streams": ({"streams": 99}, rows(), "99"),
     "an edited corruption": ({"corruptions": {"tint": "ab"}}, rows(), "tint"),
@@ -157,7 +156,7 @@ def test_best_value_is_not_marked_across_different_frames(base):
         return [line.cells[-1].best for section in table.sections for line in section.lines]
 
     assert best() == [True, False]
-    assert best(common_draws=True) == [False, False]
+    assert best(variant="reference") == [False, False]
 
 
 def test_common_rows_leave_out_what_differs_entirely():
@@ -190,7 +189,7 @@ def test_one_benchmark_under_two_names_is_compared_where_the_frames_are_equal(ba
 def test_seeds_are_split_only_where_nothing_else_differs(base):
     runs = [made_run(base, rows(seed=seed), seed=seed) for seed in (0, 1, 2)]
     assert list(seeds_of(runs).rows) == [0, 1, 2]
-    assert seeds_of([*runs[:2], made_run(base, rows(seed=2), seed=2, common_draws=True)]) is None
+    assert seeds_of([*runs[:2], made_run(base, rows(seed=2), seed=2, variant="reference")]) is None
     assert seeds_of([*runs[:2], made_run(base, rows(seed=2), "other", seed=2)]) is None
     assert seeds_of([*runs, runs[0]]) is None
     other = rows(seed=2).with_columns(truth_digest=pl.lit("other"))

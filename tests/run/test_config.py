@@ -21,10 +21,10 @@ from tests.refusals import refusal
 SOURCE = Path(rf.__file__).parent
 PLANTED = {
     "run/config.py": (
-        "    common_draws: bool = option(",
-        "    haze: int = option(0, 'Planted option.', words=('haze {}',))\n    common_draws: bool = option(",
+        "    severity_scale: str = option(",
+        "    haze: int = option(0, 'Planted option.', words=('haze {}',))\n    severity_scale: str = option(",
     ),
-    "api.py": ("    common_draws: bool = False,\n", "    common_draws: bool = False,\n    haze: int = 0,\n"),
+    "api.py": ('    severity_scale: str = "paper",\n', '    severity_scale: str = "paper",\n    haze: int = 0,\n'),
 }
 """The edits that add an option of the frames: its field, and the parameter of `evaluate`. The third file uses it."""
 SCRIPT = """
@@ -86,6 +86,6 @@ def test_the_identity_has_every_option_that_changes_rows():
     assert Measuring.model_fields.keys() > type(config.measuring).model_fields.keys()
 
 
-@pytest.mark.parametrize(("name", "value"), [("seed", "1"), ("draws", 0), ("common_draws", 1), ("allow_invalid", "no")])
+@pytest.mark.parametrize(("name", "value"), [("seed", "1"), ("draws", 0), ("allow_invalid", "no")])
 def test_an_invalid_value_is_refused(name, value):
     refusal(lambda: RunConfig.of({name: value}), UsageError, name)

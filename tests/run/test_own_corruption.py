@@ -51,19 +51,6 @@ def test_own_corruption_object_has_the_same_rows_in_worker_processes(rain_packag
     assert "rain" in str(refusal(changed, RunError, folder))
 
 
-@pytest.mark.parametrize(("common", "patterns"), [(True, 1), (False, 2)])
-def test_common_draws_expose_the_same_frame_at_every_severity(tmp_path, common, patterns):
-    grey = np.full((16, 24, 3), 90, np.uint8)
-    exposed = set()
-    for severity in range(1, 6):
-        frames = rf.corrupt(grey, grey, "over_exposure", severity, 4, "c", common_draws=common)
-        exposed.add(tuple(bool((frame != grey).any()) for frame in frames))
-    assert len(exposed) == patterns
-    options = {"corruptions": ["over_exposure"], "severities": [1], "common_draws": common}
-    run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", **options)
-    assert run.manifest.identity.frames.common_draws is common
-
-
 def test_edited_own_corruption_without_an_output_folder_starts_a_new_run_with_a_note(rain_package):
     from rain_module import Rain
 

@@ -76,12 +76,12 @@ def test_a_severity_that_the_scale_lacks_is_left_out_of_the_call_that_asked_for_
 def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):
     plain = Plan(benchmark).identity
     assert plain.frames.severity_scale == "paper"
-    assert (plain.frames.common_draws, plain.measuring.allow_invalid) == (False, False)
-    frames = FrameOptions(severity_scale="calibrated", common_draws=True)
+    assert not plain.measuring.allow_invalid
+    frames = FrameOptions(severity_scale="calibrated")
     chosen = RunConfig(frames=frames, measuring=MeasuringOptions(allow_invalid=True))
     other = Plan(benchmark, config=chosen).identity
     assert other.frames.severity_scale == f"calibrated {calibration_digest()}"
-    assert (other.frames.common_draws, other.measuring.allow_invalid) == (True, True)
+    assert other.measuring.allow_invalid
 
 
 def test_cells_of_a_plan_are_listed_without_and_with_attacks(benchmark):

@@ -55,12 +55,11 @@ def corrupt(
     sample = dataset.load(frame1.stem)
     scene = depth_of(sample, dataset, (one.name for one in chosen), given)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
-    options = {"common_draws": given["common_draws"], "depth": scene}
     for one in chosen:
         for level in levels:
             folder = (given["output"] or Path("corrupted")) / f"{one.name}_{level}"
             make_folder(folder)
-            corrupted = corrupt_pair(*sample.frames, one, level, given["seed"], sample.key, **options)
+            corrupted = corrupt_pair(*sample.frames, one, level, given["seed"], sample.key, depth=scene)
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             echo(str(folder))

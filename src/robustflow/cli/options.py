@@ -136,7 +136,7 @@ RUN += tuple(one.name for one in _of_run() if one.name not in RUN)
 DEPTH = ("depth", "focal", "depth_unit")
 RUN += ("psf_dir", *DEPTH, "precision")
 """All options of a run, the common ones first."""
-FRAMES = ("seed", "variant", "severity_scale", "common_draws", "psf_dir")
+FRAMES = ("seed", "variant", "severity_scale", "psf_dir")
 """Options that change corrupted frames."""
 MODEL = ("model", "checkpoint", "device", "precision", "option")
 DATASET = ("data", "data_options", *DEPTH)

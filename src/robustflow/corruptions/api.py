@@ -160,9 +160,9 @@ def _equals_registered(corruption: Corruption, name: str) -> bool:
     return isinstance(loaded, OwnCorruption) or (type(loaded) is type(corruption) and vars(loaded) == vars(corruption))
 
 
-def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
+def stream_for(corruption: Corruption, severity: int, seed: int, key: str) -> Rng:
     """Return the random stream for a benchmark seed, corruption, severity and sample key."""
-    return Rng.of(*_STREAMS, check_seed(seed), corruption.name, 0 if common_draws else severity, key)
+    return Rng.of(*_STREAMS, check_seed(seed), corruption.name, severity, key)
 
 
 @overload
@@ -175,7 +175,6 @@ def corrupt(
     key: str = ...,
     variant: str = ...,
     scale: str = ...,
-    common_draws: bool = ...,
     depth: SceneDepth | None = ...,
 ) -> tuple[Frame, Frame]: ...
 
@@ -193,7 +192,6 @@ def corrupt(
     key: str = "",
     variant: str = "default",
     scale: str = "paper",
-    common_draws: bool = False,
     depth: SceneDepth | None = None,
 ) -> Any:
     """Corrupt a pair of frames, or a single image.
@@ -212,8 +210,6 @@ def corrupt(
             order, as in the published results) or "paper" (following the paper's text literally).
         scale: severity scale, "paper" or "calibrated"; variant and scale are ignored for an object from
             `load_corruption`.
-        common_draws: whether to use the same random draw (drops, flakes, exposed frame) at all five severities. By
-            default, each severity is drawn independently, as in the paper.
         depth: depth maps of both frames, for corruptions in the "depth" family.
 
     Returns:
@@ -237,7 +233,7 @@ def corrupt(
         raise UsageError("severity", "missing; give 1 (mild) to 5 (severe)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
-    clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)
+    clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, depth=depth)
     pairs = zip(clip, given, strict=True)
     out = tuple(Image.fromarray(frame) if isinstance(one, Image.Image) else frame for frame, one in pairs)
     return out if len(out) > 1 else out[0]
@@ -252,7 +248,6 @@ def corrupt_clip(
     variant: str = "default",
     scale: str = "paper",
     first: int = 0,
-    common_draws: bool = False,
     depth: SceneDepth | None = None,
 ) -> Iterator[Frame]:
     """Corrupt the frames of a clip one at a time.
@@ -281,7 +276,7 @@ def corrupt_clip(
         raise UsageError("frames", "a clip needs at least one frame") from None
     check_frame(head, head, "frame 1")
     height, width = head.shape[:2]
-    rng = stream_for(chosen, severity, seed, key, common_draws)
+    rng = stream_for(chosen, severity, seed, key)
     state: Any = chosen.draw_with_depth(rng, severity, (height, width), depth)
     return _applied(chosen, chain((head,), rest), head, state, first)
 

@@ -67,12 +67,6 @@ class FrameOptions(Untrusted):
     severity_scale: str = option(
         "paper", "paper, or calibrated: the same mean SSIM for every corruption.", words=("{} severities",)
     )
-    common_draws: bool = option(
-        False,
-        "Use one random draw for all five severities of a pair.",
-        "--common-draws",
-        words=("one draw for each severity", "one draw for all severities"),
-    )
 
     @field_validator("seed", mode="before")
     @classmethod

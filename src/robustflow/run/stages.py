@@ -185,13 +185,10 @@ class FrameStage:
             return frames
 
     def _applied(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
-        common = self._job.frames.common_draws
         if self._context is not None:
-            return self._context.corrupt(sample, corruption, severity, seed, common)
+            return self._context.corrupt(sample, corruption, severity, seed)
         depth = self._depth(sample) if corruption.needs_depth else None
-        return tuple(
-            corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common, depth=depth)
-        )
+        return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, depth=depth))
 
     def _depth(self, sample: Sample) -> SceneDepth | None:
         """Return the depth of a sample; the depth of the latest sample is cached."""

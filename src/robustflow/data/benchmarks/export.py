@@ -43,18 +43,16 @@ def export(
     seed: int = 0,
     variant: str = "default",
     severity_scale: str = "paper",
-    common_draws: bool = False,
 ) -> Iterator[Written]:
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
-    draws: dict[str, object] = {"common_draws": True} if common_draws else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
     depths = benchmark.depth_to_read()
     own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
     truth = NON_OCCLUDED if NON_OCCLUDED.items() <= benchmark.protocol.items() else {}
     if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
         raise DataError(nested[0], "the KITTI layout has no subfolders, so a sample of this name cannot be written")
-    _claim(output, settings | scale | draws | own | truth | user_sources(variant, benchmark.corruptions))
+    _claim(output, settings | scale | own | truth | user_sources(variant, benchmark.corruptions))
     _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
@@ -65,8 +63,7 @@ def export(
         for corruption in corruptions:
             for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
                 condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
-                clip = partial(corrupt_clip, sample.frames, corruption, severity, seed, key)
-                make = partial(clip, common_draws=common_draws, depth=scene)
+                make = partial(corrupt_clip, sample.frames, corruption, severity, seed, key, depth=scene)
                 fresh = _write_frames(output / condition / "val", key, make)
                 yield Written(key, condition, fresh)
 

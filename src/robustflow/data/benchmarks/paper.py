@@ -33,7 +33,7 @@ DEMO_CLASSES = {"frost": GeneratedFrost}
 
 EXPORT_FILE = "export.json"
 """Name of the file in which `export` records the settings of the frames that it wrote."""
-_RECORDED = ("seed", "variant", "severity_scale", "common_draws")
+_RECORDED = ("seed", "variant", "severity_scale")
 _LARGEST = 1 << 20
 _PAIRS = 80
 _MOST_NAMED = 20

@@ -71,13 +71,11 @@ class ContextFrames:
         check_frame(frame, sample.frames[0], f"sample '{key}', frame {number}")
         return frame
 
-    def corrupt(
-        self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
-    ) -> tuple[Frame, ...]:
+    def corrupt(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         frames = (clean[first + place] for place in range(len(clean)))
-        clip = corrupt_clip(frames, corruption, severity, seed, sample.key, first=first, common_draws=common_draws)
+        clip = corrupt_clip(frames, corruption, severity, seed, sample.key, first=first)
         corrupted = dict(zip(sorted(numbers), clip, strict=True))
         return tuple(corrupted[number] for number in numbers)
 
