@@ -1,12 +1,17 @@
-"""A flow in a wrong format is recognised from the frames; a right one, or one without evidence, is never accused."""
+"""A flow in a wrong format, of a model or as ground truth, is recognised from the frames; a right one, or one without
+evidence, is never accused.
+"""
 
 import cv2
 import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.core.types import Sample
+from robustflow.data.datasets import load_dataset
 from robustflow.media.flow import read_flow
-from robustflow.metrics.photometric import Reading, misread
+from robustflow.media.images import read_image
+from robustflow.metrics.photometric import Reading, misread, misread_truth
 
 from ..shared_data import shared_folder
 
@@ -119,3 +124,93 @@ def test_wrong_formats_on_a_real_pair_are_named(kitti_pair, name):
 def test_right_flows_on_a_real_pair_are_not_accused(kitti_pair):
     frame1, frame2, *flows = kitti_pair
     assert [misread([(frame1, frame2, flow)]) for flow in flows] == [None, None]
+
+
+def backward(flow, valid):
+    """The flow from frame 2 to frame 1, at the pixels of frame 2."""
+    out = np.full_like(flow, np.nan)
+    rows, columns = np.nonzero(valid)
+    vectors = flow[rows, columns]
+    to = np.rint(np.stack([columns, rows], -1) + vectors).astype(int)
+    inside = ((to >= 0) & (to < flow.shape[1::-1])).all(axis=1)
+    out[to[inside, 1], to[inside, 0]] = -vectors[inside]
+    return out
+
+
+WRONG_TRUTH = WRONG | {
+    "x 1.5": (lambda flow, size: flow * np.float32(1.5), Reading(factor=2**-0.5)),
+    "KITTI's 64": (lambda flow, size: flow * 64, Reading(factor=1 / 64)),
+    "v up, divided by the size": (lambda flow, size: flow / size * [1, -1], Reading(signs=(1, -1), unit="frame")),
+    "rows from the bottom": (lambda flow, size: flow[::-1], Reading(flipped="rows")),
+    "a mirrored frame": (lambda flow, size: flow[::-1] * [1, -1], Reading(signs=(1, -1), flipped="rows")),
+    "mirrored columns": (lambda flow, size: flow[:, ::-1] * [-1, 1], Reading(signs=(-1, 1), flipped="columns")),
+}
+
+
+@pytest.mark.parametrize(
+    ("root", "count", "truths", "frames"),
+    [
+        ("kitti2012/training", 8, "flow_*/*.png", "image_0/{key}_1{n}.png"),
+        ("kitti2012_colour_noc_only/training", 1, "flow_*/*.png", "colored_0/{key}_1{n}.png"),
+        ("kitti2015/training", 6, "flow_*/*.png", "image_2/{key}_1{n}.png"),
+        ("kitti2015_noc_only/training", 1, "flow_*/*.png", "image_2/{key}_1{n}.png"),
+        ("middlebury", 4, "other-gt-flow/*/*.flo", "other-data/{scene}/frame1{n}.png"),
+        ("sintel/training", 1, "flow/*/*.flo", "unlabelled_pass/{scene}/frame_000{m}.png"),
+        ("flyingchairs/data", 1, "*.flo", "00005_img{m}.ppm"),
+    ],
+)
+def test_truth_of_real_pairs_is_not_accused_and_its_wrong_formats_are(root, count, truths, frames):
+    folder = shared_folder("data", *root.split("/"))
+    paths = sorted(folder.glob(truths))
+    assert len(paths) == count
+    for place, path in enumerate(paths):
+        names = [frames.format(key=path.stem[:6], scene=path.parent.name, n=n, m=n + 1) for n in (0, 1)]
+        pair = [read_image(folder / name) for name in names]
+        flow, valid = read_flow(path)
+        assert misread_truth(Sample("a", tuple(pair), flow, valid)) is None
+        flow[~valid] = np.nan
+        for name in WRONG_TRUTH if place == 0 else ("doubled", "rows from the bottom"):
+            changed = np.ascontiguousarray(WRONG_TRUTH[name][0](flow, np.float32(flow.shape[1::-1])), np.float32)
+            result = misread([(*pair, changed)], truth=True)
+            assert result is not None, (path, name)
+            # elsewhere, a simpler reading may fit about as well
+            assert result.reading == WRONG_TRUTH[name][1] or root not in ("kitti2015/training", "sintel/training")
+        assert misread([(*pair, backward(flow, valid))], truth=True).reading == Reading(signs=(-1, -1))
+
+
+@pytest.mark.parametrize("dataset", [load_dataset("shapes", pairs=8, size="128x160"), load_dataset("motorcycle")])
+def test_exact_truth_is_not_accused(dataset):
+    assert [misread_truth(sample) for sample in dataset] == [None] * len(dataset)
+
+
+@pytest.mark.parametrize("move", [(0, 0), (3, 0), (0, -2), (-4, 5)])
+@pytest.mark.parametrize("noise", [0, 6, 25])
+def test_truth_with_one_vector_is_judged(move, noise):
+    (u, v), frames, rng = move, texture(140, 180), np.random.default_rng(0)
+    pair = [np.ascontiguousarray(frames[y : y + 120, x : x + 160]) for x, y in ((10, 10), (10 - u, 10 - v))]
+    pair = [np.clip(frame + rng.normal(0, noise, frame.shape), 0, 255).astype(np.uint8) for frame in pair]
+    flow = np.full((120, 160, 2), move, np.float32)
+    assert misread([(*pair, flow)], truth=True) is None
+    if noise < 10 and any(move):
+        for changed in (2 * flow, -flow, flow[..., ::-1], flow / np.float32([160, 120])):
+            assert misread([(*pair, np.ascontiguousarray(changed))], truth=True) is not None
+
+
+@pytest.mark.parametrize(("count", "accused"), [(255, False), (256, True)])
+def test_truth_of_few_pixels_is_no_evidence(count, accused):
+    frame1, frame2, flow = rotation(480, 640, radians=0.01)
+    known = np.zeros((480, 640), bool)
+    known[200:280:4, 300:340:2].flat[:count] = True
+    truth = np.where(known[..., None], -flow, np.float32(np.nan))
+    assert (misread([(frame1, frame2, truth)], truth=True) is not None) is accused
+
+
+@pytest.mark.parametrize(("inside", "accused"), [(0.45, False), (0.55, True)])
+def test_reading_that_leaves_the_frame_is_no_evidence(inside, accused):
+    """Where the exposure changes, a far region can fit better by chance."""
+    frames = texture(120, 480)
+    move = round(240 * (1 - inside))
+    pair = frames[:, :240].copy(), np.ascontiguousarray(np.roll(frames, move, axis=1)[:, :240])
+    flow = np.zeros((120, 240, 2), np.float32)
+    flow[..., 0] = move / 4
+    assert (misread([(*pair, flow)], truth=True) is not None) is accused

@@ -1,5 +1,7 @@
 """The small dataset satisfies the dataset contract, its flow is exact, and a benchmark can run on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,39 @@ def test_texture_pairs_load_by_name():
 @pytest.mark.parametrize("wrong", [{"count": 0}, {"size": (4, 40)}, {"reach": -1}])
 def test_impossible_texture_pairs_are_refused(wrong):
     refusal(lambda: TexturePairs(**wrong), UsageError, "size")
+
+
+class WrongTruth(TexturePairs):
+    """Textures with integer shifts whose ground truth is changed."""
+
+    def __init__(self, change, known=1.0):
+        super().__init__(3, (64, 96), reach=5, seed=1)
+        self._change, self._known = change, known
+
+    def load(self, key):
+        sample = super().load(key)
+        flow = np.ascontiguousarray(CHANGES[self._change](sample.flow), np.float32)
+        valid = np.random.default_rng(0).random(sample.shape) < self._known
+        return replace(sample, flow=np.where(valid[..., None], flow, np.float32(0)), valid=valid)
+
+
+CHANGES = {
+    "right": lambda flow: flow,
+    "doubled": lambda flow: 2 * flow,
+    "halved": lambda flow: flow / 2,
+    "swapped": lambda flow: flow[..., ::-1],
+    "negated": lambda flow: -flow,
+    "v up": lambda flow: flow * [1, -1],
+    "divided": lambda flow: flow / [96, 64],
+    "in 64ths": lambda flow: flow * 64,
+}
+
+
+@pytest.mark.parametrize("known", [1.0, 0.2])
+@pytest.mark.parametrize("change", CHANGES)
+def test_dataset_with_truth_in_another_convention_is_refused(change, known):
+    dataset = WrongTruth(change, known)
+    if change == "right":
+        assert check_dataset(dataset) == "texture_pairs"
+    else:
+        refusal(lambda: check_dataset(dataset), UsageError, "texture_pairs")

@@ -21,6 +21,7 @@ from ..data.datasets.pairs import read_frames
 from ..data.video.reader import open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size
+from ..metrics.photometric import misread_truth
 from .pairs import PairSource, clip_pairs, one_pair
 
 MAX_BYTES = 64 * 2**20
@@ -100,7 +101,10 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> PairSource:
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(truth, "no pixel with known flow, so there is nothing to measure against")
-    return one_pair(name, Sample(paths[0].stem, frames, flow, valid))
+    sample = Sample(paths[0].stem, frames, flow, valid)
+    if (wrong := misread_truth(sample)) is not None:
+        raise DataError(truth, f"its flow looks {wrong.reading.describe()}: {wrong.describe()}; convert it")
+    return one_pair(name, sample)
 
 
 def _clip(file: UploadFile, folder: Path) -> PairSource:

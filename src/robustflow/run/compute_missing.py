@@ -38,7 +38,7 @@ from .plan import Plan
 from .progress import Progress, TerminalProgress
 from .store import RunFolder
 from .trust import COMPARED
-from .worker import FinishedUnit, temporary_worker
+from .worker import OF_TRUTH, FinishedUnit, temporary_worker
 
 _ELSEWHERE = "choose another folder with --output"
 
@@ -47,8 +47,8 @@ _UNWRITTEN = 3
 
 
 def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Progress) -> None:
-    """Compute and write the planned units that do not exist yet. Warn if the flow of the first pair is not (u right,
-    v down) in pixels from frame 1 to frame 2."""
+    """Compute and write the planned units that do not exist yet. Warn if the model's flow or the ground truth of the
+    first pair is not (u right, v down) in pixels from frame 1 to frame 2."""
     before = folder.manifest()
     known = _known_row(folder, plan)
     here = _environment(plan)
@@ -96,8 +96,8 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     with ThreadPoolExecutor(1) as writer, closing(engine.compute(job, units)) as computed:
         for done in computed if units else ():  # the engine starts with the first unit, which may take seconds
             recorded.append(writer.submit(record, done))
-            if done.misread is not None:
-                _warn(done.unit.key, done.misread)
+            for whose, wrong in done.misread.items():
+                _warn(done.unit.key, whose, wrong)
             for kind, spent in done.seconds.items():
                 seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
             if done.place is not None:
@@ -248,12 +248,13 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
     )
 
 
-def _warn(key: str, wrong: Misread) -> None:
+def _warn(key: str, whose: str, wrong: Misread) -> None:
+    remedy = "correct the model"
+    if whose == OF_TRUTH:
+        remedy = "correct the dataset (the PNGs of DSEC are twice as long as KITTI's); the errors are not the model's"
     warnings.warn(
-        f"the model's flow looks {wrong.reading.describe()}: on sample '{key}', frame 2 warped by the flow differs "
-        f"from frame 1 by {wrong.given:.1f} grey levels, and by {wrong.error:.1f} if the flow is corrected for this; a "
-        "model must return (u right, v down) in pixels from frame 1 to frame 2, so correct the model, and use "
-        "robustflow check",
+        f"{whose} looks {wrong.reading.describe()}: on sample '{key}', {wrong.describe()}; flow is (u right, v down) "
+        f"in pixels from frame 1 to frame 2, so {remedy}, and use robustflow check",
         stacklevel=3,
     )
 

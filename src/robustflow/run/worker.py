@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from typing import Any, TypeVar, cast
 
@@ -20,7 +20,7 @@ from ..core.types import Flow, Frame, Mask, Sample
 from ..corruptions.stack import truth_under
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
 from ..metrics.error_maps import epe_map, error_sum
-from ..metrics.photometric import Misread, misread
+from ..metrics.photometric import Misread, misread, misread_truth
 from ..metrics.rows import CLEAN, COVERAGES, measure
 from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
@@ -43,6 +43,9 @@ T = TypeVar("T")
 _Rows = list[dict[str, Any]]
 
 
+OF_MODEL, OF_TRUTH = "the model's flow", "the ground truth"
+
+
 @dataclass(frozen=True)
 class FinishedUnit:
     """A finished unit: its rows, and the seconds spent on each kind of work."""
@@ -50,8 +53,8 @@ class FinishedUnit:
     unit: Unit
     rows: list[dict[str, Any]]
     seconds: dict[str, float]
-    misread: Misread | None = None
-    """The wrong format of the flow, if it is that of the run's first sample and seems to have one."""
+    misread: dict[str, Misread] = field(default_factory=dict)
+    """Flows of the run's first sample that seem to have a wrong format: `OF_MODEL`, `OF_TRUTH`."""
     place: str | None = None
     """Node and device that computed the unit, if the engine has several."""
 
@@ -65,6 +68,12 @@ class View:
     flow: Flow
     clean_flow: Flow
     row: dict[str, Any]
+
+
+def misread_flows(sample: Sample, flow: Flow) -> dict[str, Misread]:
+    """Return the wrong formats of a model's flow and of the ground truth of a sample."""
+    judged = {OF_MODEL: misread([(sample.frames[0], sample.frames[1], flow)]), OF_TRUTH: misread_truth(sample)}
+    return {whose: wrong for whose, wrong in judged.items() if wrong is not None}
 
 
 def _invalid(what: str, cell: Cell, remedy: str) -> ModelError:
@@ -123,7 +132,7 @@ class Computation:
         self._options = job.measuring
         self._folder = None if job.folder is None else RunFolder(job.folder)
         self._kept, self._first = job.kept, job.first
-        self._misread: Misread | None = None
+        self._misread: dict[str, Misread] = {}
         self._batch_size = job.batch_size
         self._seconds = seconds
         self._samples: dict[str, OpenSample] = {}
@@ -154,7 +163,7 @@ class Computation:
         if unit.corruption == CLEAN:
             assert opened.clean is not None
             if unit.key == self._first:
-                self._misread = misread([(opened.sample.frames[0], opened.sample.frames[1], flow_of(opened.clean))])
+                self._misread = misread_flows(opened.sample, flow_of(opened.clean))
             return [self.row(opened, opened.clean, self.digest(opened.sample.frames), unit.cells[0])]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
@@ -167,7 +176,7 @@ class Computation:
 
     def finished(self, unit: Unit, rows: list[dict[str, Any]]) -> FinishedUnit:
         """Return a unit with the seconds since the previous one was finished."""
-        wrong, self._misread = self._misread, None
+        wrong, self._misread = self._misread, {}
         seconds = dict(self._seconds)
         self._seconds.clear()
         return FinishedUnit(unit, rows, seconds, wrong)

@@ -15,6 +15,7 @@ from ..core.types import Sample
 from ..data.datasets.base import DatasetFacts
 from ..data.datasets.own import check_members, check_sample
 from ..data.datasets.pairs import Samples
+from ..metrics.photometric import misread_truth
 from .extensions import require
 
 
@@ -88,9 +89,10 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     """Check a dataset, and return its name.
 
     A dataset must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
-    equal size, and float32 flow with a valid mask if `has_flow`. A sample must have the same bytes when it is read
-    twice or in a different process, and keep them when the next one is read. All listed files must exist, and an
-    unknown key must raise an error.
+    equal size, and float32 flow with a valid mask if `has_flow`. Frame 2 warped by the flow must not explain frame 1
+    clearly worse than with swapped, negated or rescaled components or rows in reverse order. A sample must have the
+    same bytes when it is read twice or in a different process, and keep them when the next one is read. All listed
+    files must exist, and an unknown key must raise an error.
 
     Args:
         dataset: an object that implements `robustflow.data.datasets.Dataset`; see docs/add-your-dataset.md.
@@ -123,6 +125,12 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
             require(_equal(*before), name, f"load('{key}') overwrites the sample loaded before; return new arrays")
         before = first, deepcopy(first)
         require(first.valid is None or first.valid.any(), name, f"sample '{key}' has no pixel with known flow")
+        if (wrong := misread_truth(first)) is not None:
+            raise UsageError(
+                name,
+                f"the ground truth of '{key}' looks {wrong.reading.describe()}: {wrong.describe()}; return (u right, v "
+                "down) in pixels from frame 1 to frame 2",
+            )
     try:
         dataset.load("no such key")
     except (RobustFlowError, LookupError):

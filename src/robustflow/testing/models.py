@@ -188,9 +188,8 @@ def _check_format(model: AnyModel, predicted: Iterable[tuple[list[Frame], Flow]]
     if wrong is not None:
         raise ModelError(
             wrong.reading.describe(),
-            f"this is how the flow {where} looks: frame 2 warped by it differs from frame 1 by {wrong.given:.1f} grey "
-            f"levels, and by {wrong.error:.1f} if it is corrected for this; return (u right, v down) in pixels from "
-            "frame 1 to frame 2",
+            f"this is how the flow {where} looks: {wrong.describe()}; return (u right, v down) in pixels from frame 1 "
+            "to frame 2",
         )
 
 
