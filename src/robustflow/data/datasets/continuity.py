@@ -44,7 +44,7 @@ _KEPT_FRAMES = 64
 class Sketch(NamedTuple):
     """What is kept of a frame: its bytes' hash, and the small grey frame, None if it is too small to be compared."""
 
-    content: int
+    content: Hashable
     small: Any
 
 
@@ -111,16 +111,13 @@ class OwnFrames(Samples):
     gaps: str
     independent = False
 
-    def __init__(self, where: Path, gaps: str) -> None:
+    def __init__(self, where: Path, gaps: str, read: Callable[[Any], Frame]) -> None:
         self.where, self.gaps = where, choice("gaps", gaps, GAPS)
+        self._read = read
         self.notices: list[str] = []
         self.recognised: dict[str, str] = {}
         self.irregular: list[str] = []
         self._faults: dict[str, str] = {}
-
-    def frame_by_name(self, name: Hashable) -> Frame:
-        """Return a frame by its name in `SharesFrames.frame_names`."""
-        raise NotImplementedError
 
     def keep(self, keys: Sequence[str]) -> None:
         """Leave out all other pairs."""
@@ -135,41 +132,30 @@ class OwnFrames(Samples):
         after = dict(pairs.values())
 
         @lru_cache(_KEPT_FRAMES)
-        def sketch(name: Hashable) -> Sketch | None:
+        def sketch(name: Hashable) -> Sketch:
             try:
-                return sketch_of(self.frame_by_name(name))
+                return sketch_of(self._read(name))
             except DataError:
-                return None  # reported when it is measured
+                return Sketch(name, None)  # reported when it is measured
 
         @lru_cache(_KEPT_FRAMES)
         def matching(first: Hashable, second: Hashable) -> float:
-            sketches = sketch(first), sketch(second)
-            return 1.0 if None in sketches else match(*sketches)  # type: ignore[arg-type]
+            return match(sketch(first), sketch(second))
+
+        def fault(first: Hashable, second: Hashable) -> str:
+            if sketch(first).content == sketch(second).content:
+                return REPEATED
+            if (own := matching(first, second)) >= NO_MATCH:
+                return ""
+            around = [matching(before[first], first)] if first in before else []
+            around += [matching(second, after[second])] if second in after else []
+            is_cut = min(around, default=0.0) >= MATCH and own < _RELATIVE * min(around)
+            return CUT if is_cut else UNLIKE
 
         for key in keys:
             if key not in self._faults:
-                first, second = pairs[key]
-                around = [(before[first], first)] if first in before else []
-                around += [(second, after[second])] if second in after else []
-                self._faults[key] = _fault(sketch, matching, first, second, around)
-        return {key: fault for key in keys if (fault := self._faults[key])}
-
-
-def _fault(
-    sketch: Callable[[Hashable], Sketch | None],
-    matching: Callable[[Hashable, Hashable], float],
-    first: Hashable,
-    second: Hashable,
-    around: Sequence[tuple[Hashable, Hashable]],
-) -> str:
-    sketches = sketch(first), sketch(second)
-    if sketches[0] is not None and sketches[1] is not None and sketches[0].content == sketches[1].content:
-        return REPEATED
-    own = matching(first, second)
-    if own >= NO_MATCH:
-        return ""
-    least = min((matching(*names) for names in around), default=0.0)
-    return CUT if least >= MATCH and own < _RELATIVE * least else UNLIKE
+                self._faults[key] = fault(*pairs[key])
+        return {key: self._faults[key] for key in keys if self._faults[key]}
 
 
 GAPS = ("skip", "keep")

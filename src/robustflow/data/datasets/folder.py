@@ -8,7 +8,7 @@ none.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from pathlib import Path
 
@@ -56,7 +56,7 @@ class FrameFolder(PairDataset, OwnFrames):
     ) -> None:
         check_count("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
-        OwnFrames.__init__(self, root, gaps)
+        OwnFrames.__init__(self, root, gaps, read_image)
         images = images_in(root)
         inner = sorted(folders(root), key=lambda folder: natural_order(folder.name))
         places = {"": images} if images else {f.name: every for f in inner if (every := images_in(f))}
@@ -97,10 +97,6 @@ class FrameFolder(PairDataset, OwnFrames):
     def keep(self, keys: Sequence[str]) -> None:
         self._pairs = {key: self._pairs[key] for key in keys}
 
-    def frame_by_name(self, name: Hashable) -> Frame:
-        assert isinstance(name, Path)
-        return read_image(name)
-
 
 class Video(OwnFrames):
     """Pairs of video frames `step` apart, decoded on demand in constant memory. Keys are frame numbers from "000000".
@@ -123,10 +119,9 @@ class Video(OwnFrames):
         check_count("step", step)
         if pairs not in (None, CONSECUTIVE):
             raise UsageError("pairs", f"'{pairs}' is for images; a video is a film")
-        super().__init__(path, gaps)
-        self._path, self._step = path, step
-        self._readers = {0: VideoReader(path)}  # by offset: each decodes forward
-        reader = self._readers[0]
+        self._path, self._step, reader = path, step, VideoReader(path)
+        super().__init__(path, gaps, reader.frame)
+        self._readers = {0: reader}  # by offset: each decodes forward
         total = len(reader)
         begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, total)
         self._end = min(end, total)
@@ -165,10 +160,6 @@ class Video(OwnFrames):
 
     def keep(self, keys: Sequence[str]) -> None:
         self._keys = list(keys)
-
-    def frame_by_name(self, name: Hashable) -> Frame:
-        assert isinstance(name, int)
-        return self._readers[0].frame(name)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         return self.files(key)
