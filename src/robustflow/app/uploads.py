@@ -18,7 +18,7 @@ from ..core.errors import DataError, RobustFlowError, UsageError
 from ..core.paths import VIDEO_SUFFIXES
 from ..core.types import Sample
 from ..data.datasets.pairs import read_frames
-from ..data.video.reader import open_video
+from ..data.video.container import main_stream, open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size
 from ..metrics.photometric import misread_truth
@@ -112,7 +112,7 @@ def _clip(file: UploadFile, folder: Path) -> PairSource:
     try:
         with open_video(path) as container:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
-            packets = (packet for packet in container.demux(container.streams.video[0]) if packet.size)
+            packets = (packet for packet in container.demux(main_stream(container, path)) if packet.size)
             frames = sum(1 for _ in islice(packets, MAX_CLIP_FRAMES + 1))  # Matroska states no number of frames
     except (av.FFmpegError, ValueError, OSError) as error:
         raise DataError(path, "cannot be read as a video; it may be damaged") from error

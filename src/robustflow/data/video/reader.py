@@ -1,4 +1,4 @@
-"""Read the user's videos by frame number: accept only known containers, refuse cut files, decode strictly.
+"""Read the user's videos by frame number, decoding strictly.
 
 Nearby frames are reached by decoding forward, distant ones by seeking to a key frame. The list of frames is read from
 the container's packets, without decoding, and checked by decoding the first frame and all frames after the last key
@@ -9,6 +9,7 @@ count the frames.
 from __future__ import annotations
 
 import os
+import warnings
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from fractions import Fraction
@@ -23,17 +24,10 @@ from av.video.reformatter import Interpolation
 
 from ...core.errors import DataError
 from ...core.types import Frame
+from .container import frame_times, main_stream, open_video, reason, transparent
 
-CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
-"""Allowed demuxers; playlists are excluded because they can refer to other files or URLs."""
-
-STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
-"""Decoder options that raise an error if data cannot be decoded, instead of concealing the damage. A single thread is
-used because with several threads, the H.264 decoder does not report the error.
-"""
-
-_SAME_DCT = {"idct": "simple"}
-"""Decoder option that selects the same inverse DCT on every processor (for MPEG-1, MPEG-2, H.263 and Motion JPEG)."""
+_HDR = {16: "PQ (SMPTE ST 2084)", 18: "HLG (ARIB STD-B67)"}
+"""Transfer functions by their number in ITU-T H.273."""
 
 _EXACT_RGB = (
     Interpolation.BILINEAR
@@ -47,31 +41,6 @@ different processors.
 """
 
 
-def open_video(path: Path) -> Any:
-    """Open a container with its video stream set to strict decoding in one thread."""
-    if not path.is_file():
-        raise DataError(path, "no such file; check the path")
-    try:
-        options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
-        container = av.open(str(path.absolute()), options=options)
-    except av.error.ArgumentError as error:  # the container is not in the list
-        raise DataError(path, "not a readable video (an unsupported container); convert it to .mp4") from error
-    except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise DataError(path, f"not a readable video ({reason(error)}); check or convert the file") from error
-    try:
-        if not container.streams.video:
-            raise DataError(path, "has no video stream; check the file")
-        context = container.streams.video[0].codec_context
-        if context is None:
-            raise DataError(path, "not a readable video (its codec is unknown); check or convert the file")
-        context.thread_count, context.thread_type = 1, "NONE"
-        context.options = STRICT | _SAME_DCT
-    except BaseException:
-        container.close()
-        raise
-    return container
-
-
 def upright(picture: Any, path: Path) -> Frame:
     """Convert a decoded frame to RGB uint8 (H, W, 3), rotated and mirrored as in video players: phones store a display
     matrix instead of turning the frames.
@@ -79,6 +48,9 @@ def upright(picture: Any, path: Path) -> Frame:
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
         raise DataError(path, f"rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
+    has_alpha = any(one.is_alpha for one in picture.format.components)
+    if has_alpha and (picture.to_ndarray(format="rgba")[..., 3] < 255).any():
+        raise transparent(path)
     frame = picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB)
     if _is_mirrored(picture):
         frame, quarter = frame[:, ::-1], quarter + 2  # FFmpeg's angle is that of the mirrored horizontal axis
@@ -91,44 +63,6 @@ def _is_mirrored(picture: Any) -> bool:
         return False
     a, b, _, c, d, *_ = np.frombuffer(bytes(matrix), np.int32).tolist()
     return bool(a * d < b * c)
-
-
-def frame_times(container: Any, path: Path) -> tuple[list[int | None], list[int | None]]:
-    """Return the presentation times of the displayed frames in file order, and those of the key frames, without
-    decoding; refuse a file that holds less than it states."""
-    stream = container.streams.video[0]
-    times: list[int | None] = []
-    keys: list[int | None] = []
-    packets, end, frame = 0, Fraction(0), 1 / Fraction(stream.average_rate or 30)
-    try:
-        for packet in container.demux():
-            if packet.pts is not None and packet.size:
-                length = packet.duration * packet.time_base if packet.duration else frame
-                end = max(end, packet.pts * packet.time_base + length)
-            if packet.stream_index == stream.index and (packet.size or packet.dts is not None):
-                packets += 1
-                if packet.size and not packet.is_discard:
-                    times.append(packet.pts)
-                    if packet.is_keyframe:
-                        keys.append(packet.pts)
-    except (av.error.FFmpegError, OSError) as error:
-        raise DataError(path, f"damaged ({reason(error)}); copy or convert it again") from error
-    kind, size = container.format.name, path.stat().st_size
-    if "mp4" in kind or kind == "avi":
-        cut = packets < stream.frames
-    elif kind == "mpegts":  # packets of one length; a file cut between two of them cannot be told from a shorter one
-        cut = all(size % length for length in (188, 192, 204))
-    else:
-        stated = Fraction(container.duration or 0, av.time_base) if kind == "matroska,webm" else 0
-        cut = end + frame / 2 < stated
-    if cut:
-        raise DataError(path, "cut short: it holds fewer frames than it states; copy or download it again")
-    return times, keys
-
-
-def reason(error: BaseException) -> str:
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return str(text).splitlines()[0]
 
 
 _NEAR = 48
@@ -146,6 +80,7 @@ class VideoReader:
         times: known presentation times of the frames, ascending, in units of `tick` seconds.
         codec: name of the codec.
         pixels: name of the pixel format.
+        transfer: name of the transfer function if it is one of HDR, which is not converted.
     """
 
     rate: Fraction | None
@@ -153,8 +88,10 @@ class VideoReader:
     tick: Fraction
     codec: str
     pixels: str
+    transfer: str | None
 
     _container: Any
+    _stream: Any
     _frames: Iterator[Any] | None
     _image: Frame | None
     _position: int
@@ -167,6 +104,9 @@ class VideoReader:
         self._key_stamps: list[int] = []
         self._count = 0
         self._call(self._index)
+        if self.transfer is not None:
+            why = f"HDR with transfer function {self.transfer}; its values are measured as if they were those of SDR"
+            warnings.warn(f"{self._path}: {why}", stacklevel=2)
 
     def __len__(self) -> int:
         return self._count
@@ -187,11 +127,11 @@ class VideoReader:
         return bisect_left(self._stamps, self._stamps[0] + round(seconds / self.tick))
 
     def __getstate__(self) -> dict[str, Any]:
-        transient = {"_container": None, "_frames": None, "_image": None, "_position": -1, "_pid": -1}
+        transient = {"_container": None, "_stream": None, "_frames": None, "_image": None, "_position": -1, "_pid": -1}
         return {**self.__dict__, **transient}
 
     def _close(self) -> None:
-        self._container = None
+        self._container = self._stream = None
         self._frames = None
         self._position = -1
         self._image = None
@@ -208,13 +148,15 @@ class VideoReader:
     def _open(self) -> None:
         self._close()
         self._container = open_video(self._path)
-        self._frames = iter(self._container.decode(video=0))
+        self._stream = main_stream(self._container, self._path)
+        self._frames = iter(self._container.decode(self._stream))
 
     def _index(self) -> None:
         with open_video(self._path) as container:
-            stream = container.streams.video[0]
+            stream = main_stream(container, self._path)
             rate = stream.average_rate or stream.guessed_rate
             self.rate, self.tick = None if rate is None else Fraction(rate), stream.time_base or Fraction(1)
+            self.transfer = _HDR.get(stream.codec_context.color_trc)
             self.codec, self.pixels = stream.codec_context.name, stream.codec_context.pix_fmt or "unknown"
             times, keys = frame_times(container, self._path)
         self.times = sorted(time for time in times if time is not None)
@@ -247,9 +189,9 @@ class VideoReader:
         """Return the time stamps of the frames decoded after the last key frame; -1 for frames without a time stamp."""
         stamps: list[int] = []
         for key in self._key_stamps[-1 : -1 - _KEYS_BACK : -1]:
-            self._container.seek(key, stream=self._container.streams.video[0])
+            self._container.seek(key, stream=self._stream)
             try:
-                stamps = [-1 if frame.pts is None else frame.pts for frame in self._container.decode(video=0)]
+                stamps = [-1 if frame.pts is None else frame.pts for frame in self._container.decode(self._stream)]
                 break
             except av.error.FFmpegError:  # frames displayed before the key frame depend on frames stored before it
                 self._open()
@@ -289,8 +231,8 @@ class VideoReader:
         if place < 0:
             self._open()
             return
-        self._container.seek(self._key_stamps[place], stream=self._container.streams.video[0])
-        self._frames = iter(self._container.decode(video=0))
+        self._container.seek(self._key_stamps[place], stream=self._stream)
+        self._frames = iter(self._container.decode(self._stream))
         first = next(self._frames, None)
         if first is None or first.pts > self._stamps[index]:  # the container's index pointed to a later frame
             self._open()

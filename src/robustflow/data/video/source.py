@@ -91,6 +91,7 @@ class VideoFile:
             "file": self.path.name,
             "codec": self._reader.codec,
             "pixels": self._reader.pixels,
+            **({"transfer": self._reader.transfer} if self._reader.transfer else {}),
             "fps": None if self.fps is None else str(self.fps),
             "variable_rate": bool(self.variable),
         }

@@ -31,8 +31,8 @@ from ...core.types import Frame
 from ...media.images import read_image
 from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
 from .codec import I420, Decoder, Encoder, Packet, abr, crf, encoder_versions, i420_to_rgb, lossless, rgb_to_i420
+from .container import main_stream, open_video
 from .prepared import PreparedClip
-from .reader import open_video
 
 
 @dataclass
@@ -210,7 +210,7 @@ def frame_rate(path: Path) -> Fraction:
     if path.is_dir():
         return DEFAULT_RATE
     with open_video(path) as container:
-        stream = container.streams.video[0]
+        stream = main_stream(container, path)
         return Fraction(stream.average_rate or stream.guessed_rate or DEFAULT_RATE)
 
 
