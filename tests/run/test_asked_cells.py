@@ -143,6 +143,6 @@ def test_a_call_is_complete_while_the_cells_of_a_stopped_call_are_missing(tmp_pa
     result = rf.evaluate(model, benchmark, output=tmp_path, corruptions="high_light", severities=1, limit=1)
     assert result.measured.complete
     whole = rf.load_run(tmp_path)
-    missing = {(cells.corruption, cells.severity) for cells in whole.measured.missing}
+    missing = {condition for cells in whole.measured.missing for condition in cells.conditions}
     assert missing >= {("contrast", 1), ("contrast", 2)}
     assert ("high_light", 2) not in missing

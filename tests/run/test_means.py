@@ -161,6 +161,7 @@ def test_cre_is_over_the_same_pixels_and_coverage_is_a_mean():
 
 PLANNED = [(one["sample"], one["corruption"], one["severity"]) for one in THREE_IMAGES]
 MORE = [*PLANNED, ("b", "snow", 2), ("a", "snow", 2), ("d", "clean", 0)]
+EQUAL = [*PLANNED, *((key, "fog", level) for key in "ba" for level in (4, 5))]
 
 
 WHOLE = rows_frame(THREE_IMAGES)
@@ -170,14 +171,15 @@ WHOLE = rows_frame(THREE_IMAGES)
     ("rows", "planned", "missing", "unmeasured"),
     [
         (WHOLE, PLANNED, [], []),
-        (WHOLE, MORE, [("clean", 0, ["d"]), ("snow", 2, ["a", "b"])], []),
-        (WHOLE.remove(sample="a", corruption="fog", severity=1), None, [("fog", 1, ["a"])], []),
-        (WHOLE.remove(sample="b", corruption="clean"), None, [("clean", 0, ["b"])], []),
+        (WHOLE, MORE, [([("clean", 0)], ["d"]), ([("snow", 2)], ["a", "b"])], []),
+        (WHOLE, EQUAL, [([("fog", 4), ("fog", 5)], ["a", "b"])], []),
+        (WHOLE.remove(sample="a", corruption="fog", severity=1), None, [([("fog", 1)], ["a"])], []),
+        (WHOLE.remove(sample="b", corruption="clean"), None, [([("clean", 0)], ["b"])], []),
         (
             rows_frame([*THREE_IMAGES[:-1], row("c", "snow", 1, n=0, n_all=0, n_invalid=60)]),
             None,
             [],
-            [("snow", 1, ["c"])],
+            [([("snow", 1)], ["c"])],
         ),
     ],
 )

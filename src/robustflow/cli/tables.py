@@ -97,9 +97,7 @@ def _print_lines(lines: Sequence[str], facts: Sequence[str], rest: str) -> None:
 def _facts(run: Run, report: bool) -> Iterator[str]:
     """Yield what a reader needs to know beside a run's numbers, one line a fact."""
     measured = run.measured
-    missing, unmeasured = (
-        sum(len(unit.samples) for unit in units) for units in (measured.missing, measured.unmeasured)
-    )
+    missing, unmeasured = (sum(cells.count for cells in part) for part in (measured.missing, measured.unmeasured))
     paper = measured.paper_over if set(measured.averaged_over) != set(measured.paper_over) else ()
     warnings = dict.fromkeys(text for clip in run.manifest.clips for text in clip.warnings)
     yield _overall(run)

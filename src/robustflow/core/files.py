@@ -105,7 +105,10 @@ def read_bounded(path: Path, largest: int, remedy: str) -> bytes:
     """
     try:
         with open(path, "rb") as file:
-            data = file.read(largest + 1)
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(min(size, largest) + 1)  # a larger limit would reserve that much memory
+            if len(data) > size:
+                data += file.read(largest + 1 - len(data))  # a pipe, or a file that grows
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error}); {remedy}") from error
     if len(data) > largest:

@@ -9,7 +9,7 @@ order of the rows: the same rows always give the same bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Container, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, get_args
@@ -250,19 +250,19 @@ class Cube:
                 "were damaged or changed; run the benchmark again",
             )
 
-    def missing(self, planned: Iterable[tuple[str, str, int]] | None) -> list[tuple[str, str, int]]:
-        """Return the planned cells without a row; by default every sample is planned under every condition."""
+    def missing(self, planned: Iterable[tuple[str, str, int]] | None) -> Iterator[tuple[str, str, int]]:
+        """Yield the planned cells without a row; by default every sample is planned under every condition."""
         samples = {sample: number for number, sample in enumerate(self.samples)}
         conditions = {condition: number for number, condition in enumerate(self.conditions)}
         if planned is None:
             planned = ((sample, *condition) for sample in samples for condition in {(CLEAN, 0), *conditions})
-        return [
-            (sample, corruption, severity)
-            for sample, corruption, severity in planned
-            if sample not in samples
-            or (corruption, severity) not in conditions
-            or not self.counts[samples[sample], conditions[corruption, severity]]
-        ]
+        for sample, corruption, severity in planned:
+            if (
+                sample not in samples
+                or (corruption, severity) not in conditions
+                or not self.counts[samples[sample], conditions[corruption, severity]]
+            ):
+                yield sample, corruption, severity
 
 
 def _number(value: pl.Expr) -> pl.Expr:

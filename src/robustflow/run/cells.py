@@ -59,9 +59,15 @@ class Cells(Untrusted):
         """Yield every cell."""
         return chain(self.corrupted(), self.attacked())
 
-    def count(self) -> int:
-        """Return the number of cells, without listing them."""
-        return len(self.samples) * (1 + sum(map(len, (*self.corruptions.values(), *self.attacks.values()))))
+    def count(self, attacks: bool = True) -> int:
+        """Return the number of cells, with or without those of attacks, without listing them."""
+        levels = (*self.corruptions.values(), *(self.attacks.values() if attacks else ()))
+        return len(self.samples) * (1 + sum(map(len, levels)))
+
+    def has(self, condition: str, severity: int) -> bool:
+        """Return whether a condition is among those of these samples."""
+        levels = {CLEAN: (0,), **self.corruptions, **self.attacks}
+        return severity in levels.get(condition, ())
 
     def among(self, keys: Iterable[str]) -> Cells:
         """Return the same conditions of other samples."""

@@ -21,6 +21,9 @@ from .trust import document_bytes
 LARGEST_MANIFEST = 2**30
 """Maximum size of the file in bytes: of a run with millions of samples."""
 
+_MOST_CELLS = 20_000_000
+"""Maximum number of rows of a run: four times those of the largest dataset under every corruption."""
+
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
@@ -69,8 +72,10 @@ class Manifest(Untrusted):
         planned = [key for part in self.planned for key in part.samples]
         if len(planned) != len(self.samples) or set(planned) != self.samples.keys():
             raise ValueError("every sample must be in exactly one part of the plan")
+        if (count := sum(map(Cells.count, self.planned))) > _MOST_CELLS:
+            raise ValueError(f"{count} rows are planned, but a run has at most {_MOST_CELLS}")
         made = [cells for part in self.earlier for cells in part.made]
-        if sum(map(Cells.count, made)) > sum(map(Cells.count, self.planned)):
+        if sum(map(Cells.count, made)) > count:
             raise ValueError("earlier environments made more rows than are planned")
         if not {key for cells in made for key in cells.samples} <= self.samples.keys():
             raise ValueError("an earlier environment made rows of other samples")

@@ -16,16 +16,20 @@ from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA_VERSION
 from .cells import Cell
 
-SUMMARY_VERSION = 5
+SUMMARY_VERSION = 6
 """Version of `summary.json`, incremented when a field is added or changes its meaning."""
 
 
 class MissingCells(FrozenFinite):
-    """A list of samples for one corruption at one severity."""
+    """The same samples under several conditions: pairs of a corruption and a severity."""
 
-    corruption: str
-    severity: int
+    conditions: list[tuple[str, int]]
     samples: list[str]
+
+    @property
+    def count(self) -> int:
+        """The number of cells."""
+        return len(self.conditions) * len(self.samples)
 
 
 class Measured(FrozenFinite):
@@ -143,8 +147,8 @@ def summarize(
     in_paper = [name for name in known if name in paper]
     whole = bool(in_paper) and set(in_paper) == set(paper)
     measured = Measured(
-        missing=_by_condition(cube.missing(planned)),
-        unmeasured=_by_condition(lost.iter_rows()),
+        missing=_by_samples(cube.missing(planned)),
+        unmeasured=_by_samples(lost.iter_rows()),
         samples=len(cube.samples),
         n_invalid=int(cube.rows.select(pl.col("n_invalid").sum()).collect().item()),
         corruptions=corruptions,
@@ -154,11 +158,11 @@ def summarize(
     return Averages(means_of_run(cube.including({PAPER: in_paper}) if whole else cube), measured)
 
 
-def _by_condition(cells: Iterable[Any]) -> list[MissingCells]:
+def _by_samples(cells: Iterable[Any]) -> list[MissingCells]:
     samples: dict[tuple[str, int], list[str]] = defaultdict(list)
     for sample, corruption, severity in cells:
         samples[corruption, severity].append(sample)
-    return [
-        MissingCells(corruption=corruption, severity=severity, samples=sorted(samples[corruption, severity]))
-        for corruption, severity in sorted(samples)
-    ]
+    conditions: dict[tuple[str, ...], list[tuple[str, int]]] = defaultdict(list)
+    for condition in sorted(samples):
+        conditions[tuple(sorted(samples.pop(condition)))].append(condition)
+    return [MissingCells(conditions=equal, samples=list(keys)) for keys, equal in conditions.items()]

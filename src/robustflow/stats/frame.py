@@ -136,8 +136,9 @@ def covered(run: Run) -> float | None:
     predicted = run.mean("coverage") if run.averages.has_gaps else None
     if not run.measured.missing:
         return predicted
-    missing = sum(len(cells.samples) for cells in run.measured.missing)
-    return (1.0 if predicted is None else predicted) * (1 - missing / len(run.planned()))
+    missing = sum(cells.count for cells in run.measured.missing)
+    planned = sum(part.count(attacks=False) for part in run.manifest.planned)
+    return (1.0 if predicted is None else predicted) * (1 - missing / planned)
 
 
 _VALUES = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "severity", "value")}

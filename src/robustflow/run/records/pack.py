@@ -65,8 +65,8 @@ def record_bytes(run: Run, *, partial: bool = False, keep_paths: bool = False, *
         check_text(text, f"--{name}")
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.attacks))
-    missing = sum(len(units.samples) for units in run.measured.missing)
-    missing += sum(len(list(part.attacked())) for part in manifest.planned) - attacked.height
+    missing = sum(cells.count for cells in run.measured.missing)
+    missing += sum(part.count() - part.count(attacks=False) for part in manifest.planned) - attacked.height
     if missing and not partial:
         raise RunError(
             run.path,

@@ -5,7 +5,6 @@ what no check of the file can prove.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -82,14 +81,15 @@ def check_cells(reader: Reader) -> str:
     """Check that exactly the planned rows exist, that their conditions do, and that their frames can differ."""
     plan, rows = reader.plan, reader.frame
     _check_conditions(plan)
-    planned = set(chain.from_iterable(chain(part.corrupted(), part.attacked()) for part in plan.planned))
+    part_of = {key: part for part in plan.planned for key in part.samples}
     present = set(rows.select(ROW_KEY).iter_rows())
-    if extra := present - planned:
+    if extra := {cell for cell in present if cell[0] not in part_of or not part_of[cell[0]].has(*cell[1:])}:
         raise DataError(cell_in_words(min(extra)), f"not planned, the first of {counted(len(extra), 'row')}")
-    missing = planned - present
+    planned = sum(part.count() for part in plan.planned)
+    missing = planned - len(present)
     if bool(missing) == reader.facts.complete:
         stated = "complete" if reader.facts.complete else "not complete"
-        raise DataError("record.json", f"stated as {stated}, but {len(missing)} of {len(planned)} rows are missing")
+        raise DataError("record.json", f"stated as {stated}, but {missing} of {planned} rows are missing")
     if without := {sample for sample, _, _ in present} - {sample for sample, name, _ in present if name == CLEAN}:
         raise DataError(f"sample '{plain(min(without))}'", "has no row for its clean frames")
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
@@ -98,7 +98,7 @@ def check_cells(reader: Reader) -> str:
         raise DataError("frames_digest", f"equal under different corruptions in {shared} of {several.height} samples")
     if not plan.identity.measuring.allow_invalid and rows["n_invalid"].sum():
         raise DataError("n_invalid", "the rows count NaN or infinite pixels, which the run did not allow")
-    return f"{len(present)} of {len(planned)} planned rows"
+    return f"{len(present)} of {planned} planned rows"
 
 
 def _check_conditions(plan: Manifest) -> None:
