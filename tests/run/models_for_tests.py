@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import signal
 import time
 import zlib
@@ -209,8 +210,9 @@ class Trouble(Accelerated):
 
 class Faulty:
     """Returns a flow that depends on the frames, after a pause, and fails once during a run: "exit" ends its process,
-    "hang" never returns, and "memory" keeps using more. The failure is recorded in the folder FAULTS, and the process
-    and GPU of every prediction in the file `log`."""
+    "hang" never returns, "lock" neither and holds the interpreter's lock, "stop" stops its process, and "memory" keeps
+    using more. The failing process is recorded in the folder FAULTS, and the process and GPU of every prediction in the
+    file `log`."""
 
     def __init__(self, pause=0.0, fault="", device="cpu", log=""):
         self._pause, self._fault, self._device, self._log = pause, fault, device, log
@@ -223,7 +225,8 @@ class Faulty:
         self._asked += 1
         time.sleep(self._pause)
         if self._asked == 4 and self._fault:
-            with suppress(FileExistsError), open(f"{os.environ['FAULTS']}/failed", "x"):
+            with suppress(FileExistsError), open(f"{os.environ['FAULTS']}/failed", "x") as failed:
+                print(os.getpid(), file=failed, flush=True)
                 self._fail()
         if self._log:
             with open(self._log, "a") as log:
@@ -235,6 +238,10 @@ class Faulty:
             os._exit(17)
         if self._fault == "hang":
             time.sleep(600)
+        if self._fault == "lock":
+            re.match(r"(a+)+$", "a" * 60 + "b")
+        if self._fault == "stop":
+            os.kill(os.getpid(), signal.SIGSTOP)
         taken = []
         while True:
             taken.append(np.ones(2**25, np.uint8))

@@ -222,17 +222,17 @@ def test_a_node_without_the_data_or_with_another_model_is_named(frames, tmp_path
     here = Job(rf.load_dataset("folder", frames), name_model("farneback"))
     elsewhere = replace(here, model=replace(here.model, identity={"source": "another"}))
     job = pickle.dumps(here)
-    start = Start({}, os.getcwd(), [], installed(), None)
+    start = Start({}, os.getcwd(), [], installed())
     node = f"node {socket.gethostname()}"
     actor = UnitActor()
-    assert actor.begin(b"", start)[0] == "error", "not a job"
-    assert actor.begin(job, start) == ("done", f"{socket.gethostname()}, CPU")
+    assert actor.begin(b"", start, None)[0] == "error", "not a job"
+    assert actor.begin(job, start, None) == ("done", f"{socket.gethostname()}, CPU")
     unit = Unit("00", "clean", (0,))
     for call, expected, part in (
         (lambda: actor.run(unit, [(str(frames / "gone.png"), size)]), "DataError", "gone.png"),
         (lambda: actor.run(unit, [(str(frames / "00.png"), size + 1)]), "DataError", f" {size} "),
-        (lambda: actor.begin(pickle.dumps(elsewhere), start), "RunError", "source"),
-        (lambda: actor.begin(job, replace(start, installed={"numpy": "0.1"})), "RunError", "numpy"),
+        (lambda: actor.begin(pickle.dumps(elsewhere), start, None), "RunError", "source"),
+        (lambda: actor.begin(job, replace(start, installed={"numpy": "0.1"}), None), "RunError", "numpy"),
     ):
         kind, (error, message, _, culprit) = call()
         assert (kind, error, culprit) == ("error", expected, node)

@@ -8,20 +8,31 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import AssetError, RunError, UsageError
+from robustflow.core.errors import AssetError, ModelError, RunError, UsageError
 from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
+from robustflow.run.engines.ray_cluster import connected
+from robustflow.run.engines.ray_watch import processes_with_files_in
 from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal
 from .conftest import FAST
-from .processes import check_stopped_by_ctrl_c, descendants, rows_so_far, start_run, still_running, wait_until
+from .processes import (
+    check_stopped_by_ctrl_c,
+    descendants,
+    is_running,
+    rows_so_far,
+    start_run,
+    still_running,
+    wait_until,
+)
 
 pytestmark = pytest.mark.ray
 
@@ -40,6 +51,7 @@ def _folder(tmp_path_factory, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", None)
     yield
     assert not still_running(str(short))
+    assert not [number for path in short.glob("rf-*") for number in processes_with_files_in(str(path))]
     subprocess.run(["rm", "-rf", str(short)], check=True)
 
 
@@ -142,6 +154,61 @@ def test_gpu_number_is_refused_with_ray(tmp_path, devices):
     refusal(lambda: _evaluate(tmp_path, spec), UsageError, "--device")
 
 
+@pytest.mark.parametrize("fault", ["lock", "stop"])
+def test_a_worker_that_cannot_answer_is_stopped_with_its_model(tmp_path, monkeypatch, fault):
+    monkeypatch.setenv("FAULTS", str(tmp_path))
+    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("fault", fault),))
+    with pytest.raises(ModelError) as caught:
+        _evaluate(tmp_path, spec, workers=1, timeout=1.5)
+    assert caught.value.culprit.startswith("sample '")
+    wait_until(lambda: not is_running(int((tmp_path / "failed").read_text())), within_s=10)
+
+
+def test_a_local_cluster_listens_on_the_loopback_only():
+    with connected(None, 1) as ray:
+        ray.get(ray.remote(lambda: None).remote())
+        owned = {os.readlink(fd) for pid in (os.getpid(), *descendants(os.getpid())) for fd in _descriptors(pid)}
+        addresses = []
+        for table in ("tcp", "tcp6"):
+            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+                _, local, _, state, *_, inode = line.split()[:10]
+                if state == "0A" and f"socket:[{inode}]" in owned:
+                    addresses.append(local.partition(":")[0])
+    assert len(addresses) > 3
+    assert set(addresses) <= {"0100007F", f"{0:016X}FFFF00000100007F", f"{0:024X}01000000"}
+
+
+def _descriptors(pid: int) -> list[Path]:
+    with suppress(OSError):
+        return [path for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
+    return []
+
+
+FOLDER = """
+import time
+from robustflow.run.engines.ray_cluster import _folder
+with _folder() as folder:
+    print(folder, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_the_folder_of_a_killed_run_is_removed_by_the_next_one(tmp_path):
+    def start() -> tuple[subprocess.Popen[str], Path]:
+        process = subprocess.Popen([sys.executable, "-c", FOLDER], stdout=subprocess.PIPE, text=True)
+        return process, Path(process.stdout.readline().strip())
+
+    (killed, abandoned), (alive, used) = start(), start()
+    killed.kill()
+    killed.wait()
+    assert abandoned.is_dir()
+    last, folder = start()
+    assert {path.name for path in folder.parent.iterdir()} == {used.name, folder.name}
+    for process in (alive, last):
+        process.kill()
+        process.wait()
+
+
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
     engine = ["--engine", "ray", "--workers", "2", "--corruptions", ",".join(FAST)]
     return start_run(folder, "Faulty", "-O", "pause=0.2", *engine, *options, **variables)
@@ -159,6 +226,19 @@ def test_a_killed_agent_of_ray_ends_the_run_with_a_sentence(tmp_path):
     assert run.returncode == 1
     assert err.splitlines()[-1].startswith("robustflow: ")
     assert rows_so_far(tmp_path / "run").height
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["processes", "ray"])
+@pytest.mark.parametrize("fault", ["lock", "stop"])
+def test_a_worker_that_hangs_ends_with_its_killed_driver(tmp_path, engine, fault):
+    run = start_run(tmp_path / "run", "Faulty", "-O", f"fault={fault}", "--engine", engine, FAULTS=str(tmp_path))
+    failed = tmp_path / "failed"
+    wait_until(lambda: failed.exists() and failed.read_text(), run)
+    os.kill(run.pid, signal.SIGKILL)
+    run.communicate()
+    wait_until(lambda: not is_running(int(failed.read_text())), within_s=20)
+    wait_until(lambda: not list(Path(os.environ["TMPDIR"]).glob("rf-*")), within_s=20)
 
 
 @pytest.mark.slow

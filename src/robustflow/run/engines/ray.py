@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
+from uuid import uuid4
 
 from ...core.errors import RunError, UsageError
 from ...core.processes import ONE_THREAD, rebuilt
@@ -25,7 +26,8 @@ from ..data_files import files_of_sample
 from ..plan import Job, Unit
 from ..worker import FinishedUnit
 from .base import FinishedUnits, Schedule, crash_of, pickled
-from .ray_actor import Files, Start, UnitActor, cannot_start, installed
+from .processes import too_slow
+from .ray_actor import Doing, Files, Start, UnitActor, cannot_start, installed
 from .ray_cluster import connected, ray_module
 
 ATTEMPTS = 3
@@ -47,10 +49,9 @@ def on_ray(
         folder=os.getcwd(),
         path=sys.path if address is None else [os.path.abspath(folder) for folder in sys.path[:1]],  # of the script
         installed=installed(),
-        timeout=timeout,
     )
     with connected(address, workers, len(sent)) as ray:
-        crew = _Crew(ray, job, (ray.put(sent), start), units, workers, "GPU" if gpu else "CPU")
+        crew = _Crew(ray, job, (ray.put(sent), start), units, workers, "GPU" if gpu else "CPU", timeout)
         try:
             yield from crew.compute()
         finally:
@@ -85,15 +86,27 @@ class _Member:
     """The actor's node and device; "" until it has loaded the model."""
     unit: Unit | None = None
     last_key: str | None = None
+    doing: Doing | None = None
+    predicting: tuple[str, str] = ("", "")
+    """The latest reading of `doing`."""
+    since: float = 0.0
 
 
 class _Crew:
     """Manage the actors of a run and the remaining units."""
 
     def __init__(
-        self, ray: Any, job: Job, start: tuple[Any, Start], units: Sequence[Unit], workers: int | None, kind: str
+        self,
+        ray: Any,
+        job: Job,
+        start: tuple[Any, Start],
+        units: Sequence[Unit],
+        workers: int | None,
+        kind: str,
+        timeout: float | None,
     ) -> None:
         self.members: list[_Member] = []
+        self._timeout, self._wait_s = timeout, min(_LOOK_S, (timeout or _LOOK_S) / 4)
         self._ray, self._job, self._start, self._workers, self._kind = ray, job, start, workers, kind
         self._schedule, self._left = Schedule(units), len(units)
         self._losses: dict[Unit | None, list[str]] = {}
@@ -108,7 +121,8 @@ class _Crew:
         while self._left:
             self._fill_up()
             calls = {member.call: member for member in self.members if member.call is not None}
-            for call in self._ray.wait(list(calls), timeout=_LOOK_S)[0] if calls else ():
+            self._check_timeouts()
+            for call in self._ray.wait(list(calls), timeout=self._wait_s)[0] if calls else ():
                 done = self._receive(calls[call])
                 for member in self.members:
                     unit = self._schedule.take(member.last_key) if member.place and member.call is None else None
@@ -132,12 +146,25 @@ class _Crew:
         for _ in range(min(wanted, self._left) - len(self.members)):
             resources = {"num_cpus": 1, "num_gpus": int(self._kind == "GPU"), "scheduling_strategy": "SPREAD"}
             actor = self._ray.remote(UnitActor).options(max_restarts=0, max_task_retries=0, **resources).remote()
-            self.members.append(_Member(actor, actor.begin.remote(*self._start)))
+            key = None if self._timeout is None else f"robustflow {uuid4().hex}"
+            call = actor.begin.remote(*self._start, key)
+            self.members.append(_Member(actor, call, doing=None if key is None else Doing(key)))
         if any(member.place for member in self.members):
             self._heard = now
         elif now - self._heard > _PATIENCE_S and not self._warned:
             self._warned = True
             warnings.warn(f"no {self._kind} in the Ray cluster is free; waiting for one", stacklevel=2)
+
+    def _check_timeouts(self) -> None:
+        for member in self.members:
+            if member.doing is None or member.unit is None:
+                continue
+            predicting = member.doing.read()
+            if predicting != member.predicting:
+                member.predicting, member.since = predicting, time.monotonic()
+            elif self._timeout is not None and predicting[1] and time.monotonic() - member.since > self._timeout:
+                node = f"(on node {member.place.partition(',')[0]})"
+                raise too_slow(self._timeout, f"{predicting[1]} {node}")
 
     def _receive(self, member: _Member) -> FinishedUnit | None:
         """Read the answer to an actor's call, to `begin` or to `run`."""
@@ -180,3 +207,5 @@ class _Crew:
     def kill(self, member: _Member) -> None:
         with suppress(Exception):  # the actor or the cluster is already gone
             self._ray.kill(member.actor, no_restart=True)
+            if member.doing is not None:
+                member.doing.delete()

@@ -11,11 +11,8 @@ import pickle
 import re
 import socket
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,8 +40,6 @@ class Start:
     folder: str
     path: list[str]
     installed: dict[str, str]
-    timeout: float | None = None
-    """Time limit of a single prediction, in seconds."""
 
 
 def installed() -> dict[str, str]:
@@ -76,36 +71,49 @@ def begin_on_node(variables: dict[str, str], folder: str, path: list[str], wante
             )
 
 
+class Doing:
+    """What an actor predicts, under a key in the store of the cluster's head: the driver can read it while the actor
+    does not answer, because its model holds the interpreter's lock or its process is stopped."""
+
+    def __init__(self, key: str) -> None:
+        self._key = key.encode()
+        self._changes = 0
+
+    def write(self, what: str | None) -> None:
+        from ray.experimental.internal_kv import _internal_kv_put
+
+        self._changes += 1
+        _internal_kv_put(self._key, f"{self._changes} {what or ''}".encode(), overwrite=True)
+
+    def read(self) -> tuple[str, str]:
+        """Return a number that differs between predictions, and what is predicted; "" if nothing is."""
+        from ray.experimental.internal_kv import _internal_kv_get
+
+        number, _, what = (_internal_kv_get(self._key) or b"").decode().partition(" ")
+        return number, what
+
+    def delete(self) -> None:
+        from ray.experimental.internal_kv import _internal_kv_del
+
+        _internal_kv_del(self._key)
+
+
 class UnitActor:
     """A worker on a node. Call `begin` first, then `run` any number of times."""
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
-        self._timeout: float | None = None
-        self._thread = ThreadPoolExecutor(1)
-        self._predicting: tuple[str, float] | None = None
-        """What is being predicted, and since when."""
         self._node = f"node {socket.gethostname()}"
 
-    def begin(self, job: bytes, start: Start) -> Answer:
-        """Load dataset and model, and return the node's name with the model's device."""
-        return answered(lambda: self._begin(job, start))
+    def begin(self, job: bytes, start: Start, key: str | None) -> Answer:
+        """Load dataset and model, and return the node's name with the model's device; `key` is that of `Doing`."""
+        return answered(lambda: self._begin(job, start, key))
 
     def run(self, unit: Unit, files: Files) -> Answer:
         """Return a unit with its rows; `files` are the files of its sample."""
-        if self._timeout is None:
-            return answered(lambda: self._run(unit, files))
-        from .processes import too_slow
+        return answered(lambda: self._run(unit, files))
 
-        computing = self._thread.submit(answered, lambda: self._run(unit, files))
-        while True:
-            with suppress(TimeoutError):
-                return computing.result(min(1.0, self._timeout / 4))
-            what, since = self._predicting or ("", time.monotonic())
-            if time.monotonic() - since > self._timeout:
-                return failed(too_slow(self._timeout, what))
-
-    def _begin(self, pickled: bytes, start: Start) -> str:
+    def _begin(self, pickled: bytes, start: Start, key: str | None) -> str:
         begin_on_node(start.variables, start.folder, start.path, start.installed)
         import cv2
 
@@ -129,17 +137,14 @@ class UnitActor:
                 f"has a different model of the same name (it differs in: {differing}); use the same files on every node"
             )
             raise RunError(self._node, why)
-        self._timeout = start.timeout
-        self._worker = Worker(replace(job, folder=None, model=model), self._note)
+        job = replace(job, folder=None, model=model)
+        self._worker = Worker(job) if key is None else Worker(job, Doing(key).write)
         return f"{socket.gethostname()}, {_device()}"
 
     def _run(self, unit: Unit, files: Files) -> FinishedUnit:
         assert self._worker is not None
         self._check_files(files)
         return self._worker.finished(unit, self._worker.run(unit))
-
-    def _note(self, what: str | None) -> None:
-        self._predicting = None if what is None else (what, time.monotonic())
 
     def _check_files(self, files: Files) -> None:
         for name, size in files:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 import shutil
@@ -11,12 +12,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from ...core.errors import RobustFlowError, RunError, UsageError
 from ...core.plugins import require
 from ...core.processes import environment_variables, safe_path
+from . import ray_watch
 
 REACH_S = 10.0
 """Time limit for the head of a cluster to respond, in seconds."""
@@ -27,7 +30,11 @@ _LONGEST_TMP = 30
 _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
 """The client preface of HTTP/2, the protocol of Ray's ports; a server responds with its settings (RFC 9113, 3.4)."""
-_WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
+_LOCAL = {
+    "RAY_worker_niceness": "0",  # by default, actors yield to every other process (nice 15)
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # its processes listen on the loopback only
+}
+"""Environment of a local cluster."""
 _ENDED_BY_RAY = (
     "robustflow: Ray ended this process, as it does when a Ray process on this machine is killed or runs out of "
     "memory; finished work is kept: run the same command again to continue"
@@ -51,35 +58,63 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
         yield ray
         return
     handler = signal.getsignal(signal.SIGTERM)
-    usual = tempfile.gettempdir()
-    parent = usual if len(usual) <= _LONGEST_TMP else "/tmp"
-    folder = None if address else tempfile.mkdtemp(prefix="rf-ray-", dir=parent)
     settings = {"RAY_USAGE_STATS_ENABLED": "0"}
-    if folder is not None:  # by default, actors yield to every other process (nice 15)
-        settings |= {"RAY_TMPDIR": folder, "RAY_worker_niceness": "0"}
     logger = logging.getLogger("ray")
     level = logger.level
     # there is no option to turn off messages about lost actors, which Ray prints to standard output, among our tables
     ray._private.worker._worker_logs_enabled = False
-    try:
-        with safe_path(), environment_variables(settings):
-            if address is None:
-                _start(ray, cpus, sent_bytes)
-            else:
-                _join(ray, address)
-        _restore(handler)  # Ray replaces the caller's handler
-        with _last_words():
-            yield ray
-    finally:
-        ray.shutdown()
-        _restore(handler)
-        logger.setLevel(level)
-        ray._private.worker._worker_logs_enabled = True
-        if folder is not None:
+    with ExitStack() as stack:
+        if address is None:
+            settings |= _LOCAL | {"RAY_TMPDIR": stack.enter_context(_folder())}
+        try:
+            with safe_path(), environment_variables(settings):
+                if address is None:
+                    _start(ray, cpus, sent_bytes)
+                else:
+                    _join(ray, address)
+            _restore(handler)  # Ray replaces the caller's handler
+            with _watched(settings.get("RAY_TMPDIR")):
+                yield ray
+        finally:
+            ray.shutdown()
+            _restore(handler)
+            logger.setLevel(level)
+            ray._private.worker._worker_logs_enabled = True
+
+
+@contextmanager
+def _folder() -> Iterator[str]:
+    """Create a folder for the files of a local cluster, and remove it at the end. It is locked as long as this process
+    lives; folders of runs that were killed, which are not, are removed now."""
+    usual = tempfile.gettempdir()
+    parent = usual if len(usual) <= _LONGEST_TMP else "/tmp"
+    for abandoned in Path(parent).glob("rf-ray-*"):
+        with suppress(OSError), _locked(abandoned):
+            shutil.rmtree(abandoned, ignore_errors=True)
+    new = tempfile.mkdtemp(prefix="rf-new-", dir=parent)
+    with _locked(Path(new)):
+        folder = os.path.join(parent, os.path.basename(new).replace("new", "ray", 1))
+        os.rename(new, folder)  # not before it is locked
+        try:
+            yield folder
+        finally:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder within the block, or raise an `OSError`."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def _start(ray: Any, cpus: int | None, sent_bytes: int) -> None:
+    constants = ray._private.ray_constants
+    many_machines, constants.ENABLE_RAY_CLUSTER = constants.ENABLE_RAY_CLUSTER, False  # listen on the loopback only
     try:
         ray.init(
             address="local",
@@ -95,6 +130,8 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int) -> None:
             f"Ray did not start on this machine within 30 s ({_first_sentence(error)}): try again when "
             "the machine is less busy, or use --engine processes"
         ) from error
+    finally:
+        constants.ENABLE_RAY_CLUSTER = many_machines
 
 
 def _join(ray: Any, address: str) -> None:
@@ -115,10 +152,9 @@ def _join(ray: Any, address: str) -> None:
 
 
 @contextmanager
-def _last_words() -> Iterator[None]:
-    """Within the block, a second process prints a message if this process dies silently: when one of Ray's processes on
-    this machine is lost, Ray terminates its driver in a way that Python cannot catch."""
-    arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
+def _watched(folder: str | None) -> Iterator[None]:
+    """Within the block, a second process watches this one, see `ray_watch`; `folder` is that of a local cluster."""
+    arguments = [sys.executable, "-I", "-S", ray_watch.__file__, _ENDED_BY_RAY, *([folder] if folder else [])]
     # in a separate session, where Ctrl-C does not reach it
     watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
     assert watching.stdin is not None
