@@ -86,7 +86,7 @@ def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
 def untested(monkeypatch):
     """Leave out the paired tests, which need rows: every model is in its own group."""
     letters = {"A": "a", "B": "b", "C": "c", "DIS": "d"}
-    monkeypatch.setattr("robustflow.report.leaderboard._letters", lambda best: letters)
+    monkeypatch.setattr("robustflow.report.leaderboard.letters_of", lambda rows: letters)
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,11 @@ import pytest
 
 import robustflow as rf
 from robustflow.stats.attacks import attack_scores
-from robustflow.stats.frame import KINDS, RESULTS_SCHEMA, results_frame
+from robustflow.stats.frame import CONTRAST, KINDS, RESULTS_SCHEMA, results_frame
 from robustflow.stats.intervals import interval_ends
 from tests.made_rows import made_run
 
+OF_TESTS = ("against", "p", "p_adjusted", "wins", "letter")
 OPTIONS = {"corruptions": ["contrast", "fog"], "severities": [1, 5], "data_options": {"pairs": 6, "size": "64x96"}}
 
 
@@ -26,7 +27,9 @@ def test_frame_has_the_schema_and_each_number_once(run):
     frame = run.frame
     assert dict(frame.schema) == RESULTS_SCHEMA
     assert (
-        frame.null_count().select(pl.exclude("severity", "low", "high", "coverage", "decimals", "marked")).row(0)
+        frame.null_count()
+        .select(pl.exclude("severity", "low", "high", "coverage", "decimals", "marked", *OF_TESTS))
+        .row(0)
         == (0,) * 12
     )
     assert frame.select("measure", "condition", "severity").is_unique().all()
@@ -49,12 +52,13 @@ def test_numbers_are_those_of_the_run(run):
 
 
 def test_intervals_are_beside_the_means_over_severities(run):
-    frame = results_frame([run], ["means"])
+    frame = run.frame
     known = frame.drop_nulls("low")
     ends = {(m, c): (low, high) for m, c, low, high in known.select("measure", "condition", "low", "high").iter_rows()}
     assert ends == interval_ends(run)
     assert known["severity"].null_count() == known.height
-    assert results_frame([run], ["means"], intervals=False)["low"].null_count() == frame.height
+    assert {"epe", "fl", "log_ratio", "ause"} <= set(known["measure"])
+    assert results_frame([run], intervals=False)["low"].null_count() == frame.height
 
 
 def test_runs_of_one_frame_are_told_apart_and_kinds_are_parts(run):
@@ -65,3 +69,31 @@ def test_runs_of_one_frame_are_told_apart_and_kinds_are_parts(run):
     assert sum(part.height for part in parts) == frame.height
     assert all(part.height for part in parts)
     assert results_frame([]).is_empty()
+
+
+def test_tests_of_runs_on_the_same_frames_are_rows_of_the_frame(run):
+    """A model with 30 px more error under corruption, one with the same errors, and one on fewer frames."""
+    corrupted = pl.when(pl.col("corruption") != "clean").then(30 * pl.col("n_valid")).otherwise(0)
+    worse = run.rows.with_columns(epe_sum=pl.col("epe_sum") + corrupted)
+    runs = [run, made_run(run, worse, "Worse"), made_run(run, run.rows, "Alike"), made_run(run, run.rows[:9], "Few")]
+    frame = results_frame(runs, [*KINDS, CONTRAST], intervals=False)
+    tests = frame.drop_nulls("against").filter(measure="epe", condition="average")
+    assert tests.select("model", "against", "wins").rows() == [
+        ("DIS", "Worse", 6),
+        ("DIS", "Alike", 0),
+        ("Worse", "Alike", 0),
+    ]
+    assert tests["value"].to_list() == pytest.approx([-30, 0, 30])
+    assert (tests["p"] <= tests["p_adjusted"]).all()
+    assert set(frame.drop_nulls("against")["measure"]) >= {"fl", "px1", "wauc", "photometric", "rcre"}
+    letters = frame.drop_nulls("letter").select("model", "measure", "condition", "letter").rows()
+    assert letters == [
+        ("DIS", "epe", "average", "a"),
+        ("Worse", "epe", "average", "b"),
+        ("Alike", "epe", "average", "a"),
+    ]
+    assert (
+        frame.filter(pl.col("against").is_null())
+        .drop(OF_TESTS)
+        .equals(results_frame(runs, intervals=False).drop(OF_TESTS))
+    )

@@ -189,6 +189,9 @@ MEASURES: dict[str, Measure] = {
 METRICS = tuple(MEASURES)
 """The names of the measures of every condition, in the order of tables."""
 
+(LEADING,) = (name for name, measure in MEASURES.items() if measure.verdict == "leads")
+"""The measure of which the best value may be marked."""
+
 CLEAN_MEASURES: dict[str, Average] = {
     "flow_length": Average("clean flow length", better=0, total=pl.col("pred_magnitude_sum"), count=_all),
     "photometric_still": Average("photometric error of zero flow", total=pl.col("photometric_still_sum"), **_grey),

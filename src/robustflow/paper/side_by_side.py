@@ -6,12 +6,12 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 
 from ..core.arguments import SEVERITIES
 from ..core.text import text_cell
 from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts
+from ..metrics.measures import exact_mean
 from ..report.table import Column, Row, Table
 from ..run.run import Run
 from ..stats.model_result import CRER, ModelResult, run_results
@@ -89,10 +89,10 @@ def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
     values = {key: value.number for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)}
     for metric in RESULT_METRICS:
         if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
-            values[metric, AVERAGE] = fmean(of_these)
+            values[metric, AVERAGE] = exact_mean(of_these)
     cre, clean = {name: line.cre[name] for name in corruptions if name in line.cre}, values.get(("epe", CLEAN))
     if cre and clean:
-        values[CRER] = fmean(cre.values()) / clean
+        values[CRER] = exact_mean([*cre.values()]) / clean
     return values | {("crer", family): crer for family, crer in family_crer(cre, clean).items()}
 
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from ..core.errors import RunError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
-from ..metrics.measures import MEASURES
-from ..run.comparable import common_rows
-from ..stats.estimate import contrast, cubes_of
 from ..stats.exclusion import CAVEAT, PHANTOM
 from ..stats.intervals import paper_rows
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
-from ..stats.paired import group_letters
+from ..stats.paired import letters_of
 from ..stats.ranking import best_of_columns
 from ..stats.results import (
     AVERAGE,
@@ -140,19 +136,10 @@ def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, str]:
     groups: dict[ModelResult, str] = {}
     for lines in same_frames.values():
         best = sorted(lines, key=by_error)[:MOST_COMPARED]
-        letters = _letters(best) if len(best) > 1 else {}
-        groups |= {line: letters[line.name] for line in best if line.name in letters}
+        runs = {line.name: (line.run, line.beside_published) for line in best if line.run is not None}
+        letters = letters_of({name: paper_rows(run) if fewer else run.rows for name, (run, fewer) in runs.items()})
+        groups |= {line: letters[line.name] for line in best if line.name in letters and len(best) > 1}
     return groups
-
-
-def _letters(best: Sequence[ModelResult]) -> dict[str, str]:
-    rows = {line.name: paper_rows(line.run) if line.beside_published else line.run.rows for line in best if line.run}
-    try:
-        common = dict(zip(rows, common_rows(list(rows.values()), list(rows))[0], strict=True))
-        tests = contrast(cubes_of(common), {"epe": MEASURES["epe"]}, [(AVERAGE, None)])
-    except RunError:
-        return {}  # the board still shows their values
-    return group_letters(tests, list(rows))
 
 
 def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:

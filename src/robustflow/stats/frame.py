@@ -3,7 +3,7 @@ and exports show a part."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import polars as pl
@@ -12,14 +12,16 @@ from ..core.errors import DataError
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..metrics.cube import AVERAGE, PAPER, Cube, MeanKey, Means
-from ..metrics.measures import CONFIDENCE, METRICS, UNCOUPLED
+from ..metrics.measures import CONFIDENCE, LEADING, MEASURES, METRICS, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.comparable import named_runs, sample_set
 from ..run.costs import RunCost
 from ..run.run import Run
 from .attacks import attack_scores
+from .estimate import OVERALL_SCOPES, contrast, cubes_of
 from .exclusion import exclusions
 from .intervals import interval_ends
+from .paired import letters_of
 from .ranking import partial_spearman, spearman
 from .results import NEVER_RANKED
 from .run_results import comparison_notes
@@ -32,9 +34,14 @@ RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
     "measure": pl.String,
     "condition": pl.String,
     "severity": pl.Int64,
+    "against": pl.String,
     "value": pl.Float64,
     "low": pl.Float64,
     "high": pl.Float64,
+    "p": pl.Float64,
+    "p_adjusted": pl.Float64,
+    "wins": pl.Int64,
+    "letter": pl.String,
     "pairs": pl.Int64,
     "source": pl.String,
     "note": pl.String,
@@ -46,7 +53,9 @@ RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
 }
 """`condition` is "clean", "average" (over corruptions), "paper" (over exactly the paper's corruptions), a family, a
 corruption, a region of the image, or an attack; `severity` is null for a mean over severities. `low` and `high` are the
-ends of the 95 % interval, where one was computed. Models of one `sample_set` measured the same frames and may be
+ends of the 95 % interval, where one was computed. A row with `against` is the difference from that model (see
+`estimate.CONTRASTS`), with the p-values and the number of images on which `model` is better; models that share a
+`letter` of the group cannot be told apart. Models of one `sample_set` measured the same frames and may be
 compared. `source` is "measured", "verified record", "published" or "claimed" (by a results file without rows). `note`
 says what was measured, `coverage` is the share of the pixels that the errors include (null for all), and `excluded` the
 reason why the model is not ranked (""). Of one number, `origin` is the table or the run that it is from, `decimals` the
@@ -57,8 +66,10 @@ LINE = ("benchmark", "sample_set", "setting", "model")
 """The columns that a line of a results table has in common."""
 
 KINDS = ("means", "confidence", "uncoupled", "attacks")
-"""Parts of the frame: the means of `robustflow.metrics.MEASURES`, and the measures of confidence, of robustness beside
-accuracy, and of attacks."""
+"""Parts of the frame of each run: the means of `robustflow.metrics.MEASURES`, and the measures of confidence, of
+robustness beside accuracy, and of attacks."""
+CONTRAST = "contrasts"
+"""The part of the frame with the paired tests of every two runs of a sample set, and the group letters."""
 
 LEAST_IMAGES = 5
 """Minimum number of images for a correlation."""
@@ -78,8 +89,10 @@ def results_frame(
     `beside_published`, averages are over the paper's corruptions where all of them were run."""
     parts, named = [pl.DataFrame(schema=RESULTS_SCHEMA)], named_runs(runs)
     notes = notes or comparison_notes(runs, beside_published)
-    for (name, run), note, excluded in zip(named.items(), notes, exclusions(runs), strict=True):
-        values = [(*key, value) for kind in kinds for key, value in _NUMBERS[kind](run).items()]
+    reasons = exclusions(runs)
+    letters, tests = _contrasts(named, reasons) if CONTRAST in kinds else ({}, pl.DataFrame(schema=_TESTS))
+    for (name, run), note, excluded in zip(named.items(), notes, reasons, strict=True):
+        values = [(*key, value) for kind in kinds if kind != CONTRAST for key, value in _NUMBERS[kind](run).items()]
         part = pl.DataFrame(values, schema=_VALUES, orient="row")
         if beside_published and run.measured.paper_over:
             part = part.filter(pl.col("condition") != AVERAGE)
@@ -89,12 +102,14 @@ def results_frame(
         ends = pl.DataFrame([(*key, *pair) for key, pair in known], schema=_ENDS, orient="row")
         ends = ends.with_columns(severity=pl.lit(None, pl.Int64))
         part = part.join(ends, on=["measure", "condition", "severity"], how="left", nulls_equal=True)
+        led = (pl.col("measure") == LEADING) & (pl.col("condition") == AVERAGE) & pl.col("severity").is_null()
+        part = part.with_columns(letter=pl.when(led).then(pl.lit(letters.get(name), pl.String)))
+        part = pl.concat([part, tests.filter(model=name).drop("model")], how="diagonal")
         facts = {
             "benchmark": run.benchmark,
             "model": name,
             "sample_set": sample_set(run),
             "setting": run.setting,
-            "pairs": run.measured.samples,
             "source": "verified record" if run.record else "measured",
             "note": note,
             "coverage": covered(run),
@@ -102,8 +117,26 @@ def results_frame(
             "origin": run.manifest.identity_digest,
         }
         typed = {column: pl.lit(fact, RESULTS_SCHEMA[column]) for column, fact in facts.items()}
-        parts.append(part.with_columns(**typed))
+        pairs = pl.col("pairs").fill_null(run.measured.samples)
+        parts.append(part.with_columns(pairs, **typed))
     return pl.concat(parts, how="diagonal")
+
+
+def _contrasts(named: Mapping[str, Run], reasons: Sequence[str]) -> tuple[dict[str, str], pl.DataFrame]:
+    """Return the group letter of each ranked run, and the tests of every two runs of a sample set on the clean frames
+    and on average, each corrected for all pairs."""
+    rows: dict[str, dict[str, pl.DataFrame]] = {}
+    for name, run in named.items():
+        rows.setdefault(sample_set(run), {})[name] = run.rows
+    ranked = {name for name, reason in zip(named, reasons, strict=True) if not reason}
+    letters: dict[str, str] = {}
+    tests = [pl.DataFrame(schema=_TESTS)]
+    for of_set in rows.values():
+        if len(of_set) > 1:
+            cubes = cubes_of(of_set)
+            tests += [contrast(cubes, MEASURES, [scope]).select(_TESTS.keys()) for scope in OVERALL_SCOPES]
+            letters |= letters_of({name: of_run for name, of_run in of_set.items() if name in ranked})
+    return letters, pl.concat(tests)
 
 
 def given_frame(rows: Iterable[dict[str, Any]], where: str = "") -> pl.DataFrame:
@@ -117,7 +150,7 @@ def given_frame(rows: Iterable[dict[str, Any]], where: str = "") -> pl.DataFrame
 
 def once(frame: pl.DataFrame, where: str = "") -> pl.DataFrame:
     """Return a frame in which no line has a number twice; raise a DataError otherwise."""
-    repeated = frame.filter(frame.select(*LINE, "measure", "condition", "severity").is_duplicated())
+    repeated = frame.filter(frame.select(*LINE, "measure", "condition", "severity", "against").is_duplicated())
     for row in repeated.head(1).iter_rows(named=True):
         whose = f"'{plain(row['model'])}' ({plain(row['setting'])}, sample set '{plain(row['sample_set'])}')"
         message = f"{row['measure']} of {whose} on {row['condition']} appears twice; give each value only once"
@@ -142,6 +175,10 @@ def covered(run: Run) -> float | None:
 
 
 _VALUES = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "severity", "value")}
+_TESTS = {
+    name: RESULTS_SCHEMA[name]
+    for name in ("model", *_VALUES, "against", "low", "high", "p", "p_adjusted", "wins", "pairs")
+}
 _ENDS = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "low", "high")}
 
 

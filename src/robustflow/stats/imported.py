@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
-from math import fsum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,6 +30,7 @@ from ..core.text import counted, plain
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
 from ..data.datasets.released import DISK_NAMES
+from ..metrics.measures import exact_mean
 from ..metrics.rows import CLEAN
 from .frame import LINE, given_frame
 from .results import AVERAGE
@@ -112,7 +112,7 @@ def _reference_numbers(content: dict[str, dict[str, Any]], path: Path) -> list[d
             if of_file in entry:
                 five = _FIVE_CHANGES if metric == "cre" else _FIVE_LENGTHS
                 severities = _valid(five, entry[of_file], f"{path}, '{written}', {of_file}")
-                values[metric, _PAPER_NAMES.get(written, written)] = fsum(severities) / len(severities)
+                values[metric, _PAPER_NAMES.get(written, written)] = exact_mean(severities)
     if not values:
         raise DataError(path, "no corruptions, so robustness cannot be measured")
     for written in (CLEAN, *content):  # all of them state the same clean error
@@ -124,7 +124,7 @@ def _reference_numbers(content: dict[str, dict[str, Any]], path: Path) -> list[d
     names = [name for name in PAPER_ORDER if any(corruption == name for _, corruption in values)]
     for metric in _METRICS.values():
         if names and all((metric, name) in values for name in names):
-            values[metric, AVERAGE] = fsum(values[metric, name] for name in names) / len(names)
+            values[metric, AVERAGE] = exact_mean([values[metric, name] for name in names])
     frames = f"Reference code, {benchmark}, {_averaged_over(names, benchmark_facts(benchmark).paper_corruptions)}"
     model = user_path(path).resolve().parent.name if path.name == "results.json" else path.stem
     head = benchmark, frames, "UNKNOWN", plain(model) or "unnamed"

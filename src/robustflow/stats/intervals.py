@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 
 from ..metrics.cube import AVERAGE
-from ..metrics.measures import MEASURES
+from ..metrics.measures import CONFIDENCE, MEASURES, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.run import Run
 from .estimate import HEADLINE, OVERALL_SCOPES, cubes_of, estimate, scopes_of
@@ -29,7 +29,8 @@ def interval_ends(
 
 def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
     (cube,) = cubes_of({"": paper_rows(run) if fewer else run.rows}).values()
-    known = estimate(cube, MEASURES, OVERALL_SCOPES)
+    confident = any(run.rows[name].count() for name in ("ause", "rejected_count"))
+    known = estimate(cube, MEASURES | UNCOUPLED | (CONFIDENCE if confident else {}), OVERALL_SCOPES)
     if corruptions:
         each = [scope for scope in scopes_of(cube, families=True) if scope not in OVERALL_SCOPES]
         known = pl.concat([known, estimate(cube, HEADLINE, each)])

@@ -11,7 +11,9 @@ import polars as pl
 
 from ..core.errors import RunError
 from ..core.text import counted
-from ..metrics.measures import EVERY
+from ..metrics.measures import EVERY, LEADING, MEASURES
+from ..run.comparable import common_rows
+from .estimate import contrast, cubes_of
 from .ranking import competition_ranks
 from .results import AVERAGE, CLEAN, long_label
 
@@ -105,6 +107,26 @@ def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
     lettered.sort(key=lambda group: [name not in group for name in names])
     letters = list(zip(chain(ascii_letters, map(chr, range(0x3B1, 0x400))), lettered, strict=False))
     return {name: "".join(letter for letter, group in letters if name in group) for name in names}
+
+
+def letters_of(rows: Mapping[str, pl.DataFrame]) -> dict[str, str]:
+    """Return the group letters of models by the tests of `LEADING` on average, corrected for all pairs; nothing for
+    models that cannot be compared."""
+    if len(rows) < 2:
+        return {}
+    try:
+        common, _ = common_rows(list(rows.values()), list(rows))
+        cubes = cubes_of(dict(zip(rows, common, strict=True)))
+        tests = contrast(cubes, {LEADING: MEASURES[LEADING]}, [(AVERAGE, None)])
+    except RunError:
+        return {}
+    return group_letters(tests, sorted(rows, key=lambda name: _value(tests, name)))
+
+
+def _value(tests: pl.DataFrame, name: str) -> float:
+    """Return the value of a model in its tests."""
+    of_model, of_other = tests.filter(model=name)["value_model"], tests.filter(against=name)["value_against"]
+    return float(pl.concat([of_model, of_other])[0])
 
 
 def is_sure(row: Mapping[str, Any]) -> bool:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import fsum
 from typing import TYPE_CHECKING
 
 import polars as pl
 
 from ..core.text import counted, joined
 from ..corruptions.registry import ON_DISK_PREFIX
+from ..metrics.measures import exact_mean
 from ..run.comparable import sample_set_of
 from ..run.run import Run
 from .frame import LINE, given_frame
@@ -34,11 +34,11 @@ def robustspring_results(run: Run, flows: Iterable[Submitted]) -> pl.DataFrame:
     for flow in flows:
         if flow.moved is not None:
             moved.setdefault(f"{ON_DISK_PREFIX}{flow.condition}", []).append(flow.moved[0])
-    means = {name: fsum(values) / len(values) for name, values in moved.items()}
+    means = {name: exact_mean(values) for name, values in moved.items()}
     few = joined([inside(long_label(name)) for name in moved]) if len(moved) <= _MOST_NAMED else ""
     pairs = min(len(values) for values in moved.values())
     note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
-    means[AVERAGE] = fsum(means.values()) / len(means)
+    means[AVERAGE] = exact_mean([*means.values()])
     cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
     frames = f"RobustSpring, {note}; frames {sample_set_of('', cells)}"
     head = dict(zip(LINE, ("robustspring", frames, _setting(run), run.name), strict=True))
@@ -67,7 +67,7 @@ def robustness_csv(means: Mapping[str, tuple[int, Sequence[float]]]) -> str:
 
 
 def _columns(values: Sequence[Sequence[float]]) -> list[float]:
-    return [fsum(column) / len(values) for column in zip(*values, strict=True)]
+    return [exact_mean(column) for column in zip(*values, strict=True)]
 
 
 def _setting(run: Run) -> str:
