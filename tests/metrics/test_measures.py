@@ -36,6 +36,7 @@ def test_measure_is_computed_from_columns_of_the_rows(name):
 PLANTED = """
 import json, sys
 import polars as pl
+from robustflow.metrics import MEASURES
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.run.records.row_rules import broken_rules
 from robustflow.run.summary import summarize
@@ -63,12 +64,47 @@ broken = [
     for total in (11.0, 3.0)
 ]
 shown.append(len(broken[0] - broken[1]))
+
+import numpy as np
+from robustflow.report.comparison import Comparison, pairs_table
+from robustflow.report.notebook import plot
+from robustflow.report.render import render
+from robustflow.report.run_tables import severities_table
+from robustflow.run.run import Run
+from robustflow.stats.estimate import contrast, cubes_of
+from robustflow.stats.frame import CONTRAST, results_frame
+from robustflow.stats.variance import variance_split
+from tests.made_rows import made_run
+from tests.stats.simulated import rows_of
+
+errors = np.random.default_rng(0).gamma(4, 1, (20, 4))
+rows = rows_of(errors[:, 0], errors[:, 1:], errors[:, 1:])
+share = pl.Series(np.random.default_rng(1).beta(8, 1, rows.height) * 1000)
+rows, better = (rows.with_columns(planted_sum=share * factor) for factor in (1.0, 0.9))
+runs = [made_run(Run(sys.argv[1]), of_run, name) for name, of_run in (("one", rows), ("other", better))]
+numbers = results_frame(runs, ["means", CONTRAST]).filter(measure="planted", condition="average")
+numbers = numbers.filter(pl.col("severity").is_null()).sort("against", nulls_last=False)
+shown.append(numbers["low"].null_count() == 0 and numbers["high"].max() <= 100)
+shown.append([numbers["wins"].to_list(), numbers["p_adjusted"].to_list()[2] < 0.01])
+cubes = cubes_of({"one": rows, "other": better, "third": rows})
+tables = [
+    Comparison(dict(list(cubes.items())[:2])).table("planted"),
+    pairs_table(contrast(cubes, {"planted": MEASURES["planted"]}, [("average", None)])),
+    severities_table(runs[0], "planted", "planted (%)"),
+]
+texts = [render(table, format) for table in tables for format in ("terminal", "csv", "latex", "markdown", "html")]
+shown.append(["planted" in text for text in texts].count(False))
+shown.append(runs[0].table("planted")["mean"].null_count())
+shown.append("planted (%)" in plot(runs, "severity", "planted").caption)
+seeds = [of_run.filter(pl.col("corruption") != "snow") for of_run in (rows, better)]
+shown.append(variance_split(dict(enumerate(seeds)), "planted").height)
 print(json.dumps(shown))
 """
 
 
-def test_new_measure_touches_two_files(tmp_path):
-    """A column in `rows` and a line in `measures` give means, the file, the checks of rows, and the documentation."""
+def test_new_measure_touches_two_files(tmp_path, base):
+    """A column in `rows` and a line in `measures` give means, the file, the checks of rows, the documentation, an
+    interval, paired tests, tables in all formats and a figure."""
     package = tmp_path / "robustflow"
     shutil.copytree(Path(robustflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     for name, mark, line in (
@@ -84,10 +120,16 @@ def test_new_measure_touches_two_files(tmp_path):
         assert text.count(mark) == 1
         path.write_text(text.replace(mark, line + mark))
     done = subprocess.run(
-        [sys.executable, "-c", PLANTED], capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}
+        [sys.executable, "-c", PLANTED, str(base.path)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}", "HOME": str(tmp_path)},
     )
     assert done.returncode == 0, done.stderr
-    *means, refused, broken = json.loads(done.stdout)
+    *means, refused, broken, bounded, tested, absent, empty, drawn, sources = json.loads(done.stdout)
+    assert (bounded, tested) == (True, [[None, None, 0], True])
+    assert (absent, empty, drawn, sources) == (0, 0, True, 4)
     assert means == [30.0, 50.0, [50.0], 50.0]
     assert refused == "RunError"
     assert broken == 1
