@@ -129,7 +129,7 @@ def test_new_measure_touches_two_files(tmp_path, base):
     assert done.returncode == 0, done.stderr
     *means, refused, broken, bounded, tested, absent, empty, drawn, sources = json.loads(done.stdout)
     assert (bounded, tested) == (True, [[None, None, 0], True])
-    assert (absent, empty, drawn, sources) == (0, 0, True, 4)
+    assert (absent, empty, drawn, sources) == (1, 0, True, 4), "only the CSV of one measure does not name it"
     assert means == [30.0, 50.0, [50.0], 50.0]
     assert refused == "RunError"
     assert broken == 1
