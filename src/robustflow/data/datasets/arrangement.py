@@ -36,9 +36,9 @@ class Arrangement:
     notice: str = ""
 
 
-def arranged(places: Mapping[str, Sequence[Path]], pairs: str | None) -> Arrangement:
+def arranged(places: Mapping[str, Sequence[Path]], pairs: str) -> Arrangement:
     """Arrange the frames of folders, by name of the folder, as `pairs` states, or by default as is recognised."""
-    if pairs is not None:
+    if pairs:
         choice("pairs", pairs, PAIRS)
     films = {group: films_of(frames) if frames else [] for group, frames in places.items()}
     numbers = {group: of_group[0] for group, of_group in films.items() if len(of_group) == 1}
@@ -50,13 +50,13 @@ def arranged(places: Mapping[str, Sequence[Path]], pairs: str | None) -> Arrange
             raise UsageError("pairs", f"{odd[0]} has an odd number of frames, which are no {DISJOINT} pairs")
         return Arrangement([(group, pair) for group, film in whole for pair in film.couples()], DISJOINT, True)
     every = [(group, film) for group in films for film in films[group]]
-    found = _across(every, pairs) or _by_name(every, len(whole)) or (_by_content(whole) if pairs is None else None)
+    found = _across(every, pairs) or _by_name(every, len(whole)) or (_by_content(whole) if not pairs else None)
     if found is None and pairs == NAMES:
         raise UsageError("pairs", "the names of the frames tell no pairs; give pairs=disjoint or pairs=consecutive")
     return found or Arrangement(whole)
 
 
-def _across(films: Sequence[tuple[str, Film]], pairs: str | None) -> Arrangement | None:
+def _across(films: Sequence[tuple[str, Film]], pairs: str) -> Arrangement | None:
     """Pair the frames with equal numbers of two films, such as left and right, if the films are none by what they show,
     or if the user states that names tell the pairs."""
     if len(films) != 2 or not films[0][1].numbers or films[0][1].numbers != films[1][1].numbers:

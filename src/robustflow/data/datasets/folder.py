@@ -51,7 +51,7 @@ class FrameFolder(PairDataset, OwnFrames):
         step: int = 1,
         start: Position = None,
         stop: Position = None,
-        pairs: str | None = None,
+        pairs: str = "",
         gaps: str = "skip",
     ) -> None:
         check_count("step", step)
@@ -71,7 +71,7 @@ class FrameFolder(PairDataset, OwnFrames):
         self.independent = films.independent
         if films.recognised:
             self.recognised = {"pairs": films.recognised}
-            self.notices += [films.notice] * (pairs is None)
+            self.notices += [films.notice] * (not pairs)
         if films.independent and step > 1:
             raise UsageError("step", f"{step}, but these are independent pairs; pairs={CONSECUTIVE} reads a film")
         found: dict[str, PairFiles] = {}
@@ -113,11 +113,11 @@ class Video(OwnFrames):
         step: int = 1,
         start: Position = None,
         stop: Position = None,
-        pairs: str | None = None,
+        pairs: str = "",
         gaps: str = "skip",
     ) -> None:
         check_count("step", step)
-        if pairs not in (None, CONSECUTIVE):
+        if pairs not in ("", CONSECUTIVE):
             raise UsageError("pairs", f"'{pairs}' is for images; a video is a film")
         self._path, self._step, reader = path, step, VideoReader(path)
         super().__init__(path, gaps, reader.frame)
@@ -183,12 +183,7 @@ class Video(OwnFrames):
 
 @described(FACTS)
 def open_folder(
-    root: str | Path,
-    step: int = 1,
-    start: Position = None,
-    stop: Position = None,
-    pairs: str | None = None,
-    gaps: str = "skip",
+    root: str | Path, step: int = 1, start: Position = None, stop: Position = None, pairs: str = "", gaps: str = "skip"
 ) -> FrameFolder | Video:
     """Open the dataset `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
     to the range from `start` to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
