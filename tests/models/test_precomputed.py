@@ -65,6 +65,7 @@ def test_flow_of_the_exact_name_takes_precedence(tmp_path):
         (["clean/a/0001.flo"], "b/0001", "clean/a"),
         (["clean/flow_1.flo", "clean/1_10.png"], "1", "flow_1.flo"),
         (["other/1.flo"], "1", "other"),
+        (["clean/RubberWhale/flow10.flo"], "RubberWhale", "clean/RubberWhale/flow10.flo"),
     ],
 )
 def test_flow_of_another_name_is_refused_and_what_is_there_named(tmp_path, names, key, named):

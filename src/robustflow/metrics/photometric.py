@@ -137,7 +137,8 @@ class Reading(NamedTuple):
 
     def describe(self) -> str:
         """Describe the flow that has to be read this way."""
-        words = [f"flipped (its {self.flipped} are in reverse order)"] if self.flipped else []
+        kind = {"": "", "rows": "upside down", "columns": "mirrored"}[self.flipped]
+        words = [f"{kind} (its {self.flipped} are in reverse order)"] if kind else []
         if self.swapped:
             words.append("swapped to (v, u)")
         if self.signs == (-1, -1):

@@ -72,7 +72,7 @@ class Precomputed:
         if paths:
             several = first_of([path.name for path in paths], _NAMED)
             raise ModelError(self._folder, f"{several} may be {name}; name the right one {key.name}{paths[0].suffix}")
-        place = next(place for place in (parent, folder, self._folder) if place.is_dir())
+        place = next(place for place in (folder / key, parent, folder, self._folder) if place.is_dir())
         formats = ", ".join(FLOW_SUFFIXES)
         raise ModelError(self._folder, f"no {name} with the suffix {formats}{_contents(place, self._folder)}")
 

@@ -26,7 +26,7 @@ from ..core.errors import DataError, RunError
 from ..corruptions.stack import needs_depth
 from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
-from ..metrics.photometric import Misread
+from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
 from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
@@ -249,12 +249,14 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
 
 
 def _warn(key: str, whose: str, wrong: Misread) -> None:
-    remedy = "correct the model"
+    remedy = "correct the model, and use robustflow check"
     if whose == OF_TRUTH:
-        remedy = "correct the dataset (the PNGs of DSEC are twice as long as KITTI's); the errors are not the model's"
+        remedy = "correct the dataset; the errors below are not the model's"
+    if wrong.reading == Reading(factor=0.5):
+        remedy += " (DSEC's PNGs, read as KITTI's, are twice too long)"
     warnings.warn(
         f"{whose} looks {wrong.reading.describe()}: on sample '{key}', {wrong.describe()}; flow is (u right, v down) "
-        f"in pixels from frame 1 to frame 2, so {remedy}, and use robustflow check",
+        f"in pixels from frame 1 to frame 2, so {remedy}",
         stacklevel=3,
     )
 

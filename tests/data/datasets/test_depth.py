@@ -256,6 +256,12 @@ def test_a_missing_map_is_named_before_anything_is_read(clip, tmp_path):
     assert "b.png" in str(refused)
 
 
+def test_maps_named_like_paths_of_windows_are_refused(clip, tmp_path):
+    write_both(tmp_path / "maps")
+    write_map(tmp_path / "maps" / "clip\\c.npy", metres())
+    refusal(lambda: OwnDepth(tmp_path / "maps", clip), DataError, tmp_path / "maps" / "clip\\c.npy")
+
+
 def test_frame_is_never_read_as_its_depth_map(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     frames = load_dataset("folder", write_both(pictures_of(Path("clip"), "a.png", "b.png")))

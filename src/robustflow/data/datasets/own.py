@@ -18,7 +18,7 @@ import numpy as np
 
 from ...core.errors import DataError, UsageError
 from ...core.files import digest_of_bytes
-from ...core.paths import user_path
+from ...core.paths import refuse_backslashes, user_path
 from ...core.plugins import called, check_options, import_target, source_of_target
 from ...core.source_digest import source_digest
 from ...core.types import Camera, Sample, SceneDepth
@@ -46,6 +46,7 @@ class OwnDepth:
         self._folder, self._dataset = user_path(folder), dataset
         if not self._folder.is_dir():
             raise UsageError("--depth", f"{self._folder} does not exist; give the folder with a map for every frame")
+        refuse_backslashes(self._folder)
         if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
             raise UsageError("--focal", f"{focal} is invalid; give a positive focal length in pixels")
         self._focal, self._per_metre = focal, None if unit is None else _per_metre(unit)
