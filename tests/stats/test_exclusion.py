@@ -105,6 +105,15 @@ def test_flow_that_explains_the_frames_or_has_ground_truth_is_not_excluded(given
     assert not _explained(*given)
 
 
+@pytest.mark.parametrize(("error", "doubted"), [(9.9, "ground truth"), (10.1, "misses the motion")])
+def test_ground_truth_is_doubted_where_a_flow_with_a_large_epe_explains_the_frames(error, doubted):
+    rows = _rows(31.0, 5.0).with_columns(
+        n_photometric=pl.lit(100), photometric_sum=100.0 * error, photometric_still_sum=pl.lit(2000.0)
+    )
+    (reason,) = reasons_from_rows(rows)
+    assert doubted in reason
+
+
 class ScaledDis:
     """DIS with scaled flow; with a factor of 0.1, the flow also changes a tenth as much under corruption."""
 
