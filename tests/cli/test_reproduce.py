@@ -11,6 +11,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.api import evaluate, load_run
+from robustflow.cli.reproduce import app
 from robustflow.core.errors import UsageError
 from robustflow.media.images import write_image
 from robustflow.paper.plan import ARTEFACTS, choose, paper_variants
@@ -145,8 +146,12 @@ def test_dry_run_of_every_table_and_figure_prints_its_plan(robustflow, name):
     assert ARTEFACTS[name].title in out or "can be run here" in out
 
 
-def test_without_a_name_every_table_and_figure_is_listed(robustflow):
-    assert robustflow.prints("reproduce").count("\n") == len(ARTEFACTS)
+def test_without_a_name_every_table_figure_and_command_is_listed(robustflow):
+    *lines, last = robustflow.prints("reproduce").splitlines()
+    assert len(lines) == len(ARTEFACTS)
+    commands = {command.callback.__name__ for command in app.registered_commands} - {"table"}
+    assert all(name in last for name in commands)
+    assert len(commands) == 3
 
 
 def test_displacement_of_the_embedded_pair_is_its_disparity(robustflow):

@@ -75,3 +75,15 @@ def test_dis_accepts_its_smallest_frames(height, width, fits):
         assert np.isfinite(load_model("dis").predict(frame, frame)).all()
     else:
         refusal(lambda: load_model("dis").predict(frame, frame), ModelError, f"{height}x{width}")
+
+
+@pytest.mark.parametrize("preset", ["samples", "opencv"])
+def test_farneback_presets_are_opencv_sample_and_default_values(preset):
+    flow = cv2.FarnebackOpticalFlow.create()
+    defaults = (flow.getNumLevels(), flow.getWinSize(), flow.getNumIters(), flow.getPolyN(), flow.getPolySigma())
+    expected = {"opencv": defaults, "samples": (3, 15, 3, 5, 1.2)}[preset]
+    names = ("levels", "winsize", "iterations", "poly_n", "poly_sigma")
+    identity = load_model("farneback", preset=preset).identity()
+    assert tuple(identity[name] for name in names) == expected
+    assert identity["pyr_scale"] == flow.getPyrScale()
+    assert load_model("farneback", preset=preset, winsize=21).identity() == {**identity, "winsize": 21}

@@ -39,6 +39,10 @@ def test_plan_without_weights_runs_the_two_classical_methods():
     assert "http" not in missing[RAFT[1]].remedy  # no public checkpoint corresponds to this variant
     assert "--recipe id" in missing[RAFT[1]].remedy
     assert all(choice.remedy for choice in missing.values())
+    proposed = [missing[Variant("SAMFlow-H", setting, "samflow_h")].remedy for setting in ("OOD", "ID")]
+    assert ["authors' file" in remedy for remedy in proposed] == [True, False]  # one file cannot be both
+    specs = {choice.variant.model: choice.spec for choice in choices if isinstance(choice, Runnable)}
+    assert specs["farneback"].options == (("preset", "opencv"),)
 
 
 def test_checkpoint_trained_on_the_evaluated_pairs_is_not_used():

@@ -6,7 +6,7 @@ both adapters use a single OpenCV thread, which yields the same flow on every ma
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -19,27 +19,43 @@ from .pairs import check_pair
 
 
 class Farneback:
-    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the paper's parameters."""
+    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames.
+
+    Args:
+        preset: "samples" for the values of OpenCV's sample programs, or "opencv" for the defaults of its class
+            `FarnebackOpticalFlow`; parameters that are given replace those of the preset.
+        pyr_scale, levels, winsize, iterations, poly_n, poly_sigma: as in `cv2.calcOpticalFlowFarneback`.
+    """
 
     single_threaded = True
+    PRESETS: ClassVar = {
+        "samples": {"levels": 3, "winsize": 15, "iterations": 3, "poly_n": 5, "poly_sigma": 1.2},
+        "opencv": {"levels": 5, "winsize": 13, "iterations": 10, "poly_n": 5, "poly_sigma": 1.1},
+    }
 
     def __init__(
         self,
+        preset: str = "samples",
         pyr_scale: float = 0.5,
-        levels: int = 3,
-        winsize: int = 15,
-        iterations: int = 3,
-        poly_n: int = 5,
-        poly_sigma: float = 1.2,
+        levels: int | None = None,
+        winsize: int | None = None,
+        iterations: int | None = None,
+        poly_n: int | None = None,
+        poly_sigma: float | None = None,
     ) -> None:
-        counts = {"levels": levels, "winsize": winsize, "iterations": iterations, "poly_n": poly_n}
+        if preset not in self.PRESETS:
+            raise unknown_name("Farneback preset", str(preset), self.PRESETS)
+        given: dict[str, Any] = {"levels": levels, "winsize": winsize, "iterations": iterations, "poly_n": poly_n}
+        given["poly_sigma"] = poly_sigma
+        values: dict[str, Any] = {"pyr_scale": pyr_scale, **self.PRESETS[preset]}
+        values |= {name: value for name, value in given.items() if value is not None}
+        counts = {name: values[name] for name in ("levels", "winsize", "iterations", "poly_n")}
         for name, value in counts.items():  # OpenCV accepts smaller values, but then crashes or returns NaN
             check_count(name, value, least=0 if name == "levels" else 1)
-        for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
-            if not isinstance(number, int | float) or not 0 < number < limit:
+        for name, limit in (("pyr_scale", 1.0), ("poly_sigma", np.inf)):
+            if not isinstance(number := values[name], int | float) or not 0 < number < limit:
                 raise UsageError(name, f"must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
-        self._parameters: dict[str, Any] = {"pyr_scale": pyr_scale, "levels": levels, "winsize": winsize}
-        self._parameters |= {"iterations": iterations, "poly_n": poly_n, "poly_sigma": poly_sigma}
+        self._parameters = values
 
     def identity(self) -> dict[str, Any]:
         """Return the identity: the parameters and the OpenCV version."""

@@ -43,7 +43,11 @@ class Artefact:
 
 
 _ALL = (
-    Artefact("tab1", "The 15 evaluated methods", instead="robustflow list models, without encoders and decoders"),
+    Artefact(
+        "tab1",
+        "The 15 evaluated methods",
+        instead="robustflow list models (model, type and year; not the encoders and decoders)",
+    ),
     Artefact("tab2", "EPE on KITTI-FC", "kitti-fc", "epe", table="epe"),
     Artefact(
         "tab3",
@@ -62,8 +66,8 @@ _ALL = (
     Artefact(
         "fig2",
         "The 24 corruptions at severity 5",
-        instead="robustflow gallery --severity 5, which shows 20 of them; --clip CLIP adds the video corruptions "
-        "(object_motion_blur needs intermediate frames)",
+        instead="robustflow gallery --severity 5 --clip CLIP; without --clip, the video corruptions are missing, and "
+        "object_motion_blur needs the frames in between",
     ),
     Artefact(
         "fig3",
@@ -106,12 +110,16 @@ def data_hint(artefact: Artefact) -> str:
 
 def contents() -> list[str]:
     """Return one line per table and figure: its title, and its benchmark or the command that shows the same content."""
-    return [
+    lines = [
         f"{artefact.name:5s} {artefact.title}"
         + (f" (--data: {artefact.benchmark})" if artefact.benchmark else f": {artefact.instead}")
         for artefact in ARTEFACTS.values()
     ]
+    return [*lines, "Further commands: robustflow reproduce audit, observations or displacement."]
 
+
+_OPTIONS: dict[str, tuple[tuple[str, str], ...]] = {"farneback": (("preset", "opencv"),)}
+"""Options with which a model is run: the paper states OpenCV's default parameters."""
 
 _RUN_AS = {"DIS": "dis_rgb"}
 """Methods whose name in the paper refers to a different model in this package: the paper ran the authors' DIS on colour
@@ -248,7 +256,8 @@ def _runnable_or_missing(
 ) -> Runnable | Missing:
     entry = methods()[variant.model]
     if entry.type == "knowledge":
-        return Runnable(variant, ModelSpec(variant.model), _GREY if variant.model == "dis" else "", variant.model)
+        spec = ModelSpec(variant.model, _OPTIONS.get(variant.model, ()))
+        return Runnable(variant, spec, _GREY if variant.model == "dis" else "", variant.model)
     if not is_installed(entry):
         return Missing(variant, f"needs {entry.extra}", f"pip install 'robustflow[{entry.extra}]'")
     for file in weights:
@@ -301,11 +310,12 @@ def _reason(variant: Variant, benchmark: str, weights: Sequence[FoundWeights]) -
 def _remedy(variant: Variant, benchmark: str) -> str:
     ways = []
     public = _nearest(variant, benchmark, checkpoints())
+    stages = recipes_of(variant.model) if variant.model in trained_methods() else {}
     if public is not None:
         ways.append(f"download a stand-in: {public.address}")
-    elif variant.model in NETWORKS:
-        ways.append(f"{NETWORKS[variant.model].source}, saved as {variant.slug}.pth")
-    stages = recipes_of(variant.model) if variant.model in trained_methods() else {}
+    elif variant.model in NETWORKS and not (variant.setting == "ID" and "id" in stages):
+        without = " if it was not trained on KITTI" if variant.setting == "OOD" else ""
+        ways.append(f"{NETWORKS[variant.model].source}, saved as {variant.slug}.pth{without}")
     stage = next((stage for stage in (variant.setting.lower(), "unsupervised") if stage in stages), None)
     if stage is not None:
         ways.append(f"train it: robustflow train {variant.model} --recipe {stage} --output trainings/{variant.slug}")
