@@ -339,7 +339,6 @@ def test_own_mix_file_is_used_and_an_unreadable_one_refused(request_for, tmp_pat
     run_training(request)
     mix.write_text(mix.read_text().replace("0.2", "0.3"))
     refusal(lambda: run_training(replace(request, resume=True)), RunError, "data")
-    infinite = 'parts = [{data = "sintel", augmentation = "dense", log2_scale = [0, inf], flip = true}]'
-    for text in ("parts = []", "parts = 3", "nonsense", 'parts = [{data = "sintel"}]', infinite):
+    for text in ("parts = []", "parts = 3", "nonsense", 'parts = [{data = "sintel"}]', "a." * 9999):
         mix.write_text(text)
         refusal(lambda: run_training(request_for("other", mix=str(mix))), UsageError, mix)

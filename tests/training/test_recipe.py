@@ -179,6 +179,29 @@ def test_invalid_value_of_a_recipe_is_refused(change):
     refusal(lambda: load_recipe("raft", "ood").changed(**change), UsageError, name)
 
 
+@pytest.mark.parametrize(
+    ("valid", "invalid"),
+    [
+        ("log2_scale = [-3, 3]", "log2_scale = [-3.01, 3]"),
+        ("log2_scale = [1, 1]", "log2_scale = [0, inf]"),
+        ("log2_scale = [0, 3]", "log2_scale = [0, 3.01]"),
+        ("log2_scale = [0.1, 0.2]", "log2_scale = [0.2, 0.1]"),
+        ("times = 1000", "times = 1001"),
+        ("times = 1", "times = 0"),
+        ("margin = 1000", "margin = 1001"),
+        ("margin = 0", "margin = -1"),
+        ("eraser = false", "erasor = false"),
+    ],
+)
+def test_value_of_a_mix_outside_its_range_is_refused_and_at_its_limit_used(tmp_path, valid, invalid):
+    mix, text = tmp_path / "mix.toml", 'parts = [{data = "hd1k", augmentation = "dense", flip = true, VALUE}]'
+    mix.write_text(text.replace("VALUE", valid))
+    assert len(mix_parts(str(mix))) == 1
+    for refused in (text.replace("VALUE", invalid), "seed = 1\n" + text.replace("VALUE", valid)):
+        mix.write_text(refused)
+        refusal(lambda: mix_parts(str(mix)), UsageError, mix)
+
+
 def test_steps_that_are_less_than_one_update_are_refused():
     refusal(lambda: load_recipe("raft", "ood").changed(steps=3, accumulate=4), UsageError, "--steps")
 

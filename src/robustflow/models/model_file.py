@@ -50,14 +50,14 @@ def damaged(path: Path, error: Exception) -> ModelError:
     return ModelError(
         path,
         f"truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
-        "download it again and compare its size with that of the original",
+        "copy or download it again and compare its size with that of the original",
     )
 
 
 def _refuse_other_files(path: Path, file: BinaryIO) -> None:
     head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
     if not head:
-        raise ModelError(path, "the file is empty; download it again")
+        raise ModelError(path, "the file is empty; copy or download it again")
     for start, what in _NO_MODEL.items():
         if re.match(start, head):
             raise ModelError(path, f"the file is {what}; download the checkpoint itself, for example in a browser")

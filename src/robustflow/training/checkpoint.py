@@ -28,6 +28,7 @@ LAST = "last.pth"
 BEST = "best.pth"
 _ABOUT = "robustflow_training"
 _DIGEST = "robustflow_digest"
+_RESTORE = "restore it, or start a new training from a weights file with --init"
 _STATE = ("model", "optimizer", "scaler")
 
 
@@ -64,7 +65,10 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
     """Read a file written by `save_training`; return its entire content and the progress."""
     if not path.exists():
         raise RunError(path.parent, f"no training run to resume ({path.name} not found); start one without --resume")
-    content, _ = read_content(path)
+    try:
+        content, _ = read_content(path)
+    except ModelError as error:
+        raise ModelError(path, f"{str(error.args[-1]).partition(';')[0]}; {_RESTORE}") from error
     if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
         raise RunError(path, f"contains weights but no training state; start from the weights with --init {path}")
     try:
@@ -78,7 +82,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         updates, validated = int(about["updates"]), int(about["validated"])
         return content, TrainingProgress(updates, dict(about["identity"]), best, str(about["best_on"]), validated)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
-        raise ModelError(path, f"damaged ({first_line(error)}); restore it, or restart from a weights file") from error
+        raise ModelError(path, f"damaged ({first_line(error)}); {_RESTORE}") from error
 
 
 def _save(content: dict[str, Any], file: BinaryIO) -> None:

@@ -16,9 +16,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
-from ..core.errors import UsageError, unknown_name
+from ..core.errors import UsageError, class_and_message, first_misfit, unknown_name
 from ..core.files import digest_of_value
 from ..core.paths import user_path
 from ..core.plugins import accepts
@@ -109,6 +109,16 @@ _NONE = BeforeValidator(lambda value: None if value == "none" else value)
 """TOML has no null value, so None is written as "none"."""
 
 
+_Log2 = Annotated[float, Field(ge=-3, le=3)]
+"""A power of two by which frames are scaled; the recipes use -0.5 to 1."""
+
+
+def _ascending(limits: Range) -> Range:
+    if limits[0] > limits[1]:
+        raise ValueError("the first limit is larger than the second")
+    return limits
+
+
 class Optimizer(FrozenFinite):
     """The optimiser's settings, except the learning rate."""
 
@@ -128,12 +138,18 @@ class Part(FrozenFinite):
     data: str
     options: dict[str, str | int] = Field(default_factory=dict)
     keys: Literal["all", "training"] = "all"
-    times: int = Field(1, ge=1)
+    times: int = Field(1, ge=1, le=1000)
     augmentation: Literal["dense", "sparse", "stretched", "cropped"]
-    log2_scale: tuple[float, float] = (0.0, 0.0)
+    log2_scale: Annotated[tuple[_Log2, _Log2], AfterValidator(_ascending)] = (0.0, 0.0)
     flip: bool
     eraser: bool = True
-    margin: int = Field(0, ge=0)
+    margin: int = Field(0, ge=0, le=1000)
+
+
+class Mix(FrozenFinite):
+    """A mix of data, as in `recipes/mixes.toml` or a user's file."""
+
+    parts: tuple[Part, ...] = Field(min_length=1)
 
 
 class Recipe(FrozenFinite):
@@ -247,22 +263,19 @@ def mix_parts(name: str) -> tuple[Part, ...]:
     mixes = _read(MIXES)
     if name not in mixes:
         raise unknown_name("mix of data", name, list(mixes))
-    return tuple(Part.model_validate(part) for part in mixes[name]["parts"])
+    return Mix.model_validate(mixes[name]).parts
 
 
 def _parts_of_mix_file(path: Path) -> tuple[Part, ...]:
     try:
-        parts = tuple(Part.model_validate(part) for part in tomllib.loads(path.read_text(encoding="utf-8"))["parts"])
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError) as error:
-        reason = " ".join(str(error).split())
+        return Mix.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).parts
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError, ValidationError) as error:
+        reason = first_misfit(error) if isinstance(error, ValidationError) else class_and_message(error)[:200]
         raise UsageError(
             path,
-            f"not a valid mix of data ({type(error).__name__}: {reason[:200]}); expected "
+            f"not a valid mix of data ({reason}); expected "
             'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]',
         ) from error
-    if not parts:
-        raise UsageError(path, "the mix of data has no parts; include at least one dataset")
-    return parts
 
 
 @cache
