@@ -78,6 +78,16 @@ def test_values_and_influence_equal_their_definition(formula, complete):
     assert found.standard_error[0] == pytest.approx(math.sqrt(6 / 5 * squares))
 
 
+def test_scores_of_clusters_add_up_to_the_mean():
+    """Some clusters lack images under some conditions, and clusters have different sizes."""
+    rng, share = np.random.default_rng(3), np.array([0.25, 0.25, 0.5])
+    number = rng.integers(0, 4, (9, 3)).astype(float)
+    mean = Mean(number * rng.gamma(4, 1, (9, 3)), number, share)
+    scores = mean.scores
+    assert scores.mean == pytest.approx(mean(np.ones((1, 9))).value)
+    assert scores.den.sum() == pytest.approx(1)
+
+
 def test_a_resample_without_an_image_under_a_condition_averages_over_the_others():
     totals, counts = np.array([[2.0, 8], [3, 0], [5, 0]]), np.array([[1.0, 1], [1, 0], [1, 0]])
     found = Mean(totals, counts, np.array([0.5, 0.5]))(np.array([[0.0, 1, 2], [1, 1, 1]]))

@@ -12,6 +12,7 @@ import polars as pl
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..metrics.cube import PAPER
+from ..metrics.measures import LEADING
 from ..metrics.regions import REGIONS
 from ..run.comparable import run_names, sample_set
 from .frame import LINE, once, results_frame
@@ -81,7 +82,7 @@ class ModelResult:
         short has a lower CRE, CREr and RCRE than the sound flow; of the paper, all of them."""
         if self.setting == "knowledge":
             return False
-        return self.source == "published" or (self.run is not None and metric == "epe")
+        return self.source == "published" or (self.run is not None and metric == LEADING)
 
     @property
     def key(self) -> tuple[str, str]:

@@ -23,6 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from .inference import Scores
+
 _ROUNDING = 1e-12
 
 Array = npt.NDArray[np.float64]
@@ -135,6 +137,13 @@ class Mean:
         self._columns = np.concatenate([totals, counts], axis=1)
         self._shares = np.array([share[some].sum() for some in alike])
         self._seen = counts.sum(axis=1) > 0
+
+    @property
+    def scores(self) -> Scores:
+        """What each cluster adds to the mean, and its share of the images."""
+        totals, counts = np.split(self._columns, 2, axis=1)
+        images = counts.sum(axis=0)
+        return Scores((totals / images).sum(axis=1), counts / images @ self._shares)
 
     def __call__(self, weights: Array) -> Estimates:
         """Compute the mean in each resample."""
