@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import resource
 import struct
 import zlib
@@ -112,6 +113,7 @@ HIGHER = {
     **{f"{name}.jpg": with_size(encoded("JPEG", **options), 192, 128) for name, options in JPEGS.items()},
     **{f"{kind}.tif": with_size(encoded("TIFF", compression=kind), 192, 128) for kind in TIFFS},
     "few strips.tif": with_size(encoded("TIFF"), 192, 128, tags=(257,)),
+    "channels.tif": encoded("TIFF").replace(struct.pack("<HHII", 277, 3, 1, 3), struct.pack("<HHII", 277, 3, 1, 235)),
     "jpeg.tif": encoded("TIFF", compression="jpeg"),
     "fax.tif": encoded("TIFF", "1", compression="group4"),
 }
@@ -119,8 +121,9 @@ HIGHER = {
 
 @pytest.mark.parametrize("name", HIGHER)
 def test_header_that_claims_more_rows_than_the_data_have_is_refused_in_silence(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
+    monkeypatch.setattr(logging.root, "handlers", [])  # those of pytest
     (tmp_path / name).write_bytes(HIGHER[name])
     refusal(lambda: read_image(tmp_path / name), DataError, tmp_path / name)
     assert capfd.readouterr() == ("", "")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+import logging
 import re
 import struct
 import warnings
@@ -29,6 +30,8 @@ from ..core.text import is_utf8
 from ..core.types import Frame
 from .arrays import readable
 from .complete import PNG, png_header, silent_libraries, without_end
+
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # otherwise, Python prints its errors
 
 LARGEST = 2**30
 """Maximum size of an image file in bytes; the largest supported image needs half as much."""
