@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from robustflow.attacks import load_attack
-from robustflow.attacks.square import quick_score
 
 from .numpy_problem import NumpyProblem, numpy_problem
 
@@ -165,20 +164,6 @@ def test_square_keeps_the_squares_that_raise_the_score(moved, target):
     assert np.allclose(sign * np.array(problem.trace), scores, rtol=1e-6)
     assert highest > sign * np.hypot(*problem.clean_flow.transpose(2, 0, 1)).mean()
     assert np.array_equal(np.rint(images * 255), best)
-
-
-@pytest.mark.parametrize(
-    ("norm", "budget", "moved", "grey"),
-    [("linf", 12.7, "first", 12), ("rms", 1.25, "joint", 1), ("rms", 0.9, "both", 0), ("area", 50, "both", 0)],
-)
-def test_a_short_run_of_square_stays_in_the_ball_of_the_attack(norm, budget, moved, grey):
-    _, problem = numpy_problem("pgd" if norm != "area" else "patch", budget=budget, norm=norm, moved=moved)
-    if not grey:
-        assert quick_score(problem, moved) == -np.inf
-        return
-    square, other = numpy_problem("square", budget=grey, moved=moved, queries=50)
-    square.run(other, other.pair.stream("square"))
-    assert quick_score(problem, moved) == other.best_score
 
 
 def test_the_curves_of_starts_give_the_spread_and_the_gain_of_the_last_quarter():

@@ -22,7 +22,6 @@ from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_tar
 from .problem import Pair
 from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
-from .square import quick_score
 
 AnyAttack = str | Attack | Any
 """The name of an attack, an attack from `load_attack`, or the user's own attack as an object or class."""
@@ -166,8 +165,6 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
     warnings |= problem.troubles
     if float_loss is not None and abs(here - float_loss) > _ROUNDING * abs(float_loss - clean_loss):
         warnings |= {"rounding"}
-    if attack.needs_gradients and quick_score(problem, attack.moved) > loss.score(here):
-        warnings |= {"square_above_white_box"}
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
         if images is problem.best:  # the clean pair is within every budget, and scores at least as high here
@@ -194,6 +191,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
         trace=tuple(problem.trace),
         evaluations=evaluations,
         gradients=gradients,
+        gradient=problem.gradient,
         warnings=tuple(sorted(warnings)),
     )
 

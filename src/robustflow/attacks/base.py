@@ -24,8 +24,9 @@ from ..core.source_digest import source_digest
 from ..core.types import Flow, Mask, read_only
 from ..models.base import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images
+from .gradient import check_gradient, refuse_without_gradient
 from .loss import LOSSES, Loss
-from .problem import Pair, Problem, check_gradient, refuse_without_gradient
+from .problem import Pair, Problem
 from .registry import norm_of
 
 _PACKAGE = __name__.partition(".")[0] + "."
@@ -45,6 +46,10 @@ TARGETS = ("none", "zero", "negative")
 REFERENCES = ("auto", "truth", "clean")
 """What an untargeted attack moves away from; `auto` is the ground truth if there is any, else the clean flow."""
 
+GRADIENTS = ("auto", "whole", "as-written")
+"""Which gradient of a network is followed: through its `detach` calls, or as autograd gives it; `auto` is `whole`,
+except in variants, which repeat published code."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Attack(ABC):
@@ -58,6 +63,7 @@ class Attack(ABC):
         loss: one of `loss.LOSSES`.
         reference: one of `REFERENCES`, for untargeted attacks.
         moved: one of `ball.MOVED`.
+        gradient: one of `GRADIENTS`.
 
     Raises:
         UsageError: an unknown option.
@@ -81,10 +87,11 @@ class Attack(ABC):
     loss: str = "epe"
     reference: str = "auto"
     moved: str = "both"
+    gradient: str = "auto"
 
     def __post_init__(self) -> None:
         choices = {"variant": self.variants, "norm": self.norms, "target": self.targets}
-        choices |= {"reference": REFERENCES, "loss": LOSSES, "moved": MOVED}
+        choices |= {"reference": REFERENCES, "loss": LOSSES, "moved": MOVED, "gradient": GRADIENTS}
         for option, choice in choices.items():
             if getattr(self, option) not in choice:
                 raise unknown_name(f"{option} of attack {self.name}", str(getattr(self, option)), choice)
@@ -172,7 +179,8 @@ class Attack(ABC):
         ball = Ball(first, second, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
         ball.clean.flags.writeable = False
         loss, from_clean = self._loss(clean_flow, pair)
-        return Problem(model, ball, loss, pair, clean_flow, from_clean)
+        whole = self.gradient == "whole" or (self.gradient == "auto" and self.variant == "default")
+        return Problem(model, ball, loss, pair, clean_flow, from_clean, whole)
 
     def begun(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
         """Build the problem (see `problem`), and check the model's gradient if the attack needs one."""

@@ -109,7 +109,7 @@ class Transfer(Attack):
         inner = self.attack.begun(self._surrogate, pair, clean_flow)
         images = run_attack(self.attack, inner, pair.stream(self.attack.name))
         problem.charge(inner)
-        problem.troubles |= inner.troubles
+        problem.adopt(inner)
         problem.trace += inner.trace
         return images
 
@@ -189,8 +189,8 @@ class WorstOf(Attack):
             score = problem.score_of_frames(frames)
             problem.charge(inner)
             if score > highest:
-                best, highest, problem.troubles = images_of(*frames), score, inner.troubles
-                curves = inner.curves
+                best, highest, curves = images_of(*frames), score, inner.curves
+                problem.adopt(inner)
         problem.curves = curves
         return best
 

@@ -50,6 +50,8 @@ class Evaluation:
     frames: tuple[Frame, Frame] | None = None
     images: Images | None = None
     loss: Loss | None = None
+    whole: bool = True
+    """Whether networks are differentiated through `detach` (see `models.torch.whole`)."""
 
     @property
     def cell(self) -> tuple[str, str, int]:
@@ -60,8 +62,8 @@ class Evaluation:
     def group(self) -> tuple[Any, ...]:
         """A key that is equal for evaluations that can share a model call."""
         group = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
-        shapes = [each.shape for each in (*(self.frames or ()), self.images) if each is not None]
-        return id(self.model), self.images is None, self.loss is None, *shapes, *group
+        arrays = [(each.shape, each.dtype.char) for each in (*(self.frames or ()), self.images) if each is not None]
+        return id(self.model), self.images is None, self.loss is None, self.whole, *arrays, *group
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +185,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
     import torch
 
     from ..models.torch.model import reproducible
+    from ..models.torch.whole import as_written
 
     model, gradient = asked[0].model, asked[0].loss is not None
     assert isinstance(model, Differentiable)
@@ -190,12 +193,13 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
     images = torch.from_numpy(np.stack([one.images for one in asked if one.images is not None]))
     images.requires_grad_(gradient)
     with reproducible(getattr(model, "threads", 1)), naming_errors(where):
-        with torch.set_grad_enabled(gradient):
+        with torch.set_grad_enabled(gradient), nullcontext() if asked[0].whole else as_written():
             flow = model.differentiable(images[:, 0].contiguous(), images[:, 1].contiguous())
         shape = tuple(flow.shape) if isinstance(flow, torch.Tensor) else type(flow).__name__
         if shape != (len(asked), 2, *images.shape[3:]) or (gradient and not flow.requires_grad):
             raise ModelError("differentiable", f"the model's method returned {shape}; {_EXPECTED}")
-        flows = np.ascontiguousarray(flow.detach().float().cpu().numpy().transpose(0, 2, 3, 1))
+        values = flow.detach() if images.dtype == torch.float64 else flow.detach().float()
+        flows = np.ascontiguousarray(values.cpu().numpy().transpose(0, 2, 3, 1))
         if not gradient:
             return list(map(Answer, flows))
         slopes = [one.loss.slope(there) for one, there in zip(asked, flows, strict=True) if one.loss is not None]

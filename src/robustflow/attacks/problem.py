@@ -1,21 +1,20 @@
-"""The optimisation problem of an attack: the loss of a pair, its gradient, and the cost so far; and a check of that
-gradient before a white-box attack follows it.
-"""
+"""The optimisation problem of an attack: the loss of a pair, its gradient, and the cost so far."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ..core.errors import ModelError, UsageError
+from ..core.errors import UsageError
 from ..core.rng import Rng
 from ..core.types import Flow, Frame, Mask, described_array
-from ..models.base import AnyModel, Differentiable, model_identity
-from .ball import WHITE, Ball, Images, frames_of, images_of
-from .evaluation import Evaluation, evaluate
+from ..models.base import AnyModel
+from .ball import Ball, Images, frames_of, images_of
+from .evaluation import Answer, Evaluation, evaluate
 from .loss import Loss
+from .result import Verdict
 
 _FEWEST = 8
 
@@ -48,13 +47,15 @@ class Problem:
         pair: the clean pair.
         clean_flow: the model's flow on the clean pair, float32 (H, W, 2), pixels.
         from_clean: whether the loss is the distance to the clean flow, which has no gradient at the clean pair.
+        whole: whether networks are differentiated through `detach`.
 
     Attributes:
-        evaluations: number of flows computed for the attack, with and without gradient.
+        evaluations: number of flows computed for the attack and its checks, with and without gradient.
         gradients: number of evaluations with a gradient.
         trace: the loss of each evaluation, without CosPGD's weight.
         curves: for each start, the highest score so far after each of its evaluations.
         troubles: keys of `result.WARNINGS` for events that make the result doubtful.
+        verdict: what the check of the gradient found; None without a check.
     """
 
     model: AnyModel
@@ -63,12 +64,14 @@ class Problem:
     pair: Pair
     clean_flow: Flow
     from_clean: bool = False
+    whole: bool = True
     evaluations: int = 0
     gradients: int = 0
     trace: list[float] = field(default_factory=list)
     curves: list[list[float]] = field(default_factory=lambda: [[]])
     best_score: float = field(init=False)
     troubles: set[str] = field(default_factory=set)
+    verdict: Verdict | None = None
 
     def __post_init__(self) -> None:
         score = self.loss.score(self.loss.of(self.clean_flow, weighted=False))
@@ -102,14 +105,18 @@ class Problem:
 
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
         """Compute the score of 8-bit frames, for attacks without gradients."""
-        self.evaluations += 1
-        flow = evaluate(Evaluation(self.model, self.pair.key, frames=frames)).flow
+        flow = self.charged(Evaluation(self.model, self.pair.key, frames=frames)).flow
         return self.note(images_of(*frames), self.loss.of(flow))
 
     def flow(self, images: Images) -> Flow:
         """Predict the flow of images without rounding them to grey levels, float32 (H, W, 2)."""
+        return self.charged(Evaluation(self.model, self.pair.key, images=images)).flow
+
+    def charged(self, asked: Evaluation) -> Answer:
+        """Evaluate the model, and count the cost."""
         self.evaluations += 1
-        return evaluate(Evaluation(self.model, self.pair.key, images=images)).flow
+        self.gradients += asked.loss is not None
+        return evaluate(asked)
 
     def slope(self, images: Images) -> tuple[float, Images]:
         """Compute the score of images and its gradient, which includes CosPGD's weight if the loss does."""
@@ -119,9 +126,7 @@ class Problem:
 
     def loss_and_gradient(self, images: Images) -> tuple[float, Flow, Images]:
         """Compute the loss, the flow (H, W, 2), and the gradient of the loss; not recorded."""
-        self.evaluations += 1
-        self.gradients += 1
-        answer = evaluate(Evaluation(self.model, self.pair.key, images=images, loss=self.loss))
+        answer = self.charged(Evaluation(self.model, self.pair.key, images=images, loss=self.loss, whole=self.whole))
         gradient = answer.gradient
         assert gradient is not None
         if not np.isfinite(gradient).all():
@@ -144,6 +149,15 @@ class Problem:
         """Add the cost of another problem to this one."""
         self.evaluations += other.evaluations
         self.gradients += other.gradients
+
+    def adopt(self, other: Problem) -> None:
+        """Take over what is known about the gradient that another problem's attack followed."""
+        self.troubles, self.verdict, self.whole = other.troubles, other.verdict, other.whole
+
+    @property
+    def gradient(self) -> str | None:
+        """The gradient that the attack followed: "whole", "as-written", or the verdict against it; None for none."""
+        return self.verdict if self.whole or self.verdict is None else "as-written"
 
     def begin(self) -> None:
         """Begin a new start: later evaluations belong to a new curve."""
@@ -180,58 +194,3 @@ class Problem:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def refuse_without_gradient(model: AnyModel, attack: str) -> None:
-    """Check that a model provides the gradients that an attack needs."""
-    if not isinstance(model, Differentiable):
-        remedy = "use square, or add a method differentiable(images1, images2) (for tiny, install the extra torch)"
-        raise ModelError(_name_of(model), f"it provides no gradient, which attack {attack} needs; {remedy}")
-
-
-def _name_of(model: object) -> str:
-    return model_identity(model).get("name") or type(model).__name__
-
-
-_APART, _ROUNDING = 0.05, 0.01
-"""Allowed mean distance of the flows of `predict` and `differentiable`: a share of their length, plus pixels."""
-_LENGTH = 0.25 / WHITE
-"""Change of every value in the finite differences: a quarter of a grey level."""
-_DIRECTIONS, _LEAST = 3, 4.0
-"""Number of random directions, and how many times more than in any of them the loss must change along the gradient."""
-
-
-def check_same_flow(model: object, differentiable: Flow, predicted: Flow, where: str) -> None:
-    """Check that a model's `differentiable` computes the flow of its `predict`, both float32 (H, W, 2), in pixels."""
-    usable = np.isfinite(predicted).all(axis=-1)
-    if not usable.any():
-        return
-    lengths = np.linalg.norm(predicted[usable].astype(np.float64), axis=-1)
-    apart = np.linalg.norm(differentiable[usable].astype(np.float64) - predicted[usable], axis=-1).mean()
-    if not apart <= _APART * lengths.mean() + _ROUNDING:
-        message = f"{where}, differentiable and predict differ by {apart:.3g} px on average"
-        raise ModelError(_name_of(model), f"{message} (mean length {lengths.mean():.3g} px); return the same flow")
-
-
-def check_gradient(problem: Problem, rng: Rng) -> None:
-    """Compare the flows of `differentiable` and `predict`, and the slope along the gradient with random ones."""
-    asked = Evaluation(problem.model, problem.pair.key, images=problem.ball.clean)
-    where = f"on the clean pair of '{problem.pair.key}'" if problem.pair.key else "on the clean pair"
-    check_same_flow(problem.model, evaluate(asked).flow, problem.clean_flow, where)
-    images = problem.ball.random(rng)
-    answer = evaluate(replace(asked, images=images, loss=problem.loss))
-    assert answer.gradient is not None
-    if not (np.isfinite(answer.gradient).all() and answer.gradient.any()):
-        return  # the attack itself reports this
-    _, slope = problem.loss.slope(answer.flow)
-    changes = []
-    for direction in (np.sign(answer.gradient), *(_signs(rng, images) for _ in range(_DIRECTIONS))):
-        nearby = np.clip(images + np.float32(_LENGTH) * direction, 0, 1).astype(np.float32)
-        flow = evaluate(replace(asked, images=nearby)).flow
-        changes.append(float((slope.astype(np.float64) * (flow - answer.flow)).sum()))
-    if not changes[0] > _LEAST * max(map(abs, changes[1:])):
-        problem.troubles.add("gradient_misleading")
-
-
-def _signs(rng: Rng, images: Images) -> np.ndarray:
-    return np.where(rng.bits(images.size) & np.uint64(1), 1, -1).reshape(images.shape)

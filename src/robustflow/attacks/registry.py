@@ -9,7 +9,7 @@ from ..core.plugins import Registry
 
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
-ATTACK_VERSION = 6
+ATTACK_VERSION = 7
 """Part of every run's identity; incremented whenever the frames of an attack change."""
 
 CONTROLS = ("random_sign", "random_gauss")

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from ..core.types import Flow, Frame
 from .ball import Images
 
+Verdict = Literal["whole", "partial", "noise", "reversed", "zero", "not-finite"]
+"""What a gradient is: the slope of the loss; correlated with it, but different in size or direction; unrelated; its
+negative; zero everywhere; NaN or infinite somewhere."""
+
+FOLLOWED = (*get_args(Verdict), "as-written")
+"""What a row says of the gradient that its attack followed."""
+
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
     "gradient_not_finite": "the gradient contained NaN or infinite values",
-    "gradient_misleading": "the loss hardly rises along the gradient: the gradient is masked or wrong",
+    "gradient_misleading": "the gradient is unrelated to the measured slope of the loss: it is masked or wrong",
+    "gradient_reversed": "the gradient is the negative of the measured slope of the loss",
+    "gradient_partial": "the gradient differs from the measured slope of the loss: parts of the network are cut off",
     "gradient_zero": "the gradient was zero everywhere: the model may be masking it",
-    "square_above_white_box": "Square, which uses no gradient, is stronger: the gradient is masked or wrong",
     "nothing_gained": "the attacked pair has no larger error than the clean pair: the attack failed",
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
 }
 """Warnings about the result of a single attack, by key."""
 
-LOWER_BOUND = ("nothing_gained", "rounding", "saturated")
+LOWER_BOUND = ("gradient_partial", "nothing_gained", "rounding", "saturated")
 """Warnings that a stronger attack may exist; with any other, the result says little about the robustness."""
 
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the step size is unsuitable",
+    "square_above_white_box": "Square, which uses no gradient, is stronger: the gradient is masked or wrong",
     "transfer_above_white_box": "frames attacked on a different model increase the error more",
 }
 """Warnings based on a comparison with the other attacks of the run."""
@@ -57,7 +67,10 @@ class Attacked:
         start_spread: difference between the highest scores of the best and of the worst start, before rounding; None
             with a single start.
         trace: the loss at each evaluation, in order.
-        evaluations, gradients: number of flows computed by the attack, and number of those with a gradient.
+        evaluations, gradients: number of flows computed by the attack and its checks, and number of those with a
+            gradient.
+        gradient: the gradient that the attack followed: "whole", "as-written", or what it was found to be instead
+            ("partial", "noise", "reversed", "zero", "not-finite"); None if it followed none.
         warnings: keys of `WARNINGS`.
     """
 
@@ -80,6 +93,7 @@ class Attacked:
     trace: tuple[float, ...]
     evaluations: int
     gradients: int
+    gradient: str | None
     warnings: tuple[str, ...]
 
     @property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from ..core.rng import Rng
-from .ball import WHITE, Ball, Images, frames_of, grey_levels_of
+from .ball import WHITE, Images, frames_of, grey_levels_of
 from .base import Attack
 from .problem import Problem
 
@@ -17,8 +17,6 @@ _LARGEST = 0.8
 """Initial area of a square, as a fraction of the frame."""
 _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 """Numbers of queries, out of 10,000, after which the area of a square is halved."""
-_FEW = 50
-"""Number of queries of the short run beside every white-box attack."""
 _Levels = np.typing.NDArray[np.int16]
 
 
@@ -60,17 +58,6 @@ class Square(Attack):
         if joint:
             change = np.clip(change, -clean.min(axis=0), WHITE - clean.max(axis=0))
         return np.clip(clean + change, 0, WHITE)
-
-
-def quick_score(problem: Problem, moved: str) -> float:
-    """Return the score that Square reaches with a few queries inside the ball of `problem`; -inf if none fits."""
-    budget = int(problem.ball.budget)
-    if problem.ball.norm == "area" or budget < 1:
-        return -np.inf
-    ball = Ball(*problem.pair.frames, budget, "linf", moved)
-    inner = Problem(problem.model, ball, replace(problem.loss, agreeing=False), problem.pair, problem.clean_flow)
-    Square(queries=_FEW, moved=moved).run(inner, problem.pair.stream(Square.name))
-    return inner.best_score
 
 
 def _signs(rng: Rng, count: int) -> _Levels:

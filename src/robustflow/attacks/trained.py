@@ -22,7 +22,8 @@ from ..models.base import AnyModel
 from .ball import Ball, Images
 from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep
-from .problem import Pair, Problem, check_gradient, refuse_without_gradient
+from .gradient import check_gradient, refuse_without_gradient
+from .problem import Pair, Problem
 
 _MOMENTUM = 0.75
 """Weight of earlier gradients in the running mean."""

@@ -28,7 +28,7 @@ from .regions import LABELS, MEMBERS, OUTSIDE, REGIONS, Regions
 CLEAN = "clean"
 """Corruption name in the rows of clean frames; their severity is 0."""
 
-ROW_SCHEMA_VERSION = 8
+ROW_SCHEMA_VERSION = 9
 """Version of the row schema, incremented when a column is added or removed, or changes its meaning; part of a run's
 identity. Rows with a different version are not read.
 """
@@ -110,7 +110,8 @@ COLUMNS: dict[str, RowColumn] = {
             ("way_gone", _NUMBER, "share of the way from the clean flow to the attack's target."),
             ("late_gain", _NUMBER, "gain of the last quarter of the evaluations, in units of the loss."),
             ("start_spread", _NUMBER, "lead of the best start over the worst one, in units of the loss."),
-            ("evaluations", _COUNT, "number of flows that the attack requested from the model."),
+            ("evaluations", _COUNT, "number of flows that the attack and its checks requested from the model."),
+            ("gradient", _TEXT, "the gradient followed: `whole`, `as-written`, or what it was found to be instead."),
             ("warnings", _TEXT, "reasons why the row is doubtful, separated by commas."),
         )
     },

@@ -142,6 +142,7 @@ class AttackStage:
             "attack_late_gain": attacked.late_gain,
             "attack_start_spread": attacked.start_spread,
             "attack_evaluations": attacked.evaluations,
+            "attack_gradient": attacked.gradient,
             "attack_warnings": ",".join(attacked.warnings) or None,
         }
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..attacks.ball import images_of
 from ..attacks.evaluation import Evaluation, evaluate
-from ..attacks.problem import check_same_flow
+from ..attacks.gradient import check_same_flow
 from ..core.errors import ModelError, raise_interrupt
 from ..core.text import counted
 from ..core.types import Flow, Frame, described_array

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,11 +21,15 @@ from ..base import Window
 from ..conventions import InputConvention
 from ..devices import Execution, traceback_hint
 from ..pairs import PairNetwork, check_pair
+from .whole import differentiated
 
 # Since PyTorch 2.9, precision is set per backend; the older functions, needed before 2.9, cannot report these settings.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
 _MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
 _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
+
+_MOST_IN_FLOAT64 = 100_000_000
+"""Number of parameters above which a network is not copied in float64."""
 
 
 @contextmanager
@@ -97,14 +104,24 @@ class NetworkModel(PairNetwork):
         return self._batches_pairs
 
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
-        """Compute the flow as described in `Differentiable`."""
+        """Compute the flow as described in `Differentiable`, with the gradient through `detach` (see `whole`)."""
         height, width = images1.shape[2:]
         self.convention.fitted_size(height, width)
         values = (255 * image.to(self.device) for image in (images1, images2))
         fitted = [fitted_values(value, self.convention) for value in values]
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self._execution.precision == "bf16"):
-            flow = self._ask(fitted, {}, height, width)
-        return unfitted_flow(flow.float(), self.convention, height, width)
+            flow = differentiated(self.net, lambda: self._ask(fitted, {}, height, width))
+        return unfitted_flow(_at_least_single(flow), self.convention, height, width)
+
+    @cached_property
+    def in_float64(self) -> NetworkModel | None:
+        """The network in float64, for `differentiable`; None on an accelerator, and for very large networks."""
+        if self.device.type != "cpu" or sum(each.numel() for each in self.net.parameters()) > _MOST_IN_FLOAT64:
+            return None
+        model = copy.copy(self)
+        model.net = model._call = copy.deepcopy(self.net).double()
+        model._execution = replace(self._execution, precision="fp32")
+        return model
 
     def run(self, *batches: list[Frame], **arguments: Any) -> list[Flow]:
         """Call the network once."""
@@ -203,9 +220,13 @@ class TorchStreamModel(TorchClipModel):
         return self.predict_clip((frame1, frame2), 0)
 
 
+def _at_least_single(values: Tensor) -> Tensor:
+    return values if values.dtype == torch.float64 else values.float()
+
+
 def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
     """Resize maps (N, C, H, W) bilinearly, with aligned corner pixels, to float32 (N, C, *size)."""
-    return F.interpolate(maps.float(), size=size, mode="bilinear", align_corners=True)
+    return F.interpolate(_at_least_single(maps), size=size, mode="bilinear", align_corners=True)
 
 
 def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:

@@ -15,7 +15,7 @@ import polars as pl
 
 from ...attacks.ball import GREY_LEVELS
 from ...attacks.registry import norm_of
-from ...attacks.result import WARNINGS
+from ...attacks.result import FOLLOWED, WARNINGS
 from ...core.arguments import SEVERITIES
 from ...core.errors import DataError
 from ...core.text import plain
@@ -133,6 +133,7 @@ RULES: dict[str, _Expr] = {
     .str.split(",")
     .list.eval(pl.element().is_in(["", *WARNINGS]))
     .list.all(),
+    "gradients of attacks are known": ~pl.col("attack_gradient").is_in(FOLLOWED),
     "clean errors are those of the clean row": _any(
         (before.count == pl.col(before.paired + _BEFORE)) & (before.total != pl.col(f"epe_sum{part}{_BEFORE}"))
         for part, measures in _whole_and_regions.items()

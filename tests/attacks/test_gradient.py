@@ -1,0 +1,202 @@
+"""The gradient that attacks follow is that of the network that predicts: through `detach`, measured by differences."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.attacks import load_attack
+from robustflow.attacks.ball import images_of
+from robustflow.attacks.gradient import check_gradient
+from robustflow.attacks.problem import Pair
+from robustflow.core.errors import ModelError
+from robustflow.testing import TexturePairs
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from torch.utils.checkpoint import checkpoint  # noqa: E402
+
+from ..refusals import refusal  # noqa: E402
+from .real_pairs import crop, trained  # noqa: E402
+from .smooth_net import TRUTH, random_pair  # noqa: E402
+
+
+class Net(torch.nn.Module):
+    """Two iterations with a function between them; both frames and the weights affect the flow."""
+
+    def __init__(self, between) -> None:
+        super().__init__()
+        self.conv = torch.nn.Conv2d(6, 2, 3, padding=1)
+        with torch.no_grad():
+            for number, value in enumerate(self.conv.parameters()):
+                value.copy_(torch.randn(value.shape, generator=torch.Generator().manual_seed(number)))
+        self.between = between
+        self.kept = []
+
+    def once(self, both, flow):
+        return 3 * torch.tanh(self.conv(both) + flow.flip(1))
+
+    def forward(self, image1, image2):
+        both = torch.cat([image1, image2], 1)
+        return self.once(both, self.between(self, both, self.once(both, both[:, :2])))
+
+
+def _in_place(net, both, flow):
+    flow = flow * 1
+    flow.detach_()
+    return flow
+
+
+def _kept(net, both, flow):
+    before = net.kept[-1][0]["flow"] if net.kept else 0
+    net.kept = [({"flow": flow.detach()},)]
+    return flow + 0 * before
+
+
+CUTS = {
+    "nothing": lambda net, both, flow: flow,
+    "detach": lambda net, both, flow: flow.detach(),
+    "torch.detach": lambda net, both, flow: torch.detach(flow),
+    "detach_": _in_place,
+    "data": lambda net, both, flow: flow.data,
+    "detach and clone": lambda net, both, flow: flow.clone().detach().clone().requires_grad_(),
+    "weights": lambda net, both, flow: flow.detach() * net.conv.weight.data.abs().sum() / net.conv.weight.abs().sum(),
+    "printed": lambda net, both, flow: flow.detach() * len(f"{flow.detach().cpu().numpy()}"[:1] + f"{flow}"[:0]),
+    "kept": _kept,
+    "checkpoint": lambda net, both, flow: checkpoint(lambda f: net.once(both, f.detach()), flow, use_reentrant=False),
+    "reentrant": lambda net, both, flow: checkpoint(lambda f: net.once(both, f.detach()), flow, use_reentrant=True),
+}
+UNCUT = {name: CUTS["nothing"] for name in CUTS} | dict.fromkeys(
+    ("checkpoint", "reentrant"), lambda net, both, flow: net.once(both, flow)
+)
+
+
+def gradient(model, pair=None):
+    images = torch.from_numpy(images_of(*(pair or random_pair()))).requires_grad_()
+    return torch.autograd.grad(model.differentiable(images[:1], images[1:]).sum(), images)[0]
+
+
+def model_of(between, **options):
+    return rf.TorchModel(Net(between), device="cpu", multiple=1, **options)
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_the_gradient_through_a_cut_is_that_without_it(cut):
+    expected, model = gradient(model_of(UNCUT[cut])), model_of(CUTS[cut])
+    flow = model.predict(*random_pair())
+    for _ in range(2):
+        torch.testing.assert_close(gradient(model), expected)
+    np.testing.assert_array_equal(model.predict(*random_pair()), flow)
+
+
+def test_a_network_that_keeps_its_flow_keeps_no_graph():
+    model = model_of(_kept)
+    gradient(model)
+    assert model.net.module.kept[0][0]["flow"].grad_fn is None
+
+
+def test_a_compiled_network_has_the_whole_gradient(monkeypatch):
+    compiled = torch.compile
+    monkeypatch.setattr(torch, "compile", lambda net: compiled(net, backend="eager"))
+    model = model_of(CUTS["detach"], compile=True)
+    model.predict(*random_pair())
+    torch.testing.assert_close(gradient(model), gradient(model_of(CUTS["nothing"])))
+
+
+def test_detach_in_a_different_thread_is_unchanged():
+    seen = []
+
+    def between(net, both, flow):
+        thread = threading.Thread(target=lambda: seen.append(flow.detach().requires_grad))
+        thread.start()
+        thread.join()
+        return flow.detach()
+
+    gradient(model_of(between))
+    assert seen == [False]
+
+
+@pytest.mark.parametrize("context", [torch.inference_mode, torch.no_grad])
+def test_a_network_that_records_no_graph_is_refused(context):
+    model = rf.TorchModel(Net(CUTS["nothing"]), device="cpu", multiple=1)
+    model.net.forward = context()(model.net.forward)
+    refusal(lambda: rf.attack(*random_pair(), model, "fgsm", 3, flow=TRUTH), ModelError, "differentiable")
+
+
+def _without_grad(net, both, flow):
+    with torch.no_grad():
+        return net.once(both, flow)
+
+
+@pytest.mark.parametrize(
+    ("between", "options", "followed"),
+    [
+        (CUTS["detach"], {}, "whole"),
+        (CUTS["detach"], {"gradient": "as-written"}, "as-written"),
+        (CUTS["detach"], {"variant": "flowbench"}, "as-written"),
+        (CUTS["detach"], {"variant": "flowbench", "gradient": "whole"}, "whole"),
+        (_without_grad, {}, "partial"),
+        (lambda net, both, flow: torch.tensor(flow.tolist()), {}, "partial"),
+    ],
+)
+def test_a_row_says_which_gradient_was_followed(between, options, followed):
+    model, pair = model_of(between), random_pair(24, 32)
+    attacked = rf.attack(*pair, model, "pgd", 3, flow=np.zeros((24, 32, 2), np.float32), steps=1, starts=1, **options)
+    assert attacked.gradient == followed
+    assert ("gradient_partial" in attacked.warnings) == (followed != "whole")
+
+
+def test_the_gradient_is_an_option_of_the_attack_and_reaches_its_parts():
+    for name in ("pgd:gradient=as-written", "transfer:tiny:attack=pgd:gradient=as-written", "worst_of:pgd+square"):
+        assert load_attack(name).label == name
+    worst = load_attack("worst_of:pgd+square:gradient=as-written")
+    assert worst.parts[0].gradient == "as-written"
+    model = model_of(CUTS["detach"])
+    attacked = rf.attack(*random_pair(), model, worst.label, 3, flow=TRUTH, queries=2)
+    assert attacked.gradient == "as-written"
+    assert rf.attack(*random_pair(), model, "square", 3, queries=2).gradient is None
+
+
+WRONG = {
+    "whole": lambda gradient: gradient,
+    "noise": lambda gradient: np.random.default_rng(1).normal(0, gradient.std(), gradient.shape).astype(np.float32),
+    "reversed": lambda gradient: -gradient,
+    "zero": lambda gradient: 0 * gradient,
+    "partial": lambda gradient: gradient * (np.random.default_rng(2).random(gradient.shape) < 0.1),
+}
+"""Verdict -> a gradient made from the true one; the partial one keeps a tenth of the values, cosine about 0.3."""
+
+
+def verdict(model, number, size, monkeypatch, change=None, **options):
+    from robustflow.attacks import problem
+
+    real, attack = problem.evaluate, load_attack("pgd", **options)
+
+    def evaluate(asked):
+        answer = real(asked)
+        return answer if change is None or asked.loss is None else replace(answer, gradient=change(answer.gradient))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(problem, "evaluate", evaluate)
+        frames, flow, valid = crop(number, size)
+        made = attack.problem(model, Pair(frames, 4.0, flow, valid, str(number)), model.predict(*frames))
+        check_gradient(made, made.pair.stream("gradient"))
+    assert made.evaluations <= 30
+    return made.verdict
+
+
+@pytest.mark.parametrize("size", [(64, 96), (96, 128)])
+@pytest.mark.parametrize("name", ["tiny", pytest.param("gmflow_refine", marks=pytest.mark.slow)])
+def test_the_check_tells_true_truncated_noisy_reversed_and_zero_gradients_apart(name, size, monkeypatch):
+    model = trained(name)
+    for number in range(6):
+        verdicts = {kind: verdict(model, number, size, monkeypatch, change) for kind, change in WRONG.items()}
+        assert verdicts == {kind: kind for kind in WRONG}
+        if name != "tiny":
+            assert verdict(model, number, size, monkeypatch, gradient="as-written") == "partial"
+
+
+OWN = ("tiny", "arflow", "brightflow", "upflow", "flowdiffuser")
+"""Networks of this package; `samflow` is tiled, and has no gradient."""
