@@ -72,8 +72,9 @@ def networks(names: list[str]) -> None:
     if not names:
         import ptlflow
 
-        names = [*OWN, *(f"ptlflow:{name}" for name in sorted(ptlflow.get_model_names()))]
-    sample = TexturePairs(1, (128, 192)).load("0")
+        prefixed = {"raft_small": "ptlflow:raft_small"}  # the name alone is that of torchvision
+        names = [*OWN, *(prefixed.get(name, name) for name in sorted(ptlflow.get_model_names()))]
+    sample = TexturePairs(1, (128, 128)).load("0")
     pair = Pair((sample.frames[0], sample.frames[1]), 4.0, sample.flow, sample.valid, "0")
     for name in names:
         options = {} if name == "tiny" else {"checkpoint": "random"}

@@ -68,7 +68,7 @@ CUTS = {
     "checkpoint": lambda net, both, flow: checkpoint(lambda f: net.once(both, f.detach()), flow, use_reentrant=False),
     "reentrant": lambda net, both, flow: checkpoint(lambda f: net.once(both, f.detach()), flow, use_reentrant=True),
 }
-UNCUT = {name: CUTS["nothing"] for name in CUTS} | dict.fromkeys(
+UNCUT = dict.fromkeys(CUTS, CUTS["nothing"]) | dict.fromkeys(
     ("checkpoint", "reentrant"), lambda net, both, flow: net.once(both, flow)
 )
 
@@ -198,5 +198,58 @@ def test_the_check_tells_true_truncated_noisy_reversed_and_zero_gradients_apart(
             assert verdict(model, number, size, monkeypatch, gradient="as-written") == "partial"
 
 
-OWN = ("tiny", "arflow", "brightflow", "upflow", "flowdiffuser")
-"""Networks of this package; `samflow` is tiled, and has no gradient."""
+def fifteen_lines(model, frames, truth, valid, budget=4, gradients=21):
+    """Return the error of the last 8-bit pair of PGD with constant steps, as in a textbook."""
+    clean, radius = torch.from_numpy(images_of(*frames)), budget / 255
+    noise = 2 * torch.rand(clean.shape, generator=torch.Generator().manual_seed(0)) - 1
+    images = (clean + radius * noise).clamp(0, 1)
+    for _ in range(gradients):
+        images.requires_grad_()
+        flow = model.differentiable(images[:1], images[1:])[0].permute(1, 2, 0)
+        loss = (flow - torch.from_numpy(truth)).norm(dim=2)[torch.from_numpy(valid)].mean()
+        (slope,) = torch.autograd.grad(loss, images)
+        change = images.detach() + 2.5 / gradients * radius * slope.sign() - clean
+        images = (clean + change.clamp(-radius, radius)).clamp(0, 1)
+    attacked = (images * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+    return np.linalg.norm(model.predict(*attacked) - truth, axis=2)[valid].mean()
+
+
+STRONG = ("bim", "pgd:starts=1", "cospgd:starts=1", "apgd:starts=1:steps=20")
+
+
+@pytest.mark.parametrize("name", ["tiny", pytest.param("gmflow_refine", marks=pytest.mark.slow)])
+def test_sign_attacks_are_at_most_5_percent_below_fifteen_lines_of_pgd(name, monkeypatch):
+    monkeypatch.setattr("robustflow.attacks.base.check_gradient", lambda *_: None)  # tested above
+    model, pairs = trained(name), [crop(number) for number in range(10)]
+    reference = np.mean([fifteen_lines(model, *pair) for pair in pairs])
+    for attack in STRONG:
+        done = [rf.attack(*pair, model, attack, budget=4, flow=flow, valid=valid) for pair, flow, valid in pairs]
+        assert max(one.gradients for one in done) <= 21
+        assert np.mean([one.loss for one in done]) > 0.95 * reference, attack
+
+
+TWO_FRAMES = ("arflow", "brightflow", "upflow", "flowdiffuser")
+PTLFLOW = (
+    "ptlflow:raft_small",
+    "raft",
+    "gma",
+    "gmflow",
+    "sea_raft_s",
+    "pwcnet",
+    "irr_pwc",
+    "skflow",
+    "rpknet",
+    "neuflow2",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*TWO_FRAMES, *PTLFLOW])
+def test_the_gradient_of_a_network_with_random_weights_is_its_slope(name):
+    pytest.importorskip("ptlflow" if name in PTLFLOW else "torch")
+    sample = TexturePairs(1, (128, 128)).load("0")
+    model = rf.load_model(name, device="cpu", checkpoint="random")
+    attack, pair = load_attack("pgd"), Pair(sample.frames, 4.0, sample.flow, sample.valid, "0")
+    problem = attack.problem(model, pair, model.predict(*sample.frames))
+    check_gradient(problem, pair.stream("gradient"))
+    assert problem.verdict == "whole"
