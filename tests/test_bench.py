@@ -36,7 +36,7 @@ SMALL = {
 """Arguments for a small run of each script, and a pattern of its results."""
 PARTS = {"gpu_sections", "reference_corruptions", "synthetic_runs"}
 """Modules of other scripts."""
-LONG = {"quick_subset", "ray_engine", "uncertainty"}
+LONG = {"kills", "quick_subset", "ray_engine", "uncertainty"}
 """Scripts whose smallest runs take minutes."""
 TORCH = {"attacks", "augmentation", "robust_training", "training_memory"}
 
