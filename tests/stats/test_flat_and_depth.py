@@ -36,10 +36,12 @@ def test_differences_and_rank_correlation_are_those_of_the_errors(runs):
     (one,) = twin_comparisons(runs)
     assert (one.flat, one.deep, one.severities, one.metric, one.count) == ("fog", "fog_3d", (3,), "cre", 5)
     for model in one.models:
-        flat, deep = INCREASES[model.model]
-        assert (model.flat, model.deep, model.difference.estimate) == pytest.approx((flat, deep, deep - flat))
-        assert model.difference.low < deep - flat < model.difference.high
-        assert model.difference.high - model.difference.low < 1
+        flat, deep = INCREASES[model["model"]]
+        assert (model["value_against"], model["value_model"], model["value"]) == pytest.approx(
+            (flat, deep, deep - flat)
+        )
+        assert model["low"] < deep - flat < model["high"]
+        assert model["high"] - model["low"] < 1
     assert one.rho == pytest.approx(0.8)
     assert one.interval[0] < 0.8 < one.interval[1]
 

@@ -332,8 +332,12 @@ def flat_and_depth(wanted: Wanted) -> list[Table]:
     }
     for one in found:
         sections[f"{one.flat} and {one.deep}, severities {', '.join(map(str, one.severities))}"] = [
-            (plain(m.model), (m.flat, m.deep, m.difference.estimate, m.difference.low, m.difference.high), m.excluded)
-            for m in one.models
+            (
+                plain(row["model"]),
+                [row[name] for name in ("value_against", "value_model", "value", "low", "high")],
+                row["excluded"],
+            )
+            for row in one.models
         ]
     remarks = [
         f"{LABELS[found[0].metric]} under a 2D corruption and its 3D counterpart, on the same pairs and "

@@ -19,7 +19,7 @@ import polars as pl
 
 from ..core.errors import RunError
 from ..corruptions.registry import MEMBERS, ordered
-from ..metrics.cube import AVERAGE, Cube, Images, MeanKey, Scope
+from ..metrics.cube import AVERAGE, Cube, Images, Scope
 from ..metrics.measures import MEASURES, Average, Increase, Measure, Ratio, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import common_cells
@@ -103,29 +103,28 @@ class Joint:
         self.cubes = _aligned(cubes)
         self.left_out = sum(cube.cell.size for cube in cubes) - sum(cube.cell.size for cube in self.cubes)
         self.clusters, self.cluster = joint_clusters(self.cubes)
-        self._sums: dict[Measure, tuple[list[_Sums], set[int]]] = {}
+        self._of: tuple[Measure, list[_Sums], set[int]] | None = None
+        self._clean: dict[Measure, list[ErrorMean] | None] = {}
 
     def of(self, measure: Average | Increase) -> tuple[list[_Sums], set[int]]:
-        """Return a measure of each model, and the columns in which all know it."""
-        if measure in self._sums:
-            self._sums[measure] = self._sums.pop(measure)  # the last one used
-        else:
+        """Return a measure of each model, and the columns in which all know it; one measure is in memory at a time."""
+        if self._of is None or self._of[0] is not measure:
+            self._of = None
             parts = [[cube.images(part) for part in measure.parts] for cube in self.cubes]
             missing = np.logical_or.reduce([np.isnan(images) for of_model in parts for images in of_model])
-            count = self._add(~missing)
-            known, sums = count.any(axis=0), []
-            for first, *before in parts:
+            number = self._add(~missing)
+            known, sums = number.any(axis=0), []
+            for of_model in parts:
+                before = self._add(np.where(missing, 0.0, of_model[1])) if len(of_model) > 1 else None
                 with np.errstate(invalid="ignore"):
-                    values = np.where(missing, np.nan, first - before[0] if before else first)
+                    values = np.subtract(*of_model) if len(of_model) > 1 else of_model[0]
+                    of_model.clear()
+                    values[missing] = np.nan
                     total = self._add(np.where(missing, 0.0, values))
                     known &= np.isfinite(total).all(axis=0)
-                sums.append(
-                    _Sums(values, total, count, self._add(np.where(missing, 0.0, before[0])) if before else None)
-                )
-            while len(self._sums) > 1:  # limits the columns in memory
-                del self._sums[next(iter(self._sums))]
-            self._sums[measure] = sums, set(np.flatnonzero(known).tolist())
-        return self._sums[measure]
+                sums.append(_Sums(values, total, number, before))
+            self._of = measure, sums, set(np.flatnonzero(known).tolist())
+        return self._of[1:]
 
     def _add(self, images: Array) -> Array:
         if self.clusters == len(images):
@@ -145,7 +144,9 @@ class Joint:
         """Return the mean of each model as a function of the weights of the clusters; None where it is not known, or
         not a mean."""
         if isinstance(measure, Ratio):
-            above, below = self.forms(measure.above, condition, severity), self.forms(measure.below, CLEAN)
+            if measure.below not in self._clean:
+                self._clean[measure.below] = self.forms(measure.below, CLEAN)
+            above, below = self.forms(measure.above, condition, severity), self._clean[measure.below]
             if above is None or below is None:
                 return None
             return [ErrorMean(one.mean, other.mean, relative=True) for one, other in zip(above, below, strict=True)]
@@ -219,28 +220,22 @@ def estimate(
 ) -> pl.DataFrame:
     """Return the known means of measures over scopes, with their intervals (`ESTIMATES`)."""
     joint, scopes = Joint([cube]), scopes_of(cube) if scopes is None else list(scopes)
-    means: dict[MeanKey, float] = {}
-    forms: dict[MeanKey, ErrorMean] = {}
-    pairs: dict[MeanKey, int] = {}
-    for name, measure in measures.items():
-        wanted = [at for at in scopes if measure.on_clean or at[0] != CLEAN]
-        for key, value in cube.means({name: measure}, wanted).items():
-            means[key] = value
-            pairs[key] = int(np.isfinite(joint.of_images(measure, *key[1:])[0]).sum())
-            if (of_key := joint.forms(measure, *key[1:])) is not None:
-                forms[key] = of_key[0]
-    intervals = error_intervals(forms, joint.clusters, level=level, resamples=resamples, seed=seed)
     rows = []
-    for key, value in means.items():
-        row: dict[str, Any] = dict(zip(ESTIMATES, key, strict=False)) | {"value": value, "level": level}
-        row["pairs"] = pairs[key]
-        if key in intervals:
-            found, (least, most) = intervals[key], measures[key[0]].bounds
-            row |= {"standard_error": found.standard_error, "log_deviation": log_deviation(forms[key])}
-            row["clusters"] = int(np.count_nonzero(forms[key].mean.count))
-            if found.low is not None and found.high is not None:
-                row |= {"low": max(found.low, least), "high": min(found.high, most)}
-        rows.append(row)
+    for name, measure in measures.items():  # one by one, to limit the memory of a million rows
+        wanted = [at for at in scopes if measure.on_clean or at[0] != CLEAN]
+        means = cube.means({name: measure}, wanted)
+        known = {key: forms[0] for key in means if (forms := joint.forms(measure, *key[1:])) is not None}
+        intervals = error_intervals(known, joint.clusters, level=level, resamples=resamples, seed=seed)
+        for key, value in means.items():
+            row: dict[str, Any] = dict(zip(ESTIMATES, key, strict=False)) | {"value": value, "level": level}
+            row["pairs"] = int(np.isfinite(joint.of_images(measure, *key[1:])[0]).sum())
+            if key in intervals:
+                found = intervals[key]
+                row |= {"standard_error": found.standard_error, "log_deviation": log_deviation(known[key])}
+                row["clusters"] = int(np.count_nonzero(known[key].mean.count))
+                if found.low is not None and found.high is not None:
+                    row |= {"low": max(found.low, measure.bounds[0]), "high": min(found.high, measure.bounds[1])}
+            rows.append(row)
     return pl.DataFrame(rows, schema=ESTIMATES)
 
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import polars as pl
 
-from ..metrics.cube import Cube
 from ..metrics.measures import MEASURES
+from ..metrics.rows import CLEAN
 from ..run.comparable import common_to, named_runs
 from ..run.run import Run
-from .bootstrap import Interval, bootstrap
-from .estimate import Joint
+from .estimate import contrast, cubes_of
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .statistic import difference
 
 TWINS = (
     ("fog", "fog_3d"),
@@ -29,25 +28,16 @@ TWINS = (
 
 
 @dataclass(frozen=True)
-class TwinErrors:
-    """One model under a flat corruption and its depth-dependent counterpart."""
-
-    model: str
-    flat: float
-    deep: float
-    difference: Interval
-    excluded: str
-
-
-@dataclass(frozen=True)
 class TwinComparison:
-    """A flat corruption and its depth-dependent counterpart, compared over several models."""
+    """A flat corruption and its depth-dependent counterpart, compared over several models: a row of
+    `estimate.CONTRASTS` for each, depth minus flat, with the reason why the model is `excluded` from the correlation.
+    """
 
     flat: str
     deep: str
     severities: tuple[int, ...]
     metric: str
-    models: tuple[TwinErrors, ...]
+    models: tuple[dict[str, Any], ...]
     count: int
     rho: float | None
     interval: tuple[float, float] | None
@@ -71,13 +61,17 @@ def twin_comparisons(runs: Sequence[Run]) -> list[TwinComparison]:
             continue
         models = []
         for name, rows in common.rows.items():
-            joint = Joint([Cube.of(rows.filter(pl.col("severity").is_in([0, *shared])))])
-            (flat,), (deep,) = (joint.forms(MEASURES[metric], twin) or [] for twin in twins)
-            one = bootstrap({"flat": flat, "deep": deep, "difference": difference(deep, flat)}, joint.clusters)
-            errors = one["flat"].estimate, one["deep"].estimate
-            models.append(TwinErrors(name, *errors, one["difference"], excluded[name]))
-        ranked = [(model.flat, model.deep) for model in models if not model.excluded]
-        rho, ends = rank_correlation(*([error[at] for error in ranked] for at in (0, 1)))
+            of_twin = {twin: rows.filter(pl.col("severity").is_in([0, *shared])) for twin in reversed(twins)}
+            alike = {
+                twin: part.filter(pl.col("corruption").is_in([CLEAN, twin])).with_columns(
+                    corruption=pl.col("corruption").replace(twin, twins[0])
+                )
+                for twin, part in of_twin.items()
+            }
+            (row,) = contrast(cubes_of(alike), {metric: MEASURES[metric]}, [(twins[0], None)]).to_dicts()
+            models.append(row | {"model": name, "excluded": excluded[name]})
+        ranked = [(row["value_against"], row["value_model"]) for row in models if not row["excluded"]]
+        rho, ends = rank_correlation(*([errors[at] for errors in ranked] for at in (0, 1)))
         remark = common.remark
         found.append(TwinComparison(*twins, tuple(shared), metric, tuple(models), len(ranked), rho, ends, remark))
     return found
