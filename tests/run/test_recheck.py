@@ -78,6 +78,15 @@ def test_recheck_with_another_model_than_the_run_names_is_refused(run, change):
     refusal(lambda: recheck(identity, run.rows, model=ModelSpec("dis"), count=1), RunError, culprit)
 
 
+def test_recheck_with_other_options_of_the_model_names_them_and_not_the_data(run):
+    def check():
+        return recheck(run.manifest.identity, run.rows, model=ModelSpec("dis", (("preset", "ultrafast"),)), count=1000)
+
+    error = refusal(check, RunError, "sample 'motorcycle', clean")
+    assert "preset is medium, here ultrafast" in str(error)
+    assert "these data" not in str(error)
+
+
 def test_recheck_names_an_unknown_sample(run):
     rows = run.rows.with_columns(sample=pl.lit("../../etc/passwd"))
     refusal(lambda: recheck(run.manifest.identity, rows, count=2), RunError, "../../etc/passwd")

@@ -7,6 +7,7 @@ severity, the seed and the sample's key, so anyone with the data can recompute t
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ def recheck(
     known = set(plan.benchmark.dataset.keys())
     if absent := sorted(set(chosen["sample"]) - known):
         raise RunError(absent[0], f"this dataset has no such sample (it has {len(known)}); use the data of the run")
-    problems = []
+    problems: list[tuple[str, str]] = []
     with temporary_worker(replace(plan.job(), measuring=measuring)) as worker:
         for row in chosen.iter_rows(named=True):
             (now,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
@@ -66,8 +67,25 @@ def recheck(
                 problems.append((describe_cell(row["sample"], row["corruption"], row["severity"]), what))
     if problems:
         where, what = problems[0]
-        raise RunError(where, f"different {what}; {len(problems)} of {chosen.height} rows do not match these data")
+        culprit = "this model" if what == "flow" else "these data"
+        options = _different_options(identity, plan.identity) if what == "flow" else ""
+        rows_differ = f"{len(problems)} of {chosen.height} rows do not match {culprit}"
+        raise RunError(where, f"different {what}; {rows_differ}{options}")
     drawn_rows = f"{chosen.height} of {rows.height} rows, drawn with seed {seed}"
     if model is not None:
         return f"{drawn_rows}, were predicted again and agree to within {TOLERANCE_PX} px in mean error"
     return f"{drawn_rows}, match the frames and ground truth of these data"
+
+
+def _different_options(recorded: Identity, here: Identity) -> str:
+    """Say which settings of the model differ from the record's, in a half-sentence; "" if none does."""
+    named, given = (_flat(one.model.settings) for one in (recorded, here))
+    keys = sorted(key for key in {*named, *given} if named.get(key) != given.get(key))
+    differing = ", ".join(f"{key} is {named.get(key, 'not set')}, here {given.get(key, 'not set')}" for key in keys)
+    return f"; of the record's model, {plain(differing, 300)}: give the options of the run with -O" if keys else ""
+
+
+def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings without nesting: {"input": {"multiple": 8}} becomes {"input.multiple": 8}."""
+    parts = {key: value if isinstance(value, Mapping) else {"": value} for key, value in settings.items()}
+    return {f"{key}.{name}".rstrip("."): value for key, part in parts.items() for name, value in part.items()}
