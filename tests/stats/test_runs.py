@@ -11,8 +11,11 @@ from robustflow.api import Result, evaluate
 from robustflow.cli.tables import print_result
 from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR, MEMBERS, PAPER_ORDER
+from robustflow.data.benchmarks import outside_remark
+from robustflow.data.datasets.split import KITTI_KEYS, kitti_split
 from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
+from robustflow.report.site import render_site
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
 from robustflow.report.site.headline import headline_of
@@ -281,3 +284,24 @@ def test_run_on_real_pairs_is_shown_beside_the_published_rows(shared, tmp_path):
     assert own.label == "Farneback"
     assert " 80" in own.note
     assert len(lines) == 29 + 1
+
+
+def test_pairs_outside_of_a_benchmark_are_counted_in_page_latex_note_and_record(runs):
+    ours = kitti_split(KITTI_KEYS).evaluation
+    strange = next(key for key in KITTI_KEYS if key not in ours)
+    rows = runs[0].rows
+    names = dict(zip(rows["sample"].unique(maintain_order=True), (strange, *ours), strict=False))
+    run = made_run(runs[0], rows.with_columns(sample=pl.col("sample").replace(names)), benchmark="kitti-fc")
+    remark = f"1 of {len(names)} not of KITTI-FC"
+    assert remark in comparison_note(run)
+    assert remark in str(run)  # the sentence of a record
+    assert remark in render(tables_of([run], published=False)[0], "latex")
+    assert remark in render_site(whole_content([run]))
+    for protocol, keys, text in (
+        ({}, ours, ""),
+        ({"frames": "released"}, [strange], ""),
+        ({}, [*ours, strange], "1 of"),
+    ):
+        assert outside_remark("kitti-fc", protocol, keys).startswith(text)
+        assert bool(outside_remark("kitti-fc", protocol, keys)) is bool(text)
+    assert outside_remark("gopro-fc", {}, ["GOPR0374_11_02/000001", "mine/000001"]) == "1 of 2 not of GoPro-FC"

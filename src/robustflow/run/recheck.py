@@ -68,9 +68,9 @@ def recheck(
     if problems:
         where, what = problems[0]
         culprit = "this model" if what == "flow" else "these data"
-        options = _different_options(identity, plan.identity) if what == "flow" else ""
+        settings = _different_options(identity, plan.identity) if what == "flow" else ""
         rows_differ = f"{len(problems)} of {chosen.height} rows do not match {culprit}"
-        raise RunError(where, f"different {what}; {rows_differ}{options}")
+        raise RunError(where, f"different {what}; {rows_differ}{settings}")
     drawn_rows = f"{chosen.height} of {rows.height} rows, drawn with seed {seed}"
     if model is not None:
         return f"{drawn_rows}, were predicted again and agree to within {TOLERANCE_PX} px in mean error"

@@ -15,7 +15,7 @@ from ..core.errors import RobustFlowError, RunError, unknown_name
 from ..core.files import json_bytes
 from ..core.text import counted, plain, text_cell
 from ..corruptions.registry import family_of, ordered
-from ..data.benchmarks import benchmark_facts
+from ..data.benchmarks import benchmark_facts, outside_remark
 from ..data.benchmarks.facts import sample_noun, truth_remark
 from ..data.benchmarks.setting import Provenance
 from ..metrics.cube import AVERAGE, Averaging, Means
@@ -261,7 +261,8 @@ def _lines(run: Run) -> list[str]:
     title = benchmark_facts(run.benchmark).title
     samples = len(run.manifest.samples)
     truth = truth_remark(run.manifest.identity.frames.protocol)
-    on = ", ".join(filter(None, (plain(title), counted(samples, sample_noun(run.benchmark)), truth)))
+    outside = outside_remark(run.benchmark, run.manifest.identity.frames.protocol, run.manifest.samples)
+    on = ", ".join(filter(None, (plain(title), counted(samples, sample_noun(run.benchmark)), outside, truth)))
     head = f"{plain(run.name)} ({plain(run.setting)}) on {on}"
     means = [
         f"{name} {value:.4g}{unit}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..core.text import counted, joined
-from ..data.benchmarks import benchmark_facts
+from ..data.benchmarks import benchmark_facts, outside_remark
 from ..data.benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..run.cells import UNEVEN
 from ..run.comparable import conditions_of, sample_set
@@ -44,7 +44,12 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
     of the paper's benchmarks, the differences from the paper. For `beside_published` see `run_results`."""
     frames, averaged = run.manifest.identity.frames, run.measured.averaged_over
     facts = benchmark_facts(run.benchmark)
-    remarks = [_pairs_note(run.benchmark, run.measured.samples, frames.protocol), truth_remark(frames.protocol)]
+    outside = outside_remark(run.benchmark, frames.protocol, run.manifest.samples)
+    remarks = [
+        _pairs_note(run.benchmark, run.measured.samples, frames.protocol),
+        outside,
+        truth_remark(frames.protocol),
+    ]
     if beside_published and more_than_paper(run):
         remarks.append(f"average over the paper's {len(run.measured.paper_over)} of {len(averaged)} corruptions")
     elif set(averaged) != set(facts.paper_corruptions):

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from .base import Benchmark
 from .facts import BenchmarkFacts
-from .registry import BENCHMARKS, benchmark_facts, load_benchmark
+from .registry import BENCHMARKS, benchmark_facts, load_benchmark, outside_remark
 
-__all__ = ["BENCHMARKS", "Benchmark", "BenchmarkFacts", "benchmark_facts", "load_benchmark"]
+__all__ = ["BENCHMARKS", "Benchmark", "BenchmarkFacts", "benchmark_facts", "load_benchmark", "outside_remark"]

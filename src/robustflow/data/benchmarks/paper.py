@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -87,6 +87,13 @@ class KittiFC:
     )
 
     @staticmethod
+    def members(keys: Collection[str]) -> set[str]:
+        """Return which pairs of KITTI are of the benchmark."""
+        from ..datasets.split import KITTI_KEYS, kitti_split
+
+        return {*keys} & {*kitti_split(KITTI_KEYS).evaluation}
+
+    @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
         from ..datasets.kitti import Kitti2015
         from ..datasets.released import KittiFCReleased
@@ -130,6 +137,13 @@ class GoProFC:
         paper_pairs=5 * 135,
         training_set="gopro",
     )
+
+    @staticmethod
+    def members(keys: Collection[str]) -> set[str]:
+        """Return which pairs are of the benchmark's sequences."""
+        from ..video.prepare_folder import SEQUENCES
+
+        return {key for key in keys if key.partition("/")[0] in SEQUENCES}
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:

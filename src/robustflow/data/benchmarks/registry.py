@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -196,6 +197,14 @@ def _benchmark_of(root: Path) -> str:
     if fitting := _fitting(root):
         raise UsageError("--benchmark", f"{root} looks like the data of {fitting}; give --benchmark {fitting}")
     return "folder"
+
+
+def outside_remark(name: str, protocol: Mapping[str, Any], keys: Collection[str]) -> str:
+    """Say how many of the pairs that were measured are not of the benchmark, for example of a user's split; "" if all
+    are. The authors' files contain only its pairs."""
+    members = getattr(BENCHMARKS.get(name), "members", None) if name in BENCHMARKS else None
+    outside = 0 if members is None or protocol.get("frames") == "released" else len(keys) - len(members(keys))
+    return f"{outside} of {len(keys)} not of {benchmark_facts(name).title}" if outside else ""
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
