@@ -183,6 +183,9 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
     three = ("compare", "dis", "farneback", "dis")
     assert robustflow.prints(*three).count(" against ") == 3
     robustflow.refusal(f"{' '.join(three)} --metric cre", RunError, "--metric")
+    for runs in (three, three[:3]):
+        assert "photometric error" in robustflow.prints(*runs, "--metric", "photometric")
+        robustflow.refusal(f"{' '.join(runs)} --metric sharpness", UsageError, "sharpness")
 
 
 def test_report_with_examples_draws_the_same_pictures_as_the_run(robustflow, real_pictures):

@@ -128,7 +128,7 @@ class Joint:
 
     def _add(self, images: Array) -> Array:
         if self.clusters == len(images):
-            return images.astype(np.float64)  # each image is a cluster
+            return np.asarray(images, np.float64)  # each image is a cluster
         added = np.zeros((self.clusters, images.shape[1]))
         np.add.at(added, self.cluster, images)
         return added
