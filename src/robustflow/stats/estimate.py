@@ -20,10 +20,11 @@ import polars as pl
 from ..core.errors import RunError
 from ..corruptions.registry import MEMBERS, ordered
 from ..metrics.cube import AVERAGE, Cube, Images, Scope
-from ..metrics.measures import MEASURES, Average, Increase, Measure, Ratio, exact_mean
+from ..metrics.measures import MEASURES, PERCENT, Average, Increase, Measure, Ratio, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import common_cells
-from .bootstrap import LEVEL, RESAMPLES, bootstrap, error_intervals, log_deviation
+from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap, error_intervals, log_deviation
+from .inference import mean_interval
 from .ranking import holm
 from .statistic import Array, ErrorMean, Mean, difference, of_data
 
@@ -233,10 +234,19 @@ def estimate(
                 found = intervals[key]
                 row |= {"standard_error": found.standard_error, "log_deviation": log_deviation(known[key])}
                 row["clusters"] = int(np.count_nonzero(known[key].mean.count))
-                if found.low is not None and found.high is not None:
-                    row |= {"low": max(found.low, measure.bounds[0]), "high": min(found.high, measure.bounds[1])}
+                row |= dict(zip(("low", "high"), _ends(measure, known[key].mean, found), strict=True))
             rows.append(row)
     return pl.DataFrame(rows, schema=ESTIMATES)
+
+
+def _ends(measure: Measure, mean: Mean, found: Interval) -> tuple[float | None, float | None]:
+    """Return the ends of an interval within the bounds of the measure; percentages have one on the logistic scale."""
+    if measure.bounds != PERCENT:
+        low, high = measure.bounds
+        return (None, None) if found.low is None or found.high is None else (max(low, found.low), min(high, found.high))
+    scores = mean.scores
+    low, high = map(float, mean_interval(scores, bounded=True)) if scores.enough else (np.nan, np.nan)
+    return (low, high) if low < high else (None, None)
 
 
 def contrast(
