@@ -58,7 +58,7 @@ def audit(
 
 
 def observations() -> None:
-    """Check the paper's ten observations on its published results: a verdict and its numbers for each statement.
+    """Check the paper's ten observations: whether its tables agree, and whether the statements generalise.
 
     \b
     Example:

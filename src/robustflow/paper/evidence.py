@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from statistics import fmean
+from typing import Literal
 
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
+from ..report.table import DASH
 from ..stats.model_result import ModelResult
 from ..stats.published.tables import Method, cost_ranks, method_of, not_discussed
 from ..stats.results import AVERAGE, CLEAN, family_crer
-from .margin import THIN, Margin, Verdict, joint
+from .margin import Margin, Verdict, joint
 
 ModelInSetting = tuple[str, str]
 """(setting, model)."""
+
+Part = Literal["main", "also", "added"]
 
 
 class Evidence:
@@ -97,40 +101,53 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of an observation with its verdict and the numbers that the verdict follows from."""
+    """A statement of an observation.
+
+    Attributes:
+        claim: what the paper states; if `part` is "added", what it does not state.
+        printed: whether its printed tables agree.
+        numbers: the printed numbers that decide.
+        margin: its interval over models, families or corruptions; None for a fact about named models.
+        part: "main" if the verdict on the observation includes it.
+    """
 
     claim: str
-    verdict: Verdict
+    printed: bool
+    numbers: Mapping[str, float]
     margin: Margin | None = None
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    main: bool = False
+    part: Part = "also"
 
     @property
-    def text(self) -> str:
-        """The numbers, for a table."""
-        margin = [] if self.margin is None else [str(self.margin)]
-        return "; ".join([*margin, *(f"{name} {value:.4g}" for name, value in self.numbers.items())])
+    def texts(self) -> tuple[str, str, str]:
+        """The claim, "as printed" and "generalises", for a table."""
+        numbers = "; ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
+        margin = DASH if self.margin is None else f"{self.margin.verdict}: {self.margin}"
+        return self.claim, f"{_word(self.printed)}: {numbers}", margin
 
 
 @dataclass(frozen=True)
 class Observation:
-    """An observation from the paper."""
+    """An observation from the paper; its verdicts are those of its main statements together."""
 
     number: int
     title: str
     parts: Sequence[Statement]
 
     @property
-    def verdict(self) -> Verdict:
-        """The joint verdict on the main parts."""
-        return joint(part.verdict for part in self.parts if part.main)
+    def printed(self) -> bool:
+        """Whether the printed tables agree."""
+        return all(part.printed for part in self.parts if part.part == "main")
+
+    @property
+    def generalises(self) -> Verdict:
+        """Whether it holds beyond the models and corruptions of the tables."""
+        return joint(part.margin for part in self.parts if part.part == "main" and part.margin).verdict
+
+    @property
+    def heading(self) -> str:
+        """The number, the title and the verdicts."""
+        return f"{self.number}. {self.title}: as printed {_word(self.printed)}, generalises {self.generalises}"
 
 
-def part(claim: str, margin: Margin, numbers: Mapping[str, float], main: bool = False) -> Statement:
-    """Create a statement whose verdict is that of a margin."""
-    return Statement(claim, margin.verdict, margin, numbers, main)
-
-
-def single(claim: str, **ranks: float) -> Statement:
-    """Create a statement on one rank for each model, of which no interval can be computed."""
-    return Statement(claim, THIN, None, ranks)
+def _word(printed: bool) -> str:
+    return str(printed).lower()

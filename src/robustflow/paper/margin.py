@@ -12,21 +12,18 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-import polars as pl
 from scipy.stats import binomtest, ttest_1samp, ttest_ind
 
 from ..core.text import counted
-from ..stats.bootstrap import LEVEL
-from ..stats.paired import standings
+from ..stats.inference import LEVEL
 from ..stats.ranking import holm, rank_correlation
 
-Verdict = Literal["holds", "does not hold", "too little evidence"]
-THIN: Verdict = "too little evidence"
+Verdict = Literal["yes", "no", "too little evidence"]
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A number that is positive if its claim holds."""
+    """A number that is positive if its claim holds, and its interval."""
 
     estimate: float
     low: float
@@ -35,21 +32,20 @@ class Margin:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: whether the interval lies above 0, below 0, or contains 0."""
-        return "holds" if self.low > 0 else "does not hold" if self.high < 0 else THIN
+        """Whether the interval lies above 0, below 0, or contains 0."""
+        return "yes" if self.low > 0 else "no" if self.high < 0 else "too little evidence"
 
     def __str__(self) -> str:
         """
-        >>> str(Margin(1.45, 0.921, 1.983, "9 families"))
+        >>> str(Margin(1.45, 0.921, 1.983, "over 9 families"))
         '+1.45 [+0.92, +1.98] over 9 families'
         """
-        return f"{self.estimate:+.2f} [{self.low:+.2f}, {self.high:+.2f}] over {self.over}"
+        return f"{self.estimate:+.2f} [{self.low:+.2f}, {self.high:+.2f}] {self.over}"
 
 
-def joint(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the joint verdict on several claims."""
-    found = set(verdicts)
-    return "does not hold" if "does not hold" in found else THIN if THIN in found else "holds"
+def joint(margins: Iterable[Margin]) -> Margin:
+    """Return the margin that decides whether several claims all hold: one that does not, else the lowest one."""
+    return min(margins, key=lambda margin: (margin.high >= 0, margin.low))
 
 
 def of_mean(values: Sequence[float], over: str) -> Margin:
@@ -59,8 +55,8 @@ def of_mean(values: Sequence[float], over: str) -> Margin:
 
 def of_difference(larger: Sequence[float], smaller: Sequence[float]) -> Margin:
     """Compute the difference of two means over families with Welch's interval."""
-    words = f"{len(larger)} and {_units(len(smaller), 'family')}"
-    return _of_test(float(np.mean(larger) - np.mean(smaller)), ttest_ind(larger, smaller, equal_var=False), words)
+    over = f"over {len(larger)} and {counted(len(smaller), 'family', 'families')}"
+    return _of_test(float(np.mean(larger) - np.mean(smaller)), ttest_ind(larger, smaller, equal_var=False), over)
 
 
 def _of_test(estimate: float, test: Any, over: str) -> Margin:
@@ -79,30 +75,27 @@ def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin:
 def of_majority(some: int, count: int, over: str) -> Margin:
     """Compute a share minus one half, with the exact interval of Clopper and Pearson (1934)."""
     ends = binomtest(some, count).proportion_ci(LEVEL)
-    return Margin(some / count - 0.5, float(ends.low) - 0.5, float(ends.high) - 0.5, _units(count, over))
+    over = f"{_units(count, over)} (share minus 1/2)"
+    return Margin(some / count - 0.5, float(ends.low) - 0.5, float(ends.high) - 0.5, over)
 
 
-def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
-    """Compute the best and the worst possible rank of each model (lower values rank first) by paired t-tests over the
-    corruptions, corrected for all pairs.
-    """
+def of_ranks(values: Mapping[str, Sequence[float]], names: Sequence[str], best: int) -> Margin:
+    """Compute by how many ranks the named models are within the `best` lowest means over corruptions, counted from
+    best + 1/2 to the last of them. The interval is that of the possible ranks, by paired t-tests over the corruptions
+    that are corrected for all pairs of models."""
     pairs = list(combinations(values, 2))
     gaps = [np.subtract(values[first], values[second]) for first, second in pairs]
-    records = [
-        (*pair, "epe", float(np.mean(values[pair[0]])), float(np.mean(values[pair[1]])), float(gap.mean()), p, LEVEL)
-        for pair, gap, p in zip(pairs, gaps, holm([_p(gap) for gap in gaps]), strict=True)
-    ]
-    columns = ("model", "against", "measure", "value_model", "value_against", "value", "p_adjusted", "level")
-    table = standings(pl.DataFrame(records, schema=columns, orient="row"), list(values))
-    ranks = {row["model"]: (row["best"], row["worst"]) for row in table.iter_rows(named=True)}
-    return {name: ranks[name] for name in values}
-
-
-def among(best: int, ranks: Sequence[tuple[int, int]]) -> Verdict:
-    """Return the verdict on whether all models have a rank of at most `best`, given their possible ranks."""
-    if any(first > best for first, _ in ranks):
-        return "does not hold"
-    return "holds" if all(last <= best for _, last in ranks) else THIN
+    ranks = {name: [1, 1, len(values)] for name in values}  # by the means, best, worst
+    for (first, second), gap, p in zip(pairs, gaps, holm([_p(gap) for gap in gaps]), strict=True):
+        lower, higher = (first, second) if gap.mean() < 0 else (second, first)
+        ranks[higher][0] += bool(gap.mean())
+        ranks[higher][1] += p < 1 - LEVEL
+        ranks[lower][2] -= p < 1 - LEVEL
+    rank, least, most = (max(ends) for ends in zip(*(ranks[name] for name in names), strict=True))
+    possible = ", ".join(f"{name} {ranks[name][1]} to {ranks[name][2]}" for name in names)
+    count = counted(len(next(iter(values.values()))), "corruption")
+    over = f"ranks over {count}; possible ranks: {possible}"
+    return Margin(best + 0.5 - rank, best + 0.5 - most, best + 0.5 - least, over)
 
 
 def _p(gap: np.ndarray) -> float:
@@ -110,4 +103,4 @@ def _p(gap: np.ndarray) -> float:
 
 
 def _units(count: int, over: str) -> str:
-    return counted(count, over, {"family": "families"}.get(over))
+    return f"over {counted(count, over, {'family': 'families'}.get(over))}"
