@@ -16,7 +16,7 @@ from robustflow.core.errors import UsageError
 from robustflow.media.images import write_image
 from robustflow.paper.plan import ARTEFACTS, choose, paper_variants
 from robustflow.paper.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
-from robustflow.run.costs import read_displacement
+from robustflow.run.displacement import read_displacement
 from robustflow.stats.published.tables import published_results
 from tests.data.datasets.layouts import flow, picture
 from tests.data.video import clips

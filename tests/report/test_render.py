@@ -185,7 +185,7 @@ def test_latex_longer_than_a_page_continues_in_another_table():
     runs = [
         Section(f"run {index}", tuple(Line(f"part {n}", (TableCell("1.00"),)) for n in range(36))) for index in range(3)
     ]
-    text = render(Table("anatomy", "Anatomy", (Column("CRE"),), tuple(runs), ("The end.",)), "latex")
+    text = render(Table("means", "Means", (Column("CRE"),), tuple(runs), ("The end.",)), "latex")
     floats = text.split(r"\end{table*}")[:-1]
     assert [re.findall(r"run \d", part) for part in floats] == [["run 0"], ["run 1"], ["run 2"]]
     assert [part.count("part ") for part in floats] == [36, 36, 36]

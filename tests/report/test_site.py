@@ -122,12 +122,6 @@ def test_page_of_a_model_shows_corruptions_that_the_paper_does_not_have():
     assert table.columns[0].strongest == 9.0
 
 
-def test_slopes_of_a_run_without_ground_truth_are_only_in_its_tables_by_severity(runs_without_truth):
-    ((_, tables), *_) = model_pages(whole_content(runs_without_truth, published=False)).values()
-    (parts,) = (table for table in tables if table.name == "parts")
-    assert [column.label for column in parts.columns] == ["RCRE (px)"]
-
-
 def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_path, monkeypatch):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     folders = [evaluate("dis", "demo", output=tmp_path / f"{seed}", seed=seed, **chosen).path for seed in (0, 1)]

@@ -20,9 +20,14 @@ from robustflow.media.images import write_image
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.run.cells import Cells
-from robustflow.run.costs import read_displacement, write_displacement
-from robustflow.run.displacement import EDGES, displacement_histogram, histogram
-from robustflow.stats.anatomy import displacements_of
+from robustflow.run.displacement import (
+    EDGES,
+    displacement_histogram,
+    displacements_of,
+    histogram,
+    read_displacement,
+    write_displacement,
+)
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_manifest
 

@@ -181,14 +181,6 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
         assert "75.0 %" in table.lines[0].note, name
 
 
-def test_anatomies_of_runs_on_different_conditions_are_marked(runs):
-    other = made_run(runs[1], runs[1].rows, "Other", seed=7)
-    (table,) = tables_of([runs[0], other], published=False, wanted=["anatomy"])
-    assert "seed 7" in table.remarks[-1]
-    (alike,) = tables_of(runs[:2], published=False, wanted=["anatomy"])
-    assert len(alike.remarks) == 1
-
-
 def test_cre_of_a_run_with_gaps_is_the_same_in_tables_and_figures(runs, monkeypatch):
     """Under contrast, the prediction lacks three quarters of the pixels, which have most of the error: the EPE is below
     the clean EPE although the error grew at every pixel that was predicted.
@@ -262,7 +254,7 @@ def test_every_table_is_rendered_in_every_format(runs):
 
 def test_tables_and_figures_without_published_rows_show_runs_only(runs):
     names = {table.name for table in tables_of(runs, published=False)}
-    assert {"epe", "cre", "rcre", "cost", "means", "anatomy"} <= names
+    assert {"epe", "cre", "rcre", "cost", "means"} <= names
     for call, culprit in (
         (partial(tables_of, runs, published=False, wanted=["gopro-rcre"]), "--table"),
         (partial(tables_of, [], published=True, wanted=["means"]), "--table"),

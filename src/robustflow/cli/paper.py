@@ -95,9 +95,7 @@ def displacement(
     from ..models import ModelSpec
     from ..report.figures import displacement_figure, write_figures
     from ..report.site.page import write_report
-    from ..run.costs import clean_digests, write_displacement
-    from ..run.displacement import displacement_histogram
-    from ..stats.anatomy import label_of
+    from ..run.displacement import clean_digests, displacement_histogram, displacement_label, write_displacement
 
     model, output = given["model"], given["output"]
     if model is None:
@@ -121,7 +119,7 @@ def displacement(
     if folder is not None:
         write_bytes(folder / "displacement.csv", table.write_csv().encode())
         echo(str(folder / "displacement.csv"))
-        label = label_of(chosen.name, len(chosen.keys), table["source"][0])
+        label = displacement_label(chosen.name, len(chosen.keys), table["source"][0])
         for path in write_figures({"displacement": displacement_figure({label: table})}, folder):
             echo(str(path))
     if run is not None:

@@ -49,7 +49,7 @@ def report(
             "--table",
             "-t",
             autocompletion=complete.tables,
-            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
+            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, "
             "attacks, security, corruptions-and-attacks, flat-and-depth; "
             "row, a line of LaTeX per run; or all, every table that can be made.",
         ),
@@ -71,7 +71,7 @@ def report(
     \b
     Examples:
       robustflow report runs/demo_dis_1a2b3c4d --metric rcre
-      robustflow report runs/mine runs/other --table means,anatomy
+      robustflow report runs/mine runs/other --table means,effective
       robustflow report --published --table cost --format latex -o cost.tex
       robustflow report runs/mine runs/other --published --format page -o report.html
       robustflow report RUN --examples --data /mnt/kitti

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from ..core.errors import UsageError, unknown_name
 from ..run.comparable import common_to, differences, named_runs
-from ..stats.anatomy import displacements_of
+from ..run.displacement import displacements_of
 from ..stats.model_result import run_results
 from .render import render
 from .run_tables import result_table

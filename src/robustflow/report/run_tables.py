@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from ..core.arguments import SEVERITIES
@@ -11,9 +10,7 @@ from ..core.errors import RunError, UsageError
 from ..core.text import counted, first_of, plain
 from ..metrics.cube import Means
 from ..metrics.measures import CONFIDENCE, UNCOUPLED
-from ..run.comparable import named_runs
 from ..run.run import Run
-from ..stats.anatomy import error_parts, severity_slopes
 from ..stats.bootstrap import LEVEL, fewest_clusters
 from ..stats.effective import effective_robustness
 from ..stats.estimate import OVERALL_SCOPES, cubes_of, estimate
@@ -31,7 +28,6 @@ from ..stats.results import (
     RESULT_METRICS,
     SETTING_LABELS,
     benchmark_words,
-    long_label,
     metric_label,
     on_benchmark,
 )
@@ -42,7 +38,6 @@ from .table import (
     Row,
     Table,
     Wanted,
-    differences_remark,
     full_note,
     interval_text,
     number_text,
@@ -269,43 +264,6 @@ def effective(wanted: Wanted) -> list[Table]:
     if not tables:
         raise reason
     return tables
-
-
-def anatomy(wanted: Wanted) -> list[Table]:
-    """Return the error of each run by part, and its slope over severities."""
-    wanted.of_runs("anatomy")
-    named = named_runs(wanted.runs)
-    slopes = {name: severity_slopes(run.averages, "rcre").items() for name, run in named.items()}
-    sections = {
-        name: [*parts_of(run), *((long_label(corruption), [*[None] * 6, slope]) for corruption, slope in slopes[name])]
-        for name, run in named.items()
-    }
-    return [anatomy_table(sections, differences_remark(named))]
-
-
-def parts_of(run: Run) -> list[Row]:
-    """Return the error of a run by image region and corruption family, without slopes."""
-    return [Row(label, (*numbers, None)) for label, *numbers in error_parts(run.averages)]
-
-
-_ANATOMY = {
-    "share %": "share of the pixels",
-    "adds (px)": "contribution of a family to the mean CRE",
-    "CRE (px)": "",
-    "CREr": "",
-    "RCRE (px)": "",
-    "broken %": "net share of pixels that became Fl outliers",
-    "slope (px)": "RCRE per severity step",
-}
-"""Columns of the anatomy table, and what is not named elsewhere."""
-
-
-def anatomy_table(sections: Mapping[str, Iterable[Any]], remark: str = "") -> Table:
-    """Tabulate the parts of the error of runs, with an explanation of the columns that have a value."""
-    table = Table.of("anatomy", "Anatomy of error", _ANATOMY, sections, row_header="Part")
-    meant = [f"{name.split()[0]}: {_ANATOMY[name]}" for name in (one.label for one in table.columns) if _ANATOMY[name]]
-    about = [f"{'; '.join(meant)}."] if meant else []
-    return replace(table, remarks=(*about, *filter(None, [remark])))
 
 
 def flat_and_depth(wanted: Wanted) -> list[Table]:

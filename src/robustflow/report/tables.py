@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..core.errors import UsageError
 from ..core.plugins import Registry
-from ..stats.anatomy import displacements_of
+from ..run.displacement import displacements_of
 from .table import Table, Wanted, results_of
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ ROW = "row"
 TABLES: Registry[Callable[[Wanted], list[Table]]] = Registry("table")
 for _name, _module in {
     **dict.fromkeys(("epe", "cre", "rcre", "gopro-rcre", "cost"), "paper_tables"),
-    **dict.fromkeys(("means", "uncoupled", "effective", "anatomy"), "run_tables"),
+    **dict.fromkeys(("means", "uncoupled", "effective"), "run_tables"),
     **dict.fromkeys(("attacks", "security", "corruptions-and-attacks"), "attack_tables"),
     "flat-and-depth": "run_tables",
     ROW: "run_tables",

@@ -1,26 +1,20 @@
-"""Small files that are stored with a run's rows: the cost of its model and the histogram of its displacements.
-
-Each belongs to exactly one run and is untrusted.
-"""
+"""Small untrusted files that are stored in a run's folder and belong to exactly one run; the cost of its model."""
 
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-import polars as pl
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ..core.errors import RobustFlowError, RunError, UsageError
 from ..core.files import write_bytes
 from ..core.text import plain
 from ..core.types import Untrusted
-from ..metrics.rows import CLEAN
 from .trust import document_bytes, read_document
 
 if TYPE_CHECKING:
@@ -29,10 +23,7 @@ if TYPE_CHECKING:
 PROFILE = "profile.json"
 COUNTED_SIZE = (432, 720)
 """Height and width of the frames for which the paper reports costs, in pixels."""
-GROUND_TRUTH = "ground truth"
-"""Value of `source` for a histogram of the ground truth."""
 _LARGEST = 1 << 20
-_MOST_BINS = 10_000
 
 _NOT_COMPARED = {"checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"}
 """Parts of a model's identity that do not affect its cost, or that follow from its name."""
@@ -125,51 +116,3 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
                 f"{run.path} has a different model: {plain(before)}, but the given model has {plain(here)}; profile "
                 "the run's model with the run's options",
             )
-
-
-class DisplacementFile(RunAttachment):
-    """The histogram of a run's displacements."""
-
-    FILE = "displacement.json"
-    COMMAND = "reproduce displacement"
-
-    samples: Annotated[int, Field(ge=1)]
-    source: Annotated[str, Field(min_length=1, max_length=500)]
-    low: Annotated[list[Annotated[float, Field(ge=0, le=1e9)]], Field(min_length=1, max_length=_MOST_BINS)]
-    pixels: Annotated[list[Annotated[int, Field(ge=0, le=10**18)]], Field(min_length=1, max_length=_MOST_BINS)]
-
-    @model_validator(mode="after")
-    def _bins_fit(self) -> DisplacementFile:
-        if len(self.low) != len(self.pixels) or self.low[0] != 0 or sorted(set(self.low)) != self.low:
-            raise ValueError("edges must ascend from 0, with one edge per count")
-        return self
-
-    @property
-    def table(self) -> pl.DataFrame:
-        """Return the columns `low`, `high` (pixels, the last infinite) and `share` (of all counted pixels)."""
-        total = max(1, sum(self.pixels))
-        share = [count / total for count in self.pixels]
-        return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
-
-
-def read_displacement(run: Run) -> DisplacementFile | None:
-    """Return the histogram of a run; None if there is none, or if the run now has different samples."""
-    displacement = DisplacementFile.read(run)
-    return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
-
-
-def write_displacement(run: Run, table: pl.DataFrame) -> Path:
-    """Store the table of `displacement_histogram` for a run's samples in the run's folder."""
-    content = DisplacementFile(
-        run=run.manifest.identity_digest,
-        samples=len(run.manifest.samples),
-        source=table["source"][0],
-        low=table["low"].to_list(),
-        pixels=table["pixels"].to_list(),
-    )
-    return content.write(run.path)
-
-
-def clean_digests(run: Run) -> dict[str, str]:
-    """Map every sample that a run has measured to the digest of its clean frames."""
-    return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())

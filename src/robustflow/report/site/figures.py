@@ -12,8 +12,8 @@ from markupsafe import Markup
 
 from ...core.errors import UsageError
 from ...core.text import plain
+from ...run.displacement import displacements_of
 from ...run.run import Run
-from ...stats.anatomy import displacements_of
 from ...stats.attacks import security_curves
 from ...stats.frame import confidence_means
 from ...stats.model_result import ModelResult, by_frames, ranked

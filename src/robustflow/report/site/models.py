@@ -1,9 +1,8 @@
-"""The page of a model: its means, its numbers under every corruption, its error by region, and facts about the run."""
+"""The page of a model: its means, its numbers under every corruption, and facts about the run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ...core.text import counted, plain
@@ -12,7 +11,6 @@ from ...data.benchmarks import benchmark_facts
 from ...run.cells import Cells, left_out_sentence
 from ...run.costs import RunCost
 from ...run.identity import Environment
-from ...stats.anatomy import severity_slopes
 from ...stats.model_result import ModelResult, ValueKey
 from ...stats.published.tables import method_of
 from ...stats.results import (
@@ -27,7 +25,6 @@ from ...stats.results import (
     metric_label,
 )
 from ...stats.run_results import comparison_note
-from ..run_tables import anatomy_table, parts_of
 from ..table import Column, Table, TableCell, interval_text, number_text
 from .content import Content
 
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
 _LONGEST = 600
 _WITHOUT_TRAINING = {"knowledge": "none: not a learned method", "untrained": "none: its weights are random"}
 _METRICS = ("cre", "rcre", "epe")
-SCORES, SHADED, PARTS, FACTS = "scores", "shaded", "parts", "facts"
+SCORES, SHADED, FACTS = "scores", "shaded", "facts"
 """Names of the tables of a model's page, which decide how its script shows them."""
 
 
@@ -57,8 +54,6 @@ def _tables(lines: Sequence[ModelResult], content: Content) -> Iterator[Table]:
         for metric in ("epe", "cre", "rcre", "photometric", "spread"):
             if _has_table(lines[0], run, metric):
                 yield _severities(lines[0], run, metric)
-        if parts := parts_of(run):  # the severity tables show the slopes
-            yield replace(anatomy_table({"": parts}), name=PARTS)
         facts = _run_facts(run)
     else:
         for benchmark in dict.fromkeys(line.benchmark for line in lines):
@@ -83,16 +78,15 @@ def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
 
 def _severities(line: ModelResult, run: Run, metric: str) -> Table:
     levels = run.measured.severities
-    slopes = severity_slopes(run.averages, metric)
     rows = []
     for name in run.measured.corruptions:
         mean = TableCell(
             number_text(run.mean(metric, name)), interval=interval_text(line.intervals.get((metric, name)))
         )
         values = (run.mean(metric, name, level) for level in levels)
-        rows.append((plain(long_label(name)), [*values, mean, *[slopes.get(name)] * bool(slopes)]))
+        rows.append((plain(long_label(name)), [*values, mean]))
     top = scale_top(run.mean(metric, name, level) for level in levels for name in run.measured.corruptions)
-    columns = [Column(label, strongest=top) for label in (*map(str, levels), "mean")] + [Column("slope")] * bool(slopes)
+    columns = [Column(label, strongest=top) for label in (*map(str, levels), "mean")]
     label = "Standard deviation over draws (px)" if metric == "spread" else metric_label(metric)
     title = f"{label} by severity"
     return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)

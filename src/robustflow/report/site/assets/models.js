@@ -66,10 +66,6 @@ window.robustflow.modelPage = (id, primary) => {
     make("div", { class: "all-scores" }, ...of("scores").map(scoresOf)),
     make("div", { class: "tables" }, ...of("shaded").map((table) => shadedTable(table, name, id, page.panels))),
   ];
-  for (const table of of("parts")) {
-    parts.push(make("h3", {}, table.title), scroll(table.title, tableOf(table, (line, index) => cellOf(line, index))));
-    parts.push(...table.remarks.map((remark) => make("p", { class: "aside" }, remark)));
-  }
   if (page.panels.length) {
     const panels = page.panels.map((panel, index) => panelOf(panel, id, index));
     parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...panels));
