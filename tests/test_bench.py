@@ -24,6 +24,7 @@ SMALL = {
     "corruptions": ("--size 64x96 --seconds 0 --corruptions fog contrast", r"contrast +\d+\.\d\d(.|\n)*sum without"),
     "dis_rgb": ("--points 1 --rounds 1", r"mean of 1 of motorcycle( +\d\.\d+ / *\d+){6}"),
     "first_command": ("--rounds 0", r"corruption: fog +\d+\.\d\d"),
+    "gradients": ("networks tiny", r"\| tiny \| 1\.00 \| 1\.00 \| whole \|"),
     "overhead": ("--pairs 1 --workers 1 --latency 1", r"steady \d+\.\d+(.|\n)*corrupt  mean of 100 cells"),
     "robust_training": ("--seeds 1 --steps 1 --pairs 2 --size 64x96", r"CRE under weather(.|\n)*no_weather +[+-]0"),
     "psf": ("--rounds 1", r"720x1280: .* error 0\.\d+ rms"),
@@ -38,7 +39,7 @@ PARTS = {"gpu_sections", "reference_corruptions", "synthetic_runs"}
 """Modules of other scripts."""
 LONG = {"kills", "quick_subset", "ray_engine", "uncertainty"}
 """Scripts whose smallest runs take minutes."""
-TORCH = {"attacks", "augmentation", "robust_training", "training_memory"}
+TORCH = {"attacks", "augmentation", "gradients", "robust_training", "training_memory"}
 
 
 def test_every_script_is_run_here():

@@ -42,14 +42,14 @@ def differentiated(net: nn.Module, call: Callable[[], Tensor]) -> Tensor:
     """
     if _AS_WRITTEN.get() or not torch.is_grad_enabled():
         return call()
-    with _without_checkpointing(), _Whole():
+    with _without_checkpointing(), _Undetached():
         flow = call()
     for module in net.modules():
         _detached(vars(module))
     return flow
 
 
-class _Whole(TorchFunctionMode):
+class _Undetached(TorchFunctionMode):
     """Return the tensor itself from `detach` and `.data`, in this thread."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
