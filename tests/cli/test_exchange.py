@@ -58,14 +58,15 @@ def test_exported_rows_are_unchanged_after_reading(robustflow, run, format):
 
 
 def test_an_exported_file_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
-    metadata, rows = (Path("croissant") / name for name in ("croissant.json", "rows.csv"))
-    assert robustflow.prints("export", run, "--format", "croissant").split() == [str(metadata), str(rows)]
-    out = robustflow.prints("record", "verify", records[0], "--exported", metadata, "--exported", rows)
+    results, rows = Path("huggingface/.eval_results/robustflow.yaml"), Path("rows.csv")
+    assert robustflow.prints("export", run, "-f", "huggingface", "--hub-dataset", "a/b").strip() == str(results)
+    assert robustflow.prints("export", run, "-f", "csv").strip() == str(rows)
+    out = robustflow.prints("record", "verify", records[0], "--exported", results, "--exported", rows)
     assert "exported      files exported from the run match the record: 2 files" in out
-    metadata.write_text(metadata.read_text().replace("1.0.0", "1.0.1", 1))
-    code, out, _ = robustflow("record", "verify", records[0], "--exported", metadata)
+    results.write_text(results.read_text().replace("task_id: epe", "task_id: cre", 1))
+    code, out, _ = robustflow("record", "verify", records[0], "--exported", results)
     assert code == 1
-    assert str(metadata) in out
+    assert str(results) in out
 
 
 def test_records_are_added_one_after_the_other(run, records, tmp_path):

@@ -70,7 +70,7 @@ CASES = [
     ("export empty", UsageError, "empty"),
     ("export RUN --format xlsx", UsageError, "xlsx"),
     ("export RUN --format csv -c fog", UsageError, "--corruptions"),
-    ("export RUN --format croissant --hub-dataset a/b", UsageError, "--hub-dataset"),
+    ("export RUN --format csv --hub-dataset a/b", UsageError, "--hub-dataset"),
     ("export RUN --format robustspring -d . --seed 3", UsageError, "--seed"),
     ("export RUN --format robustspring", UsageError, "--data"),
     ("export kitti-fc -d . -m dis", UsageError, "--model"),

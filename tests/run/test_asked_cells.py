@@ -109,8 +109,8 @@ def test_a_mean_over_unlike_conditions_is_marked_wherever_a_folder_is_read(robus
     robustflow.prints("record", "pack", "run", "-o", "run.robustflow")
     for command in (("report", "run"), ("record", "verify", "run.robustflow")):
         assert UNEVEN in robustflow.prints(*command)
-    robustflow.prints("export", "run", "--format", "croissant")
-    assert UNEVEN in (tmp_path / "croissant" / "croissant.json").read_text()
+    robustflow.prints("export", "run", "--format", "huggingface", "--hub-dataset", "someone/demo")
+    assert UNEVEN in (tmp_path / "huggingface" / ".eval_results" / "robustflow.yaml").read_text()
 
 
 def test_an_earlier_result_stays_as_it_was_when_a_later_call_adds_rows(tmp_path):

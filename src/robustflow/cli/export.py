@@ -36,7 +36,7 @@ def export(
         Option(
             "--format",
             "-f",
-            help="Format for a run: csv, parquet or croissant (rows); huggingface (results); robustspring (the model's "
+            help="Format for a run: csv or parquet (rows); huggingface (results); robustspring (the model's "
             "flows, as a submission to its server).",
         ),
     ] = None,
@@ -46,7 +46,7 @@ def export(
     """Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows or results.
 
     With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
-    fog/test, ...). The files of croissant and huggingface depend only on the run: 'robustflow record verify RECORD
+    fog/test, ...). The files of csv and huggingface depend only on the run: 'robustflow record verify RECORD
     --exported FILE' compares them with its record. An interrupted export resumes where it stopped.
 
     \b
@@ -88,24 +88,22 @@ def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
 
 
 def _export_run(context: typer.Context, path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
-    from ..report.exchange import EXCHANGE_FORMATS, exchange_files
+    from ..report.exchange import HUB_FILE, hub_results
     from ..run.records.pack import load_any_run
     from ..run.run import ROWS_FORMATS, rows_bytes
 
-    if format not in (*ROWS_FORMATS, *EXCHANGE_FORMATS):
-        raise unknown_name("format of a run", format, (*ROWS_FORMATS, *EXCHANGE_FORMATS, "robustspring"))
+    if format not in (*ROWS_FORMATS, "huggingface"):
+        raise unknown_name("format of a run", format, (*ROWS_FORMATS, "huggingface", "robustspring"))
     used = {"benchmark", "format", "output"} | ({"hub_dataset"} if format == "huggingface" else set())
     refuse_unused(context, set(context.params) - used, f"with --format {format}")
     run = load_any_run(path)
     if format in ROWS_FORMATS:
-        files = {output or Path(f"rows.{format}"): rows_bytes(run, format)}
+        target, data = output or Path(f"rows.{format}"), rows_bytes(run, format)
     else:
-        made = exchange_files(run, format, hub_dataset)
-        files = {(output or Path(format)) / name: data for name, data in made.items()}
-    for target, data in files.items():
-        make_folder(target.parent)
-        write_bytes(target, data)
-        echo(str(target))
+        target, data = (output or Path(format)) / HUB_FILE, hub_results(run, hub_dataset)
+    make_folder(target.parent)
+    write_bytes(target, data)
+    echo(str(target))
 
 
 def _export_submission(path: Path, given: dict[str, Any]) -> None:

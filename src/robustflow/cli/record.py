@@ -76,7 +76,7 @@ def verify(
     Examples:
       robustflow record verify submissions/*.robustflow
       robustflow record verify mine.robustflow --data ~/kitti --check-frames 100 --model dis
-      robustflow record verify mine.robustflow --exported croissant/croissant.json
+      robustflow record verify mine.robustflow --exported rows.csv
     """
     import json
 

@@ -1,12 +1,11 @@
-"""Export a run to other programs: as Hugging Face evaluation results (`.eval_results/*.yaml` in a model's repository,
-which the Hub shows), and as Croissant metadata (the rows as a dataset for search engines and loaders).
+"""Export a run's means as Hugging Face evaluation results (`.eval_results/*.yaml` in a model's repository, shown by the
+Hub), and compare exported files with a run.
 
 Exports are deterministic, so `check_exported` can compare a file with the run's record byte for byte.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -17,11 +16,9 @@ from typing import Any
 
 import polars as pl
 
-from ..core.errors import RunError, UsageError, unknown_name
-from ..core.files import json_bytes, read_bounded
-from ..core.text import counted, file_name, plain
-from ..data.benchmarks import benchmark_facts
-from ..metrics.rows import ROW_SCHEMA
+from ..core.errors import RunError, UsageError
+from ..core.files import read_bounded
+from ..core.text import counted, plain
 from ..run.records.format import rows_to_text
 from ..run.records.read import Reader
 from ..run.run import Run
@@ -30,23 +27,9 @@ from ..stats.frame import results_frame
 from ..stats.results import AVERAGE, CLEAN, RESULT_METRICS, SETTING_EXPLANATIONS, SETTING_LABELS
 from ..stats.run_results import comparison_note
 
-Files = dict[PurePosixPath, bytes]
-"""Contents by path relative to the folder of the export."""
-EXCHANGE_FORMATS = ("croissant", "huggingface")
+HUB_FILE = PurePosixPath(".eval_results", "robustflow.yaml")
+"""Path of the results in a model's repository on the Hub."""
 HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
-
-
-def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
-    """Export a run in one of the formats; return file contents by relative path."""
-    if format not in EXCHANGE_FORMATS:
-        raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
-    if format == "croissant":
-        return _croissant_files(run)
-    if hub_dataset is None or not re.fullmatch(HUB_NAME, hub_dataset):
-        raise UsageError(
-            "--hub-dataset", "--format huggingface needs the benchmark's dataset on the Hub, ORGANISATION/NAME"
-        )
-    return _huggingface_files(run, hub_dataset)
 
 
 def _means(run: Run) -> list[dict[str, Any]]:
@@ -86,11 +69,15 @@ def _day(run: Run) -> str:
         return ""
 
 
-def _huggingface_files(run: Run, dataset: str) -> Files:
-    """Return `.eval_results/robustflow.yaml` with the clean and average means. JSON strings are valid YAML."""
+def hub_results(run: Run, dataset: str | None) -> bytes:
+    """Return the content of `HUB_FILE`: the clean and average means of a run on a dataset of the Hub."""
+    if dataset is None or not re.fullmatch(HUB_NAME, dataset):
+        raise UsageError(
+            "--hub-dataset", "--format huggingface needs the benchmark's dataset on the Hub, ORGANISATION/NAME"
+        )
     means = _means(run)
     about = f"Run {run.manifest.identity_digest} of {plain(run.name)}. {_caveats(run, means)}".strip()
-    text = ""
+    text = ""  # JSON strings are valid YAML
     for mean in means:
         interval = "" if mean["low"] is None else f"95 % interval {mean['low']:.4g} to {mean['high']:.4g}. "
         task = mean["measure"] + ("_clean" if mean["condition"] == CLEAN else "")
@@ -104,65 +91,7 @@ def _huggingface_files(run: Run, dataset: str) -> Files:
             f"  notes: {json.dumps(interval + about)}",
         ]
         text += "\n".join(lines) + "\n"
-    return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
-
-
-_ROWS = "rows.csv"
-_TYPES: dict[Any, str] = {pl.String: "sc:Text", pl.Int64: "sc:Integer", pl.Float64: "sc:Float"}
-_SHORT = ("citeAs", "column", "conformsTo", "extract", "field", "fileObject", "recordSet", "source")
-_CONTEXT: dict[str, Any] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "cr": "http://mlcommons.org/croissant/",
-    "sc": "https://schema.org/",
-    "dct": "http://purl.org/dc/terms/",
-    **{name: f"cr:{name}" for name in _SHORT},
-    "conformsTo": "dct:conformsTo",
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-}
-
-
-def _croissant_files(run: Run) -> Files:
-    """Return `croissant.json` and the file that it describes, `rows.csv`."""
-    rows, name = rows_to_text(run.rows), plain(run.name)
-    title = plain(benchmark_facts(run.benchmark).title)
-    version = plain(run.manifest.environment.packages.get("robustflow", "unknown"))
-    metadata = {
-        "@context": _CONTEXT,
-        "@type": "sc:Dataset",
-        "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": file_name(f"robustflow {name} {title}"),
-        "description": (
-            f"Errors of the optical flow of {name} on {title}, clean and corrupted: sums and counts, one row per pair, "
-            f"corruption and severity, measured by RobustFlow {version} (run {run.manifest.identity_digest}). "
-            + _caveats(run, _means(run))
-        ).strip(),
-        "version": "1.0.0",
-        **({"datePublished": day} if (day := _day(run)) else {}),
-        "distribution": [
-            {
-                "@type": "cr:FileObject",
-                "@id": _ROWS,
-                "name": _ROWS,
-                "contentUrl": _ROWS,
-                "contentSize": f"{len(rows)} B",
-                "encodingFormat": "text/csv",
-                "sha256": hashlib.sha256(rows).hexdigest(),
-            }
-        ],
-        "recordSet": [{"@type": "cr:RecordSet", "@id": "rows", "name": "rows", "field": [*map(_field, ROW_SCHEMA)]}],
-    }
-    return {PurePosixPath("croissant.json"): json_bytes(metadata), PurePosixPath(_ROWS): rows}
-
-
-def _field(column: str) -> dict[str, Any]:
-    return {
-        "@type": "cr:Field",
-        "@id": f"rows/{column}",
-        "name": column,
-        "dataType": _TYPES[ROW_SCHEMA[column]],
-        "source": {"fileObject": {"@id": _ROWS}, "extract": {"column": column}},
-    }
+    return text.encode()
 
 
 _LARGEST = 2**29
@@ -181,18 +110,12 @@ def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
 
 def _check(path: Path, run: Run) -> None:
     data = read_bounded(path, _LARGEST, "give a file written by 'robustflow export'")
-    found = _HUB_DATASET.search(data)
-    dataset = found[1].decode() if found else None
-    made = [
-        each
-        for format in EXCHANGE_FORMATS
-        if format != "huggingface" or dataset is not None
-        for each in exchange_files(run, format, dataset).values()
-    ]
+    hub = _HUB_DATASET.search(data)
+    made = [rows_to_text(run.rows), *([hub_results(run, hub[1].decode())] if hub else [])]
     if data in made:
         return
     given = data.split(b"\n")
-    nearest = max((each.split(b"\n") for each in made), key=lambda lines: sum(map(eq, lines, given)))
+    nearest = max((export.split(b"\n") for export in made), key=lambda lines: sum(map(eq, lines, given)))
     number = next((n for n, same in enumerate(map(eq, nearest, given), 1) if not same), None)
     if number is None:
         raise RunError(path, f"{len(given)} lines, but an export of the record has {len(nearest)}; export it again")
