@@ -49,14 +49,12 @@ class Result(Run):
 
         return RunCost.read(self)
 
-    def compare(
-        self, other: Run | str | Path, *, level: float = 0.95, resamples: int = 4999, seed: int = 0
-    ) -> Comparison:
+    def compare(self, other: Run | str | Path) -> Comparison:
         """Test whether this run differs from a second run, or from the run in a folder, on the same frames; see
         `robustflow.compare`."""
         from .report.comparison import compare
 
-        return compare(self, other, level=level, resamples=resamples, seed=seed)
+        return compare(self, other)
 
     @property
     def frame(self) -> pl.DataFrame:

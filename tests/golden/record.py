@@ -51,13 +51,8 @@ def comparison(folder: Path) -> Record:
     runs = [GOLDEN_RUNS[name].run(folder / str(number)) for number, name in enumerate(COMPARED)]
     frame = rf.compare(*runs).frame
     keys = [" ".join(map(str, key)) for key in frame.select("measure", "condition").iter_rows()]
-    return dict(
-        zip(
-            keys,
-            frame.select(pl.selectors.numeric() - pl.selectors.by_name("severity")).iter_rows(named=True),
-            strict=True,
-        )
-    )
+    rows = frame.select(pl.selectors.numeric() - pl.selectors.by_name("severity")).iter_rows(named=True)
+    return {key: {k: v for k, v in row.items() if v is not None} for key, row in zip(keys, rows, strict=True)}
 
 
 def golden_text(folder: Path) -> str:

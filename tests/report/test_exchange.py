@@ -70,7 +70,7 @@ def test_yaml_of_the_hub_keeps_numbers_and_names(run):
         assert set(entry) == {"dataset", "value", "date", "evaluation_framework", "notes"}
         assert entry["dataset"]["id"] == HUB
         assert HOSTILE in entry["notes"]
-        assert "too few pairs for a bootstrap (1)" in entry["notes"]
+        assert "too few independent pairs (1 pairs)" in entry["notes"]
 
 
 @pytest.mark.parametrize("dataset", [None, "kitti", "a/b\n  value: 0", 'a/"b"'])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,6 @@ from robustflow.metrics.measures import MEASURES
 from robustflow.metrics.rows import CLEAN
 from robustflow.run.comparable import common_rows
 from robustflow.stats.estimate import HEADLINE, OVERALL_SCOPES, contrast, cubes_of, estimate, scopes_of
-from robustflow.stats.statistic import Mean
 from tests.made_rows import rows_frame
 from tests.run.mean_rows import row
 
@@ -41,13 +40,6 @@ def rows_of(
             own = {"frames_digest": f"{digest}{index}{cell[0]}{cell[1]}", "rcre_all_sum": PIXELS * float(change)}
             rows.append(row(name, *cell, PIXELS, float(epe), float(change), **same, **own))
     return rows_frame(rows)
-
-
-def mean_of(values: np.ndarray, groups: np.ndarray | None = None) -> Mean:
-    """The mean of values, one per image; the images of a group are one cluster."""
-    groups = np.arange(len(values)) if groups is None else groups
-    totals, counts = (np.bincount(groups, each)[:, None] for each in (values, np.ones(len(values))))
-    return Mean(totals, counts, np.ones(1))
 
 
 @dataclass(frozen=True)
@@ -87,16 +79,6 @@ class Truth:
             ("crer", "average"): 2.5,
             ("rcre", "average"): 7.0,
         }
-
-
-def coverage(once: Callable[[np.random.Generator], dict[object, bool]], repeats: int, seed: int) -> dict[object, float]:
-    """Percentage of repetitions in which each statement was true."""
-    rng = np.random.default_rng(seed)
-    hits: dict[object, list[bool]] = {}
-    for _ in range(repeats):
-        for key, hit in once(rng).items():
-            hits.setdefault(key, []).append(hit)
-    return {key: 100.0 * float(np.mean(found)) for key, found in hits.items()}
 
 
 def intervals(rows: pl.DataFrame, metrics: Collection[str] = HEADLINE, **options: Any) -> pl.DataFrame:

@@ -151,7 +151,7 @@ def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measur
 
 def test_compare_ranks_no_excluded_run(measured_runs, robustflow):
     paths = [run.path for run in measured_runs.values()]
-    out = robustflow.prints("compare", *paths, "--resamples", 199, "--format", "markdown")
+    out = robustflow.prints("compare", *paths, "--format", "markdown")
     names = [line.split("|")[1].strip() for line in out.splitlines() if line.startswith("| ") and " to 2 |" in line]
     assert names == ["1 x DIS", "0.9 x DIS"]
 
@@ -160,7 +160,7 @@ def test_many_models_are_compared_over_what_all_of_them_measured():
     """One run has only a third of the conditions; a mean over three conditions must not be compared with a mean over
     one."""
     part = _rows(5.0, 2.0).filter(pl.col("corruption").is_in(["clean", "snow"]))
-    lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
+    lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part})
     values = {}
     for line in lines.iter_rows(named=True):
         for side in ("model", "against"):

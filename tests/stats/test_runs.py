@@ -244,7 +244,6 @@ def test_every_table_is_rendered_in_every_format(runs):
         "attacks",
         "security",
         "corruptions-and-attacks",
-        "flat-and-depth",
         ROW,
     }
     for format in FORMATS:

@@ -115,7 +115,7 @@ def test_equal_models_share_their_possible_ranks():
     for name, factor in (("good", 3.0), ("alike", 3.0), ("bad", 6.0)):
         errors = factor * hard[:, None] * rng.gamma(50, 1 / 50, (60, 3))
         runs[name] = rows_of(hard, errors, errors)
-    table = standings(compare_all(runs, "epe", resamples=999), list(runs))
+    table = standings(compare_all(runs, "epe"), list(runs))
     assert table["model"].to_list()[2] == "bad"
     assert table.filter(model="bad").select("best", "worst").row(0) == (3, 3)
     assert table.filter(pl.col("model") != "bad").select("best", "worst").rows() == [(1, 2), (1, 2)]
@@ -188,7 +188,7 @@ def test_command_that_is_suggested_after_several_runs_works(seeds, capsys, monke
 def test_models_share_a_group_letter_if_and_only_if_no_test_tells_them_apart(seed):
     rng, names = np.random.default_rng(seed), "ABCDEFGHIJKLMNOPQRST"[: 8 if seed % 2 else 20]
     apart = {pair: bool(rng.random() < (0.1, 0.3, 0.5, 0.8)[seed // 2 % 4]) for pair in combinations(names, 2)}
-    rows = [{"model": a, "against": b, "p_adjusted": 0.01 if apart[a, b] else None, "level": 0.95} for a, b in apart]
+    rows = [{"model": a, "against": b, "p_adjusted": 0.01 if apart[a, b] else None, "value": -1.0} for a, b in apart]
     letters = group_letters(pl.DataFrame(rows, schema_overrides={"p_adjusted": pl.Float64}), names)
     assert letters["A"].startswith("a")
     assert all(bool(set(letters[a]) & set(letters[b])) != far for (a, b), far in apart.items())

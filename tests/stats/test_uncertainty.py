@@ -7,22 +7,24 @@ import math
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import binom, false_discovery_control, t
 
-from robustflow.core.errors import RunError, UsageError
+from robustflow.core.errors import RunError
 from robustflow.metrics.cube import Cube
 from robustflow.metrics.measures import EVERY, MEASURES
 from robustflow.run.summary import summarize
-from robustflow.stats.bootstrap import bootstrap, error_intervals, resampled_weights
 from robustflow.stats.estimate import contrast, estimate
-from robustflow.stats.paired import difference_sentence
-from robustflow.stats.ranking import holm
-from robustflow.stats.statistic import ErrorMean, Mean
+from robustflow.stats.inference import (
+    FEWEST,
+    INCREASE_FLOOR,
+    Scores,
+    flip_test,
+    mean_interval,
+    ratio_interval,
+)
+from robustflow.stats.paired import difference_sentence, is_sure
 
 from ..refusals import refusal
-from .simulated import Truth, compare_all, compare_rows, intervals, mean_of, rows_of
+from .simulated import Truth, compare_all, compare_rows, intervals, rows_of
 
 
 def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: float = 0.0, digest: str = "d"):
@@ -50,52 +52,6 @@ def test_estimates_are_the_means_of_the_summary():
     assert found == pytest.approx({key: means[key] for key in keys}, rel=1e-12)
 
 
-FORMULAS = {
-    "mean": lambda a, b, c, d: a,
-    "ratio": lambda a, b, c, d: a / b,
-    "difference of ratios": lambda a, b, c, d: a / b - c / d,
-    "logarithm": lambda a, b, c, d: math.log(a / b + 1) if isinstance(a, float) else (a / b).log(plus=1),
-}
-
-
-@pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS)
-@pytest.mark.parametrize("complete", [True, False])
-def test_values_and_influence_equal_their_definition(formula, complete):
-    """Compute the means from their definition, and the influence by finite differences of the weights."""
-    rng, share, weights = np.random.default_rng(8), np.array([0.2, 0.3, 0.5]), np.array([1.0, 0, 2, 1, 0, 2])
-    counts = [np.full((6, 3), 2.0) if complete else 1.0 + rng.integers(0, 3, (6, 3)) for _ in range(4)]
-    totals = [count * rng.normal(5, 1, count.shape) for count in counts]
-
-    def value(w: np.ndarray) -> float:
-        return formula(*(float(share @ ((w @ total) / (w @ n))) for total, n in zip(totals, counts, strict=True)))
-
-    means = (Mean(total, count, share) for total, count in zip(totals, counts, strict=True))
-    found = formula(*(mean(weights[None]) for mean in means))
-    assert found.theta[0] == pytest.approx(value(weights))
-    slopes = [(value(weights + 1e-6 * one) - value(weights)) / 1e-6 for one in np.eye(6)]
-    np.testing.assert_allclose(found.influence[0], slopes, atol=1e-5)
-    squares = (weights * found.influence[0] ** 2).sum()
-    assert found.standard_error[0] == pytest.approx(math.sqrt(6 / 5 * squares))
-
-
-def test_scores_of_clusters_add_up_to_the_mean():
-    """Some clusters lack images under some conditions, and clusters have different sizes."""
-    rng, share = np.random.default_rng(3), np.array([0.25, 0.25, 0.5])
-    number = rng.integers(0, 4, (9, 3)).astype(float)
-    mean = Mean(number * rng.gamma(4, 1, (9, 3)), number, share)
-    scores = mean.scores
-    assert scores.mean == pytest.approx(mean(np.ones((1, 9))).value)
-    assert scores.den.sum() == pytest.approx(1)
-
-
-def test_a_resample_without_an_image_under_a_condition_averages_over_the_others():
-    totals, counts = np.array([[2.0, 8], [3, 0], [5, 0]]), np.array([[1.0, 1], [1, 0], [1, 0]])
-    found = Mean(totals, counts, np.array([0.5, 0.5]))(np.array([[0.0, 1, 2], [1, 1, 1]]))
-    np.testing.assert_allclose(found.theta, [(3 + 2 * 5) / 3, ((2 + 3 + 5) / 3 + 8) / 2])
-    unmeasured = Mean(np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0))
-    assert bootstrap({0: unmeasured}, 3)[0].low is None
-
-
 @pytest.mark.parametrize("clusters", [24, 6], ids=["independent images", "equal clusters"])
 def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
     rows = _rows(24, groups=clusters)
@@ -104,133 +60,6 @@ def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
     (found,) = intervals(rows).filter(measure="epe", condition="clean").to_dicts()
     assert found["standard_error"] == pytest.approx(means.std(ddof=1) / math.sqrt(clusters))
     assert (found["clusters"], found["pairs"]) == (clusters, 24)
-
-
-def test_the_interval_is_nearly_students_for_normal_numbers():
-    """For many symmetric values, bootstrap-t and Student's t agree."""
-    values = np.random.default_rng(5).normal(10, 2, 400)
-    one = bootstrap({0: mean_of(values)}, 400)[0]
-    half = 1.966 * values.std(ddof=1) / 20
-    assert one.high - one.low == pytest.approx(2 * half, rel=0.05)
-    assert one.estimate == pytest.approx(values.mean())
-
-
-@pytest.mark.parametrize(("clusters", "deviation"), [(13, 1.2), (40, 1.2), (5, 1.2), (80, 2.2)])
-def test_intervals_of_epe_cre_and_crer_agree_with_a_loop(clusters, deviation):
-    """Jackknife of the logarithms, raised to the variance of a log-normal upper half, times the pivots of the
-    resamples, which are limited to a quantile of Student's t."""
-    rng = np.random.default_rng(9)
-    count = np.round(rng.lognormal(1, 0.5, clusters)) + 1
-    clean = count * rng.lognormal(0, deviation, clusters)
-    corrupted = clean * rng.lognormal(1, 0.4, clusters)
-    epe, cre, before = (
-        Mean(sums[:, None], count[:, None], np.ones(1)) for sums in (corrupted, corrupted - clean, clean)
-    )
-    means = {"epe": ErrorMean(epe), "cre": ErrorMean(cre, before), "crer": ErrorMean(cre, before, relative=True)}
-    found = error_intervals(means, clusters, resamples=999)
-
-    def logs(weights: np.ndarray) -> dict[str, float]:
-        a, b, n = ((weights * each).sum() for each in (corrupted, clean, count))
-        return {"epe": math.log(a / n), "before": math.log(b / n), "growth": math.log(a / b)}
-
-    def spread(weights: np.ndarray) -> dict[str, float]:
-        a, b, n = ((weights * each).sum() for each in (corrupted, clean, count))
-        shares = {
-            "epe": corrupted / a - count / n,
-            "before": clean / b - count / n,
-            "growth": corrupted / a - clean / b,
-        }
-        factor = clusters / (clusters - 1)
-        return {name: math.sqrt(factor * (weights * each**2).sum()) for name, each in shares.items()}
-
-    def rise(sums: np.ndarray) -> float:
-        by_size = sorted((total / images, images) for total, images in zip(sums, count, strict=True))
-        middle = next(k for k in range(clusters) if 2 * sum(n for _, n in by_size[: k + 1]) >= count.sum())
-        upper = [(math.log(x / by_size[middle][0]) ** 2, n) for x, n in by_size[middle + 1 :]]
-        square = sum(n * each for each, n in upper) / sum(n for _, n in upper)
-        mean = sums.sum() / count.sum()
-        sandwich = clusters / (clusters - 1) * ((sums / sums.sum() - count / count.sum()) ** 2).sum()
-        assert mean > 0
-        share = 30 / clusters if clusters > 30 else 1
-        return max(0, (math.exp(min(square, 4)) - 1) * ((count / count.sum()) ** 2).sum() - sandwich) * share
-
-    whole = logs(np.ones(clusters))
-    without = [logs(np.arange(clusters) != left_out) for left_out in range(clusters)]
-    errors = {name: math.sqrt((clusters - 1) * np.var([one[name] for one in without])) for name in whole}
-    errors["epe"] = math.hypot(errors["epe"], math.sqrt(rise(corrupted)))
-    errors["before"] = math.hypot(errors["before"], math.sqrt(rise(corrupted - clean)))
-    most = t.ppf(0.995, clusters - 1)
-    draws = {"epe": [], "cre": [], "crer": []}
-    for weights in (drawn for block in resampled_weights(clusters, 999, 0) for drawn in block):
-        one, error = logs(weights), spread(weights)
-        pivot = {
-            name: np.clip((one[name] - whole[name]) / error[name], -most, most) if error[name] > 1e-9
-            else np.sign(one[name] - whole[name]) * most
-            for name in whole
-        }  # fmt: skip
-        for sign in (-1, 1):
-            size, before, growth = (np.exp(whole[name] + sign * pivot[name] * errors[name]) for name in whole)
-            draws["epe"].append(size)
-            draws["cre"].append(before * (growth - 1))
-            draws["crer"].append(growth - 1)
-    for name, values in draws.items():
-        low, high = np.quantile(values, [0.025, 0.975], method="inverted_cdf")
-        assert found[name].low is not None
-        assert (found[name].low, found[name].high) == pytest.approx((low, high))
-
-
-def test_interval_of_cre_from_rows_is_that_of_its_sums():
-    """Ground truth is missing on one clean frame, so CRE is over fewer images than EPE."""
-    rows = _rows(15, groups=13)
-    rows = rows.filter(~((pl.col("sample") == "00003") & (pl.col("corruption") == "clean")))
-    found = intervals(rows, resamples=199).filter(measure="cre", condition="snow").row(0, named=True)
-    totals = {}
-    for sample in sorted(set(rows["sample"]) - {"00003"}):
-        before, after = (
-            rows.filter(sample=sample, corruption=name).select(pl.col("epe_sum") / pl.col("n_valid")).item()
-            for name in ("clean", "snow")
-        )
-        total = totals.setdefault(rows.filter(sample=sample)["group"][0], [0.0, 0.0, 0])
-        for place, value in enumerate((after - before, before, 1)):
-            total[place] += value
-    sums = np.array([totals.get(group, [0.0, 0.0, 0]) for group in sorted(set(rows["group"]))])
-    increase, before = (Mean(sums[:, [k]], sums[:, [2]], np.ones(1)) for k in (0, 1))
-    expected = error_intervals({0: ErrorMean(increase, before)}, len(sums), resamples=199)[0]
-    assert (found["low"], found["high"]) == pytest.approx((expected.low, expected.high))
-
-
-def test_mean_that_one_image_decides_has_no_interval():
-    """One of 16 errors is 400 px; without it, the mean would be 1 px."""
-    errors = np.random.default_rng(14).lognormal(0, 0.3, 16)
-    errors[3] = 400
-    corrupted = np.outer(errors, np.ones(3))
-    found = intervals(rows_of(np.ones(16), corrupted, corrupted)).filter(condition="average")
-    assert found["value"].null_count() == 0
-    assert found["low"].null_count() == found["high"].null_count() == found.height
-
-
-def test_interval_of_errors_that_are_0_on_most_images_is_finite():
-    """The logarithm of the median does not exist, so no log-normal upper half is assumed."""
-    errors = np.array([0.0] * 12 + [1.0, 1.1, 0.9, 1.2, 1.0, 0.8])
-    one = error_intervals({0: ErrorMean(mean_of(errors))}, 18)[0]
-    assert 0.1 < one.low < errors.mean() < one.high < 1.0
-    none = error_intervals({0: ErrorMean(mean_of(np.zeros(18)))}, 18)[0]
-    assert (none.estimate, none.low, none.high) == (0.0, 0.0, 0.0)
-
-
-def test_cre_of_a_model_without_error_on_clean_frames_has_the_interval_of_its_epe():
-    errors = np.random.default_rng(11).lognormal(0, 1, (20, 3))
-    found = intervals(rows_of(np.zeros(20), errors, errors)).filter(condition="average")
-    ends = {metric: (low, high) for metric, low, high in found.select("measure", "low", "high").iter_rows()}
-    assert ends["cre"] == pytest.approx(ends["epe"])
-    assert found.filter(measure="epe")["low"].item() > 0
-
-
-def test_cre_of_a_model_without_error_under_corruption_has_no_interval():
-    errors = np.random.default_rng(12).lognormal(0, 1, 20)
-    found = intervals(rows_of(errors, np.zeros((20, 3)), np.ones((20, 3)))).filter(condition="average")
-    assert found.filter(measure="crer")["value"].item() == -1
-    assert found["low"].is_null().to_list() == [metric == "cre" for metric in found["measure"]]
 
 
 def test_log_deviation_is_that_of_the_mean_errors_of_groups():
@@ -252,26 +81,11 @@ def test_log_deviation_of_a_group_without_error_is_unknown():
     assert found.filter(measure="epe")["log_deviation"].to_list() == [None] * found.filter(measure="epe").height
 
 
-def test_equal_seeds_give_equal_intervals_and_different_seeds_close_ones():
-    rows = _rows(30)
-    first, again, other = (intervals(rows, seed=seed) for seed in (1, 1, 2))
-    assert first.equals(again)
-    assert not first.equals(other)
-    np.testing.assert_allclose(first["low"], other["low"], rtol=0.05)
-
-
 def test_order_of_rows_changes_nothing():
     rows = _rows(30, groups=9)
     shuffled = rows.sample(fraction=1, shuffle=True, seed=1)
     for column in ("value", "low", "high"):
         np.testing.assert_allclose(intervals(shuffled)[column], intervals(rows)[column], rtol=1e-12)
-
-
-def test_blocks_of_resamples_change_nothing(monkeypatch):
-    rows = _rows(30)
-    whole = intervals(rows, resamples=500)
-    monkeypatch.setattr("robustflow.stats.bootstrap.BLOCK", 30 * 37)
-    np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
 
 
 def test_averages_alone_and_a_family_of_one_corruption_have_the_intervals_of_the_whole():
@@ -290,20 +104,53 @@ def test_averages_alone_and_a_family_of_one_corruption_have_the_intervals_of_the
     assert made.filter(condition="noise").is_empty()
 
 
-@pytest.mark.parametrize("clusters", [1, 2, 3, 4, 12])
-def test_an_interval_exists_where_resamples_without_spread_are_rarer_than_the_tail(clusters):
-    """With G clusters, G of the G ** G resamples consist of a single cluster."""
-    found = intervals(_rows(40, groups=clusters))
-    absent = 0 if clusters / clusters**clusters < 0.05 else found.height
+@pytest.mark.parametrize("clusters", [1, 2, 5, 6, 12])
+def test_intervals_and_tests_need_six_clusters(clusters):
+    rows, other = _rows(48, groups=clusters), _rows(48, groups=clusters, seed=1)
+    found, tests = intervals(rows), compare_rows(rows, other)
+    absent = found.height if clusters < FEWEST else 0
     assert [found[name].null_count() for name in ("value", "low", "high")] == [0, absent, absent]
     assert (found["low"] < found["value"]).all()  # where there is an interval
     assert (found["value"] < found["high"]).all()
+    assert tests["p"].null_count() == tests["p_adjusted"].null_count() == tests["low"].null_count() == absent
+    assert tests["wins"].null_count() == 0
 
 
-def test_equal_images_have_an_interval_without_width():
+def test_equal_images_have_no_interval():
     rows = rows_of(np.full(10, 2.0), np.full((10, 3), 3.0), np.full((10, 3), 1.5))
     found = intervals(rows).filter(measure="epe", condition="average").row(0, named=True)
-    assert found["low"] == found["high"] == pytest.approx(3.0)
+    assert (found["value"], found["low"], found["high"]) == (pytest.approx(3.0), None, None)
+
+
+def test_one_pair_of_numbers_a_cluster_is_all_that_intervals_and_tests_need():
+    """Clusters of different sizes: each adds the sum of its images over the number of all images."""
+    rows, other = _rows(30, groups=7), _rows(30, groups=7, seed=1)
+    groups = rows.filter(corruption="clean").sort("sample")["group"].to_numpy()
+
+    def scores(of_model: pl.DataFrame, condition: str) -> Scores:
+        part = of_model.filter(corruption=condition).group_by("sample").agg((pl.col("epe_sum") / 1000).mean())
+        errors = part.sort("sample")["epe_sum"].to_numpy()
+        return Scores(
+            *(np.array([part[groups == g].sum() for g in np.unique(groups)]) / 30 for part in (errors, 1 + 0 * errors))
+        )
+
+    line = intervals(rows).filter(measure="epe", condition="fog").row(0, named=True)
+    ends = mean_interval(scores(rows, "fog"))
+    assert (line["low"], line["high"]) == pytest.approx(tuple(map(float, ends)))
+    clean, fog = scores(rows, "clean"), scores(rows, "fog")
+    line = intervals(rows).filter(measure="cre", condition="fog").row(0, named=True)
+    ends = mean_interval(fog - clean, floor=INCREASE_FLOOR)
+    assert (line["low"], line["high"]) == pytest.approx(tuple(map(float, ends)))
+    line = intervals(rows).filter(measure="crer", condition="fog").row(0, named=True)
+    assert (line["low"], line["high"]) == pytest.approx(tuple(map(float, ratio_interval(fog - clean, clean))))
+    test = compare_rows(rows, other).filter(measure="epe", condition="fog").row(0, named=True)
+    assert test["p"] == float(flip_test((fog - scores(other, "fog")).num))
+    test = compare_rows(rows, other).filter(measure="crer", condition="fog").row(0, named=True)
+    both = [((scores(r, "fog") - scores(r, "clean")).num, scores(r, "clean").num) for r in (rows, other)]
+    center = np.mean([above.sum() / below.sum() for above, below in both])
+    left = [(above - center * below) / below.sum() for above, below in both]
+    assert test["p"] == float(flip_test(left[0] - left[1]))
+    assert test["value"] == pytest.approx((left[0] - left[1]).sum())
 
 
 def test_rows_without_ground_truth_have_intervals_of_rcre_only():
@@ -313,13 +160,6 @@ def test_rows_without_ground_truth_have_intervals_of_rcre_only():
     assert intervals(rows.clear()).is_empty()
 
 
-def test_interval_at_a_higher_level_is_wider():
-    rows = _rows(40)
-    wide, narrow = intervals(rows, level=0.99), intervals(rows, level=0.8)
-    assert (wide["low"] < narrow["low"]).all()
-    assert (wide["high"] > narrow["high"]).all()
-
-
 def test_a_model_does_not_differ_from_itself():
     rows = _rows(20)
     found = compare_rows(rows, rows)
@@ -327,11 +167,11 @@ def test_a_model_does_not_differ_from_itself():
     assert (found["p"] == 1).all()
 
 
-def test_constant_difference_has_an_interval_without_width():
+def test_constant_difference_is_significant_and_has_no_interval():
     found = compare_rows(_rows(20), _rows(20, shift=0.5), ("A", "B"))
     line = found.filter(measure="epe", condition="average").row(0, named=True)
     assert line["value"] == pytest.approx(-0.5)
-    assert line["low"] == pytest.approx(-0.5)
+    assert (line["low"], line["wins"]) == (None, 20)
     assert line["p_adjusted"] < 0.01
     assert difference_sentence(line).endswith("A is lower.")
     clean = found.filter(measure="epe", condition="clean").row(0, named=True)
@@ -350,23 +190,39 @@ def test_paired_test_finds_a_difference_where_single_intervals_overlap():
     assert two["high"] > one["low"]
 
 
-def test_p_value_and_interval_agree_on_significance():
+def test_p_value_and_interval_of_the_ratio_agree_on_significance():
     for seed in range(12):
         rng = np.random.default_rng(seed)
         clean, corrupted = Truth().draw(rng, np.ones(25, int))
         other = corrupted * rng.lognormal(0.02, 0.2, corrupted.shape)
-        found = compare_rows(
-            rows_of(clean, corrupted, corrupted), rows_of(clean, other, other), resamples=999, seed=seed
-        )
-        for row in found.iter_rows(named=True):
-            if abs(row["p"] - 0.05) > 0.01:
-                assert (row["p"] < 0.05) == (row["low"] > 0 or row["high"] < 0), row
+        found = compare_rows(rows_of(clean, corrupted, corrupted), rows_of(clean, other, other))
+        tested = found.filter(pl.col("measure").is_in(["epe", "rcre"]), pl.col("condition") != "clean")
+        assert tested.height == 6
+        for row in tested.iter_rows(named=True):
+            if abs(row["p"] - 0.05) > 0.001:
+                assert (row["p"] < 0.05) == (row["ratio_low"] > 1 or row["ratio_high"] < 1), row
+
+
+def test_half_the_error_on_every_image_is_told_apart_on_fifteen_images():
+    """The symmetric bootstrap-t called it p = 0.695."""
+    clean, corrupted = Truth(spread=1.2).draw(np.random.default_rng(5), np.ones(15, int))
+    found = compare_rows(rows_of(clean / 2, corrupted / 2, corrupted), rows_of(clean, corrupted, corrupted), ("A", "B"))
+    line = found.filter(measure="epe", condition="average").row(0, named=True)
+    assert (line["wins"], line["p_adjusted"]) == (15, pytest.approx(0.0001, abs=1e-4))
+    assert line["ratio_low"] == line["ratio_high"] == pytest.approx(0.5)
+    assert difference_sentence(line).endswith("A is lower.")
+
+
+def test_the_average_is_tested_by_itself_and_corruptions_together():
+    found = compare_rows(_rows(20), _rows(20, seed=1))
+    of_epe = found.filter(measure="epe").select("condition", "p", "p_adjusted", "comparisons")
+    assert dict(of_epe.select("condition", "comparisons").rows()) == {"clean": 1, "average": 1, "fog": 2, "snow": 2}
+    alone = of_epe.filter(comparisons=1)
+    assert alone["p"].to_list() == pytest.approx(alone["p_adjusted"].to_list())
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
-    """All differences are (nearly) 0 in the 36 % of the resamples that lack this image; the difference is larger,
-    in standard errors, also in the resamples with this image three times or more."""
     rng = np.random.default_rng(12)
     errors = rng.lognormal(0, 0.5, (16, 3))
     other = errors + noise * rng.normal(size=(16, 3))
@@ -374,8 +230,7 @@ def test_one_image_that_differs_is_no_evidence_of_a_difference(noise):
     found = compare_rows(rows_of(np.ones(16), other, errors), rows_of(np.ones(16), errors, errors), ("A", "B"))
     line = found.filter(measure="epe", condition="average").row(0, named=True)
     assert line["value"] == pytest.approx(25, rel=1e-3)
-    assert (line["low"], line["high"]) == (None, None)
-    assert line["p"] == pytest.approx(binom.pmf(0, 16, 1 / 16) + binom.sf(2, 16, 1 / 16), abs=0.03)
+    assert line["p"] > 0.9 if not noise else line["p"] > 0.2
     assert line["pairs"] - line["wins"] - line["losses"] == (0 if noise else 15)
     assert (line["blow_ups_model"], line["blow_ups_against"]) == (1, 0)
     assert not difference_sentence(line).endswith(" is lower.")
@@ -396,35 +251,19 @@ def test_blow_ups_are_counted_per_image_and_condition():
     assert compare_rows(*without)["blow_ups_model"].to_list() == [0, 0, 0]
 
 
-def test_p_is_the_share_of_resamples_with_a_more_extreme_difference_in_standard_errors():
-    rng = np.random.default_rng(13)
-    differences = rng.normal(0.4, 1, 9)
-    found = bootstrap({0: mean_of(differences)}, 9, resamples=399, seed=2)[0]
-    observed, extreme = abs(differences.mean()) / differences.std(ddof=1) * 3, 0
-    for weights in (drawn for block in resampled_weights(9, 399, 2) for drawn in block):
-        drawn = np.repeat(differences, weights.astype(int))
-        extreme += abs(drawn.mean() - differences.mean()) * 3 / drawn.std(ddof=1) >= observed
-    assert 20 < extreme < 300
-    assert found.p == (1 + extreme) / 400
-
-
-def test_differences_that_cancel_have_a_p_value_of_1():
-    assert bootstrap({0: mean_of(np.array([1.0, -1.0] * 5))}, 10)[0].p == 1
-
-
 def test_lines_without_a_test_are_not_counted_as_comparisons():
     """Snow was measured on two of twenty images, too few for a p-value."""
     few = (pl.col("corruption") != "snow") | (pl.col("sample") < "00002")
     found = compare_rows(*(_rows(20, seed=seed).filter(few) for seed in (0, 1)))
     assert found.filter(condition="snow", measure="rcre").select("p", "pairs", "clusters").row(0) == (None, 2, 2)
-    for _, lines in found.drop_nulls("p").group_by("measure"):
-        assert lines["p_adjusted"].to_list() == pytest.approx(holm(lines["p"].to_list()))
-        assert set(lines["comparisons"]) == {lines.height}
+    assert set(found.drop_nulls("p")["comparisons"]) == {1}
 
 
-def test_the_interval_of_a_difference_is_symmetric():
-    found = compare_rows(_rows(20), _rows(20, seed=1))
-    np.testing.assert_allclose(found["high"] - found["value"], found["value"] - found["low"])
+@pytest.mark.parametrize(("shift", "sure"), [(0.004, False), (0.006, True)])
+def test_a_difference_that_prints_as_0_carries_no_verdict(shift, sure):
+    line = compare_rows(_rows(20, shift=shift), _rows(20), ("A", "B")).filter(measure="epe", condition="average")
+    assert line["p_adjusted"].item() < 0.01
+    assert is_sure(line.row(0, named=True)) == sure
 
 
 @pytest.mark.filterwarnings("error")
@@ -480,7 +319,10 @@ def test_every_measure_has_an_interval_and_a_paired_test(name):
     found = intervals(one, [name]).filter(condition="average")
     low, value, high = found.select("low", "value", "high").row(0)
     least, most = MEASURES[name].bounds
-    assert (least <= low < value < high <= most) == (name != "photometric"), "all photometric errors are 1"
+    if name == "photometric":
+        assert (low, high) == (None, None), "all photometric errors are 1"
+    else:
+        assert least <= low < value < high <= most
     if name == "wauc":
         assert high - low < 20, "not a log interval, which reaches far below"
     test = compare_all({"a": one, "b": other}, name).row(0, named=True)
@@ -505,24 +347,10 @@ def test_many_models_are_corrected_over_all_pairs():
     assert (found.filter(against="d")["p_adjusted"] < 0.05).all()
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
-def test_holm_correction_equals_its_definition(p_values):
-    adjusted = holm(p_values)
-    order = np.argsort(p_values, kind="stable")
-    for rank, index in enumerate(order):
-        steps = [min(1.0, (len(p_values) - j) * p_values[order[j]]) for j in range(rank + 1)]
-        assert adjusted[index] == pytest.approx(max(steps))
-        # never less strict than control of the false discovery rate, never stricter than Bonferroni
-        assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
-    assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()
-
-
 ROWS = _rows(6)
 UNMEASURED = ROWS.with_columns(pl.lit(0, pl.Int64).alias(name) for name in ("n_valid", "n_all"))
 ELSEWHERE = _rows(6).with_columns(sample=pl.lit("x") + pl.col("sample"))
 REFUSED = [
-    *((lambda level=level: intervals(ROWS, level=level), UsageError, "level") for level in (95, 0.2, 1.0)),
-    (lambda: intervals(ROWS, resamples=10), UsageError, "resamples"),
     (lambda: compare_rows(ROWS, UNMEASURED, ("A", "B")), RunError, "A and B"),
     (lambda: compare_rows(ROWS, _rows(6, digest="e")), RunError, "first and second"),
     (lambda: compare_rows(ROWS, ELSEWHERE), RunError, "first and second"),
@@ -536,18 +364,27 @@ def test_wrong_options_and_runs_that_cannot_be_compared_are_refused(call, error,
 
 VERDICTS = [
     ({}, "A is lower."),
-    ({"value": 0.4, "low": 0.1, "high": 0.7}, "B is lower."),
+    ({"value": 0.4, "low": 0.1, "high": 0.7, "wins": 9, "losses": 71}, "B is lower."),
     ({"p_adjusted": 0.06}, "they cannot be told apart."),
-    ({"low": None, "high": None}, "they cannot be told apart."),
-    ({"p_adjusted": None}, "too few to tell them apart."),
-    ({"level": 0.99}, "they cannot be told apart."),
+    ({"low": None, "high": None}, "A is lower."),
+    ({"low": -0.7, "high": 0.1}, "A is lower."),
+    ({"p_adjusted": None}, "to tell them apart."),
+    ({"value": -0.004}, "they cannot be told apart."),
 ]
 
 
 @pytest.mark.parametrize(("changes", "verdict"), VERDICTS)
-def test_verdict_follows_the_corrected_p_value_and_the_interval(changes, verdict):
-    row = {"model": "A", "against": "B", "measure": "cre", "condition": "fog", "value": -0.4, "low": -0.7}
-    row |= {"high": -0.1, "p_adjusted": 0.02, "comparisons": 3, "pairs": 80, "clusters": 30, "level": 0.95}
+def test_verdict_follows_the_corrected_p_value(changes, verdict):
+    row = {
+        "model": "A",
+        "against": "B",
+        "measure": "cre",
+        "condition": "fog",
+        "value": -0.4,
+        "low": -0.7,
+        "ratio": None,
+    }
+    row |= {"high": -0.1, "p_adjusted": 0.02, "comparisons": 3, "pairs": 80, "clusters": 30, "wins": 71, "losses": 9}
     sentence = difference_sentence(row | changes)
-    assert sentence.endswith(f": {verdict}")
-    assert all(number in sentence for number in ("80", "30", f"{(row | changes)['value']:+.2f}"))
+    assert sentence.endswith(verdict)
+    assert all(number in sentence for number in ("71 of 80", "30", f"{(row | changes)['value']:+.2f}"))

@@ -9,12 +9,9 @@ from typer import Argument, Option
 from ..core.errors import RunError, UsageError, unknown_name
 from .options import refuse_unused, shared
 
-_OF_TESTS = ("level", "resamples", "seed")
-
 
 @shared(
     "format",
-    seed="Random seed of the bootstrap.",
     output="File to write, instead of printing.",
     as_json="Print the comparison as JSON.",
 )
@@ -24,8 +21,6 @@ def compare(
     metric: Annotated[str | None, Option(help="Compare only this metric: epe, cre, crer, rcre, fl, px1, ...")] = None,
     effect: Annotated[float | None, Option(help="Estimate how many pairs detect so many pixels.")] = None,
     power: Annotated[float, Option(help="With --effect: probability of detecting it.")] = 0.8,
-    level: Annotated[float, Option(help="Confidence level of the intervals.")] = 0.95,
-    resamples: Annotated[int, Option(help="Number of bootstrap resamples.")] = 4999,
     **given: Any,
 ) -> None:
     """Test whether models differ, paired by image, with intervals and corrected p-values.
@@ -35,7 +30,7 @@ def compare(
     CSV), and compared pairwise by the average of one metric. For runs of one model with several seeds, the variance is
     split into the contributions of images, seeds and severities.
 
-    With --effect, no test is made: the number of pairs that one needs is estimated from the variances of the runs.
+    With --effect, no test is made: the number of pairs that one needs is estimated by simulating the test.
 
     \b
     Examples:
@@ -59,7 +54,7 @@ def compare(
     from ..stats.variance import variance_split
     from .tables import as_text, check_format, write_text
 
-    format, test = given["format"], {"level": level, "resamples": resamples, "seed": given["seed"]}
+    format = given["format"]
     if metric is not None and metric not in MEASURES:
         raise unknown_name("metric", metric, MEASURES)
     check_format(format, given["as_json"])
@@ -71,16 +66,15 @@ def compare(
     chosen = metric or ("rcre" if any(run.epe is None for run in loaded) else "epe")
     tables = []
     if effect is not None:
-        refuse_unused(context, ("metric", "resamples", "seed"), "with --effect")
+        refuse_unused(context, ("metric",), "with --effect")
         rows = {name: run.rows for name, run in named_runs(loaded).items()}
-        frame = plan_pairs(rows, effect, power=power, level=level)
-        tables.append(power_table(frame, power, level))
+        frame = plan_pairs(rows, effect, power=power)
+        tables.append(power_table(frame, power))
     elif (by_seed := seeds_of(loaded)) is not None:
-        refuse_unused(context, _OF_TESTS, "for one model with several seeds, which needs no test")
         frame = variance_split(by_seed.rows, chosen)
         tables.append(variance_table(frame, chosen, loaded[0].name, by_seed.remark))
     elif len(loaded) == 2:
-        comparison = compare_two(*loaded, **test)
+        comparison = compare_two(*loaded)
         frame = comparison.frame if metric is None else comparison.of(metric)
         tables.append(comparison.table(metric or ""))
     else:
@@ -88,7 +82,7 @@ def compare(
         common = common_to(dict(zip((line.name for line in lines), loaded, strict=True)))
         if any(run.mean(chosen) is None for run in loaded):
             raise RunError("--metric", f"not all of these runs have an average of {chosen}; choose a different one")
-        frame = contrast(cubes_of(common.rows), {chosen: MEASURES[chosen]}, [(AVERAGE, None)], **test)
+        frame = contrast(cubes_of(common.rows), {chosen: MEASURES[chosen]}, [(AVERAGE, None)])
         ranked = [line.name for line in lines if not line.excluded]
         sound = frame.filter(pl.all_horizontal(pl.col("model", "against").is_in(ranked)))
         every_pair = len(ranked) > 1 and sound.height == len(ranked) * (len(ranked) - 1) // 2

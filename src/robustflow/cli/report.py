@@ -50,7 +50,7 @@ def report(
             "-t",
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, "
-            "attacks, security, corruptions-and-attacks, flat-and-depth; "
+            "attacks, security, corruptions-and-attacks; "
             "row, a line of LaTeX per run; or all, every table that can be made.",
         ),
     ] = None,

@@ -4,7 +4,7 @@ ranking with ties, the spread over seeds, and the pairs required for a compariso
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from ..metrics.measures import EVERY, LABELS, MEASURES
 from ..run.comparable import common_to, named_runs
 from ..run.records.pack import load_any_run
 from ..run.run import Run
-from ..stats.bootstrap import LEVEL, RESAMPLES
 from ..stats.estimate import HEADLINE, contrast, cubes_of
 from ..stats.model_result import not_ranked, run_results
 from ..stats.paired import difference_sentence, is_sure, p_text
@@ -41,13 +40,11 @@ class Comparison:
 
     Attributes:
         cubes: the rows of the two runs that may be compared, by name.
-        options: level, resamples and seed of the tests.
         remark: sentences about omitted data, differences between the runs, and reasons why a run is not ranked; may be
             empty.
     """
 
     cubes: Mapping[str, Cube]
-    options: Mapping[str, Any] = field(default_factory=dict)
     remark: str = ""
 
     @property
@@ -58,7 +55,7 @@ class Comparison:
     @cached_property
     def frame(self) -> pl.DataFrame:
         """All comparisons in EPE, CRE, CREr and RCRE, with the columns of `robustflow.stats.estimate.CONTRASTS`."""
-        return contrast(self.cubes, HEADLINE, **self.options)
+        return contrast(self.cubes, HEADLINE)
 
     @property
     def metric(self) -> str:
@@ -85,7 +82,7 @@ class Comparison:
             raise unknown_name("metric", metric, MEASURES)
         if metric in HEADLINE:
             return self.frame.filter(measure=metric)
-        return contrast(self.cubes, {metric: MEASURES[metric]}, **self.options)
+        return contrast(self.cubes, {metric: MEASURES[metric]})
 
     def per_corruption(self, metric: str = "") -> pl.DataFrame:
         """Return the differences in one metric (see `of`) under each corruption, in the paper's order."""
@@ -128,22 +125,18 @@ AnyRun = Run | str | Path
 """A run, or the path of its folder or record."""
 
 
-def compare(
-    first: AnyRun, second: AnyRun, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
-) -> Comparison:
+def compare(first: AnyRun, second: AnyRun) -> Comparison:
     """Test whether two runs on the same frames differ, using paired tests over images with intervals and corrected
     p-values.
 
     Args:
         first, second: runs, or paths of their folders or records. Only conditions measured by both runs on the same
             frames and ground truth are compared.
-        level: confidence level of the intervals, between 0 and 1.
-        resamples, seed: number of bootstrap resamples, and their random seed. The same seed gives the same numbers.
 
     Raises:
         RunError: the runs have no condition in common on the same frames and ground truth; the message states how they
             differ.
-        UsageError: an argument is neither a run nor a path, or the level or number of resamples is out of range.
+        UsageError: an argument is neither a run nor a path.
 
     >>> import tempfile, numpy as np
     >>> from robustflow import compare, evaluate
@@ -155,9 +148,8 @@ def compare(
     """
     runs = [_open_run(first), _open_run(second)]
     common = common_to(named_runs(runs))
-    options = {"level": level, "resamples": resamples, "seed": seed}
     unranked = [f"Not ranked: {reason}." for reason in not_ranked(run_results(runs))]
-    return Comparison(cubes_of(common.rows), options, " ".join(filter(None, (common.remark, *unranked))))
+    return Comparison(cubes_of(common.rows), " ".join(filter(None, (common.remark, *unranked))))
 
 
 def _open_run(run: AnyRun) -> Run:
@@ -172,9 +164,7 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
     pairs = {f"{plain(row['model'])} against {plain(row['against'])}": row for row in frame.to_dicts()}
     images = " to ".join(map(str, dict.fromkeys((frame["pairs"].min(), frame["pairs"].max()))))
-    about = (
-        f"Intervals: {100 * frame['level'][0]:g} %, over {images} images; p is corrected for {len(pairs)} comparisons."
-    )
+    about = f"Intervals: 95 %, over {images} images; p is corrected for {len(pairs)} comparisons."
     metric = frame["measure"][0]
     marked = f" A marked {LABELS[metric]} is significantly lower."
     remarks = (about + marked * (EVERY[metric].verdict == "leads"), note)
@@ -193,7 +183,8 @@ def _table(
 ) -> Table:
     """Tabulate rows of a comparison, by section and label."""
     blow_ups = bool(frame.select(pl.sum_horizontal(*_COUNTS).sum()).item())
-    columns = (*heads, Column("difference", "{:+.2f}"), "interval", "p", "p corrected", "blow-ups")[: 6 + blow_ups]
+    tests = (Column("difference", "{:+.2f}"), "interval", "ratio", "wins", "p", "p corrected", "blow-ups")
+    columns = (*heads, *tests[: 6 + blow_ups])
     rows = {heading: [_row(*item, blow_ups) for item in of.items()] for heading, of in sections.items()}
     said, note = remarks
     return Table.of(name, title, columns, rows, (said, _BLOW_UPS * blow_ups, note), row_header, keep_empty=True)
@@ -206,7 +197,9 @@ def _row(label: str, row: dict[str, Any], blow_ups: bool) -> Row:
     counts = f"{row['blow_ups_model']}, {row['blow_ups_against']}"
     first = TableCell(f"{row['value_model']:.2f}", sure and row["value"] < 0)
     second = TableCell(f"{row['value_against']:.2f}", sure and row["value"] > 0)
-    return Row(label, (first, second, row["value"], interval, *p_values, counts)[: 6 + blow_ups])
+    ratio = None if row["ratio"] is None else f"{row['ratio']:.2f}"
+    wins = None if row["wins"] is None else f"{row['wins']}:{row['losses']}"
+    return Row(label, (first, second, row["value"], interval, ratio, wins, *p_values, counts)[: 8 + blow_ups])
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
@@ -247,7 +240,7 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
 _NEEDED = ("pairs_needed", "clusters_needed", "clusters_low", "clusters_high")
 
 
-def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
+def power_table(plan: pl.DataFrame, power: float) -> Table:
     """Tabulate the output of `stats.power.plan_pairs`: one section per metric, one row per comparison."""
     then = f"for {plan['effect'][0]:g} px"
     columns = (
@@ -267,10 +260,10 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         made = Row(f"{plain(row['model'])} - {plain(row['against'])}", values)
         sections.setdefault(f"Average {LABELS[row['measure']]}", []).append(made)
     about = (
-        f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
-        f"{100 * power:g} %. A group is a drive or sequence, or a single pair without either. The numbers of pairs "
-        "assume as many pairs per group as in these runs, and all are estimated from the variance of these runs; the "
-        f"{100 * level:g} % interval of the number of groups is too short if a few groups dominate the difference."
+        f"detectable: the difference that the paired test at the 5 % level detects with probability {100 * power:g} %, "
+        "by simulating it on the differences in these runs. A group is a drive or sequence, or a single pair without "
+        "either. The numbers of pairs assume as many pairs per group as in these runs; the 95 % interval of the number "
+        "of groups is too short if a few groups dominate the difference."
     )
     return Table.of("power", "Pairs required for a comparison", columns, sections, [about], "Comparison")
 

@@ -57,7 +57,7 @@ def _caveats(run: Run, means: Sequence[dict[str, Any]]) -> str:
         share = 100 * (run.mean("coverage") or 0)
         out.append(f"The model predicted {share:.1f} % of the pixels; errors are computed over these pixels.")
     if means and all(mean["low"] is None for mean in means):
-        out.append(f"No intervals: too few pairs for a bootstrap ({run.measured.samples}), or one decides the means.")
+        out.append(f"No intervals: too few independent pairs ({run.measured.samples} pairs).")
     return " ".join(plain(each, None) for each in out)
 
 

@@ -189,7 +189,7 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
     if any(cell.derived for cell in every):
         yield "Italic: CREr that the paper does not print, from other values of the row."
     if any(line.intervals for line in runs):
-        yield "Brackets: 95 % confidence intervals from a bootstrap over images (over sequences where there are any)."
+        yield "Brackets: 95 % confidence intervals over images (over sequences where there are any)."
     elif runs:
         yield "No confidence intervals: too few images or sequences."
     if len({line.frames for line in cells}) > 1:

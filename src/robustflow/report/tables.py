@@ -25,7 +25,6 @@ for _name, _module in {
     **dict.fromkeys(("epe", "cre", "rcre", "gopro-rcre", "cost"), "paper_tables"),
     **dict.fromkeys(("means", "uncoupled", "effective"), "run_tables"),
     **dict.fromkeys(("attacks", "security", "corruptions-and-attacks"), "attack_tables"),
-    "flat-and-depth": "run_tables",
     ROW: "run_tables",
 }.items():
     TABLES.add(_name, f"{__package__}.{_module}:{_name.replace('-', '_')}")

@@ -1,11 +1,11 @@
 """`estimate` and `contrast`: means of any measure with intervals, and paired differences of models with their tests.
 
-Both are rows of one frame. A mean enters as one pair of numbers for each cluster and condition, a sum over images and
-their number (`Mean`): an `Average` is one of these, an `Increase` the difference of two over the same images, and a
-`Ratio` two. Resampling weighs clusters, so the same weights serve all measures and models.
+Both are rows of one frame. A mean enters as one pair of numbers for each cluster (`inference.Scores`): an `Average` is
+one of these, an `Increase` the difference of two over the same images, and a `Ratio` two.
 
 An image that is hard for one model is usually hard for the other, so differences are computed per image before
-averaging, over what all compared models measured.
+averaging, over what all compared models measured. The mean of a measure is tested by itself; tests that are shown
+together (all corruptions, all pairs of models) are corrected for each other.
 """
 
 from __future__ import annotations
@@ -19,19 +19,18 @@ import polars as pl
 
 from ..core.errors import RunError
 from ..corruptions.registry import MEMBERS, ordered
-from ..metrics.cube import AVERAGE, Cube, Images, Scope
+from ..metrics.cube import AVERAGE, PAPER, Cube, Images, Scope
 from ..metrics.measures import MEASURES, PERCENT, Average, Increase, Measure, Ratio, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import common_cells
-from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap, error_intervals, log_deviation
-from .inference import mean_interval
-from .ranking import holm
-from .statistic import Array, ErrorMean, Mean, difference, of_data
+from .inference import FEWEST, INCREASE_FLOOR, Array, Scores, mean_interval, min_p, ratio_interval, ratio_of_means
 
 HEADLINE = {name: MEASURES[name] for name in ("epe", "cre", "crer", "rcre")}
 """The paper's measures, which tables show unless others are asked for."""
 OVERALL_SCOPES: tuple[Scope, ...] = ((CLEAN, None), (AVERAGE, None))
 BLOW_UP = 10.0
+_ROUNDING = 1e-12
+"""Largest rounding error of a difference, as a share of the errors."""
 
 ESTIMATES: dict[str, Any] = {
     "measure": pl.String,
@@ -44,15 +43,17 @@ ESTIMATES: dict[str, Any] = {
     "log_deviation": pl.Float64,
     "pairs": pl.Int64,
     "clusters": pl.Int64,
-    "level": pl.Float64,
 }
-"""`low` and `high` are the ends of the interval, null if there are too few clusters or the interval has no finite ends.
+"""`low` and `high` are the ends of the 95 % interval, null below six clusters, or if all have the same value.
 `log_deviation` is the standard deviation of the logarithms of the clusters' errors."""
 
 CONTRASTS: dict[str, Any] = {
     "model": pl.String,
     "against": pl.String,
     **{name: ESTIMATES[name] for name in ("measure", "condition", "severity", "value", "low", "high")},
+    "ratio": pl.Float64,
+    "ratio_low": pl.Float64,
+    "ratio_high": pl.Float64,
     "p": pl.Float64,
     "p_adjusted": pl.Float64,
     "comparisons": pl.Int64,
@@ -65,13 +66,13 @@ CONTRASTS: dict[str, Any] = {
     "value_against": pl.Float64,
     "blow_ups_model": pl.Int64,
     "blow_ups_against": pl.Int64,
-    "level": pl.Float64,
 }
-"""`value` is that of the model minus that of the one that it is compared `against`, over the images of both.
-`p_adjusted` is p corrected for all `comparisons` of the measure. `wins` and `losses` count the images on which the
-model is better or worse (for a ratio, by what is divided). `left_out` counts rows that only some of the compared models
-have. `blow_ups_model` counts the images on which the model's error (EPE, or RCRE without ground truth) is more than
-`BLOW_UP` times that of the other model, and `blow_ups_against` the reverse."""
+"""`value` is that of the model minus that of the one that it is compared `against`, over the images of both, and
+`ratio` the one divided by the other, both with 95 % intervals. p is that of the sign-flip test over clusters (null
+below six), and `p_adjusted` is corrected for all `comparisons` that are shown together. `wins` and `losses` count the
+images on which the model is better or worse (for a ratio, by what is divided). `left_out` counts rows that only some of
+the compared models have. `blow_ups_model` counts the images on which the model's error (EPE, or RCRE without ground
+truth) is more than `BLOW_UP` times that of the other model, and `blow_ups_against` the reverse."""
 
 
 def cubes_of(rows: Mapping[str, pl.DataFrame]) -> dict[str, Cube]:
@@ -94,7 +95,6 @@ class _Sums(NamedTuple):
     images: Images
     total: Array
     number: Array
-    before: Array | None
 
 
 class Joint:
@@ -105,7 +105,7 @@ class Joint:
         self.left_out = sum(cube.cell.size for cube in cubes) - sum(cube.cell.size for cube in self.cubes)
         self.clusters, self.cluster = joint_clusters(self.cubes)
         self._of: tuple[Measure, list[_Sums], set[int]] | None = None
-        self._clean: dict[Measure, list[ErrorMean] | None] = {}
+        self._clean: dict[Measure, list[Scores] | None] = {}
 
     def of(self, measure: Average | Increase) -> tuple[list[_Sums], set[int]]:
         """Return a measure of each model, and the columns in which all know it; one measure is in memory at a time."""
@@ -116,14 +116,13 @@ class Joint:
             number = self._add(~missing)
             known, sums = number.any(axis=0), []
             for of_model in parts:
-                before = self._add(np.where(missing, 0.0, of_model[1])) if len(of_model) > 1 else None
                 with np.errstate(invalid="ignore"):
                     values = np.subtract(*of_model) if len(of_model) > 1 else of_model[0]
                     of_model.clear()
                     values[missing] = np.nan
                     total = self._add(np.where(missing, 0.0, values))
                     known &= np.isfinite(total).all(axis=0)
-                sums.append(_Sums(values, total, number, before))
+                sums.append(_Sums(values, total, number))
             self._of = measure, sums, set(np.flatnonzero(known).tolist())
         return self._of[1:]
 
@@ -141,27 +140,27 @@ class Joint:
             return []
         return self.cubes[0].scope(condition, severity, self.of(part)[1])
 
-    def forms(self, measure: Measure, condition: str, severity: int | None = None) -> list[ErrorMean] | None:
-        """Return the mean of each model as a function of the weights of the clusters; None where it is not known, or
-        not a mean."""
-        if isinstance(measure, Ratio):
-            if measure.below not in self._clean:
-                self._clean[measure.below] = self.forms(measure.below, CLEAN)
-            above, below = self.forms(measure.above, condition, severity), self._clean[measure.below]
-            if above is None or below is None:
-                return None
-            return [ErrorMean(one.mean, other.mean, relative=True) for one, other in zip(above, below, strict=True)]
+    def scores(self, measure: Average | Increase, condition: str, severity: int | None = None) -> list[Scores] | None:
+        """Return what each cluster adds to the mean of each model; None where it is not known, or not a mean."""
         scope = self.scope(measure, condition, severity)
         if not scope or any(part.over is not exact_mean for part in measure.parts):
             return None
         columns, share = weights(scope)
         out = []
         for sums in self.of(measure)[0]:
-            number = sums.number[:, columns]
-            before = None if sums.before is None else Mean(sums.before[:, columns], number, share)
-            mean = Mean(sums.total[:, columns], number, share)
-            out.append(ErrorMean(mean, before if before is not None and before.total.any() else None))
+            total, number = sums.total[:, columns], sums.number[:, columns]
+            images = number.sum(axis=0)
+            mean = total.sum(axis=0) / images
+            den = number / images @ share
+            # a cluster without some of the conditions counts as average there
+            out.append(Scores((total - mean * number) / images @ share + mean @ share * den, den))
         return out
+
+    def clean_scores(self, measure: Average) -> list[Scores] | None:
+        """Return the `scores` of a measure on the clean frames, by which ratios divide."""
+        if measure not in self._clean:
+            self._clean[measure] = self.scores(measure, CLEAN)
+        return self._clean[measure]
 
     def of_images(self, measure: Measure, condition: str, severity: int | None = None) -> list[Array]:
         """Return the mean of each image over a scope, of each model, float64 (S,); NaN where nothing was measured. Of a
@@ -211,52 +210,52 @@ def joint_clusters(cubes: Sequence[Cube]) -> tuple[int, np.ndarray]:
 
 
 def estimate(
-    cube: Cube,
-    measures: Mapping[str, Measure] = HEADLINE,
-    scopes: Iterable[Scope] | None = None,
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
+    cube: Cube, measures: Mapping[str, Measure] = HEADLINE, scopes: Iterable[Scope] | None = None
 ) -> pl.DataFrame:
     """Return the known means of measures over scopes, with their intervals (`ESTIMATES`)."""
     joint, scopes = Joint([cube]), scopes_of(cube) if scopes is None else list(scopes)
     rows = []
     for name, measure in measures.items():  # one by one, to limit the memory of a million rows
         wanted = [at for at in scopes if measure.on_clean or at[0] != CLEAN]
-        means = cube.means({name: measure}, wanted)
-        known = {key: forms[0] for key in means if (forms := joint.forms(measure, *key[1:])) is not None}
-        intervals = error_intervals(known, joint.clusters, level=level, resamples=resamples, seed=seed)
-        for key, value in means.items():
-            row: dict[str, Any] = dict(zip(ESTIMATES, key, strict=False)) | {"value": value, "level": level}
+        for key, value in cube.means({name: measure}, wanted).items():
+            row: dict[str, Any] = dict(zip(ESTIMATES, key, strict=False)) | {"value": value}
             row["pairs"] = int(np.isfinite(joint.of_images(measure, *key[1:])[0]).sum())
-            if key in intervals:
-                found = intervals[key]
-                row |= {"standard_error": found.standard_error, "log_deviation": log_deviation(known[key])}
-                row["clusters"] = int(np.count_nonzero(known[key].mean.count))
-                row |= dict(zip(("low", "high"), _ends(measure, known[key].mean, found), strict=True))
-            rows.append(row)
+            rows.append(row | _uncertainty(joint, measure, key[1:]))
     return pl.DataFrame(rows, schema=ESTIMATES)
 
 
-def _ends(measure: Measure, mean: Mean, found: Interval) -> tuple[float | None, float | None]:
-    """Return the ends of an interval within the bounds of the measure; percentages have one on the logistic scale."""
-    if measure.bounds != PERCENT:
-        low, high = measure.bounds
-        return (None, None) if found.low is None or found.high is None else (max(low, found.low), min(high, found.high))
-    scores = mean.scores
-    low, high = map(float, mean_interval(scores, bounded=True)) if scores.enough else (np.nan, np.nan)
-    return (low, high) if low < high else (None, None)
+def _uncertainty(joint: Joint, measure: Measure, at: Scope) -> dict[str, Any]:
+    """Return the standard error and the interval of a mean of one model."""
+    below = joint.clean_scores(measure.below) if isinstance(measure, Ratio) else None
+    top = joint.scores(measure.above if isinstance(measure, Ratio) else measure, *at)
+    if top is None or (isinstance(measure, Ratio) and (below is None or not below[0].mean)):
+        return {}
+    (scores,) = top
+    linear = scores if below is None else _linearised(scores, below[0], float(scores.mean / below[0].mean))
+    out = {"clusters": scores.clusters, "standard_error": float(linear.error) if scores.clusters > 1 else None}
+    if isinstance(measure, Average):
+        values = scores.num[scores.den > 0] / scores.den[scores.den > 0]
+        if len(values) > 1 and values.min() > 0:
+            out["log_deviation"] = float(np.log(values).std(ddof=1))
+    if not scores.enough:
+        return out
+    if below is not None:
+        ends = ratio_interval(scores, below[0])
+    else:
+        floor = {"floor": INCREASE_FLOOR} if isinstance(measure, Increase) else {}
+        ends = mean_interval(scores, bounded=measure.bounds == PERCENT, **floor)
+    low, high = (float(end) for end in ends)
+    least, most = measure.bounds
+    return out | ({"low": max(low, least), "high": min(high, most)} if np.isfinite([low, high]).all() else {})
+
+
+def _linearised(above: Scores, below: Scores, ratio: float) -> Scores:
+    """Return what each cluster adds to a ratio of means less `ratio`, to first order."""
+    return Scores((above.num - ratio * below.num) / below.mean, above.den)
 
 
 def contrast(
-    cubes: Mapping[str, Cube],
-    measures: Mapping[str, Measure] = HEADLINE,
-    scopes: Iterable[Scope] | None = None,
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
+    cubes: Mapping[str, Cube], measures: Mapping[str, Measure] = HEADLINE, scopes: Iterable[Scope] | None = None
 ) -> pl.DataFrame:
     """Test each pair of models in each measure and scope that all of them know (`CONTRASTS`).
 
@@ -266,42 +265,77 @@ def contrast(
     names, joint = list(cubes), Joint(list(cubes.values()))
     scopes = scopes_of(joint.cubes[0]) if scopes is None else list(scopes)
     errors = {at: _errors(joint, at) for at in scopes}
-    rows: dict[tuple[Any, ...], dict[str, Any]] = {}
-    differences = {}
+    rows = []
     for name, measure in measures.items():
+        together: dict[str, list[tuple[dict[str, Any], Array]]] = {}
         for at in scopes:
-            forms = joint.forms(measure, *at)
-            values = _values(joint, forms, measure, at)
+            values, scores = _values(joint, measure, at)
             if values is None:
                 continue
             of_images = joint.of_images(measure, *at)
             for one, other in combinations(range(len(names)), 2):
-                key = (names[one], names[other], name, *at)
-                row: dict[str, Any] = dict(zip(list(CONTRASTS)[:5], key, strict=True))
-                row |= {"value_model": values[one], "value_against": values[other], "level": level}
-                row |= {"value": values[one] - values[other], "left_out": joint.left_out}
+                row: dict[str, Any] = dict(zip(CONTRASTS, (names[one], names[other], name, *at), strict=False))
+                row |= {"value_model": values[one], "value_against": values[other], "left_out": joint.left_out}
+                row["value"] = values[one] - values[other]
                 row |= _counts(measure, of_images[one], of_images[other], errors[at][one], errors[at][other])
-                rows[key] = row
-                if forms is not None:
-                    differences[key] = difference(forms[one], forms[other])
-                    row["clusters"] = int(np.count_nonzero(forms[one].mean.count))
-    for key, found in bootstrap(differences, joint.clusters, level=level, resamples=resamples, seed=seed).items():
-        rows[key] |= {"value": found.estimate, "low": found.low, "high": found.high, "p": found.p}
+                if scores is not None:
+                    row |= _interval(measure, scores[one], scores[other])
+                    if scores[one].clusters >= FEWEST:
+                        together.setdefault(_family(at), []).append((row, _differences(scores[one], scores[other]).num))
+                rows.append(row)
+        for tests in together.values():
+            for (row, _), p, adjusted in zip(tests, *min_p(np.array([num for _, num in tests])), strict=True):
+                row |= {"p": float(p), "p_adjusted": float(adjusted), "comparisons": len(tests)}
     if not rows:
         raise RunError(" and ".join(names), "no measured mean in common; robustflow report lists those of each")
-    return _adjusted(pl.DataFrame(list(rows.values()), schema=CONTRASTS))
+    return pl.DataFrame(rows, schema=CONTRASTS)
 
 
-def _values(joint: Joint, forms: list[ErrorMean] | None, measure: Measure, at: Scope) -> list[float] | None:
-    """Return the value of each model, over the images of all; None unless all have one."""
-    if forms is not None:
-        values = [of_data(form, joint.clusters).value for form in forms]
-    elif joint.scope(measure, *at):
-        found = [cube.mean(measure, *at) for cube in joint.cubes]
-        values = [value for value in found if value is not None]
-    else:
-        return None
-    return values if len(values) == len(joint.cubes) and np.isfinite(values).all() else None
+def _family(at: Scope) -> str:
+    """Return which tests of a measure are shown together: means by themselves, families, corruptions, severities."""
+    condition, severity = at
+    if severity is not None:
+        return "severities"
+    return condition if condition in (CLEAN, AVERAGE, PAPER) else "families" if condition in MEMBERS else "corruptions"
+
+
+def _differences(one: Scores, other: Scores) -> Scores:
+    """Return the differences of clusters, of which those from rounding are 0."""
+    num = one.num - other.num
+    return Scores(np.where(np.abs(num) > _ROUNDING * (np.abs(one.num) + np.abs(other.num)), num, 0.0), one.den)
+
+
+def _interval(measure: Measure, one: Scores, other: Scores) -> dict[str, Any]:
+    """Return the interval of a difference, and of the ratio of two positive means."""
+    difference = _differences(one, other)
+    row: dict[str, Any] = {"clusters": one.clusters}
+    if difference.enough:
+        low, high = (float(end) for end in mean_interval(difference))
+        row |= {"low": low, "high": high} if np.isfinite([low, high]).all() else {}
+    if isinstance(measure, Average) and other.mean > 0 and one.mean > 0 and measure.bounds[0] >= 0:
+        row["ratio"] = float(one.mean / other.mean)
+        if (ends := ratio_of_means(one.num, other.num)) is not None:
+            row |= {"ratio_low": ends[0], "ratio_high": ends[1]}
+    return row
+
+
+def _values(joint: Joint, measure: Measure, at: Scope) -> tuple[list[float] | None, list[Scores] | None]:
+    """Return the value of each model over the images of all, None unless all have one, and what each cluster adds to
+    it. What clusters add to ratios is what is left of them after the mean of all, to first order."""
+    if isinstance(measure, Ratio):
+        below, above = joint.clean_scores(measure.below), joint.scores(measure.above, *at)
+        if above is None or below is None or any(not scores.mean for scores in below):
+            return None, None
+        values = [float(top.mean / bottom.mean) for top, bottom in zip(above, below, strict=True)]
+        center = exact_mean(values)
+        return values, [_linearised(*both, center) for both in zip(above, below, strict=True)]
+    scores = joint.scores(measure, *at)
+    if scores is not None:
+        return [float(of_model.mean) for of_model in scores], scores
+    if not joint.scope(measure, *at):
+        return None, None
+    known = [cube.mean(measure, *at) for cube in joint.cubes]
+    return (None if None in known else [value for value in known if value is not None]), None
 
 
 def _errors(joint: Joint, at: Scope) -> list[Array]:
@@ -321,15 +355,3 @@ def _counts(measure: Measure, one: Array, other: Array, error: Array, of_other: 
         "blow_ups_model": int(np.count_nonzero(error > BLOW_UP * of_other)),
         "blow_ups_against": int(np.count_nonzero(of_other > BLOW_UP * error)),
     }
-
-
-def _adjusted(contrasts: pl.DataFrame) -> pl.DataFrame:
-    """Add the p-values corrected for all tests of the same measure."""
-    rows = contrasts.to_dicts()
-    for measure in dict.fromkeys(contrasts["measure"]):
-        tested = [row for row in rows if row["measure"] == measure and row["p"] is not None]
-        for row, adjusted in zip(tested, holm([row["p"] for row in tested]), strict=True):
-            row["p_adjusted"] = adjusted
-        for row in rows:
-            row["comparisons"] = len(tested) if row["measure"] == measure else row["comparisons"]
-    return pl.DataFrame(rows, schema=CONTRASTS)

@@ -16,7 +16,7 @@ from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.run import Run
-from .bootstrap import enough_clusters
+from .inference import FEWEST
 from .results import NEVER_RANKED
 
 PHANTOM = (
@@ -40,7 +40,7 @@ def without_truth(run: Run) -> bool:
 
 def enough_to_compare(run: Run) -> bool:
     """Whether a run has enough independent pairs to generalise a difference to other frames."""
-    return enough_clusters(run.rows.filter(corruption=CLEAN)["group"].n_unique())
+    return run.rows.filter(corruption=CLEAN)["group"].n_unique() >= FEWEST
 
 
 ACCURATE_BELOW = 0.5

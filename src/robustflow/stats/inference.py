@@ -26,9 +26,8 @@ the ratios of subsets (Hartigan 1969).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +47,8 @@ LISTED = 14
 FLIPS = 9_999
 _CORRELATION = 0.7
 """Share of the correlation of numerator and denominator that is trusted: few clusters exaggerate it."""
+_BLOCK = 2**20
+"""Number of signs in a block of flips."""
 _ROUNDING = 1e-12
 
 
@@ -176,28 +177,32 @@ def ratio_interval(above: Scores, below: Scores) -> tuple[Array, Array]:
     return low_end, high_end
 
 
-@lru_cache(maxsize=4)
-def flips(clusters: int) -> npt.NDArray[np.int8]:
-    """Return the sign flips of a number of clusters, int8 (F, G), of which the first one changes nothing: one of each
-    pair that differs only by the sign of all, or random ones."""
+def flip_blocks(clusters: int, count: int = FLIPS) -> Iterator[Array]:
+    """Yield the sign flips of a number of clusters in blocks, float64 (F, G), of which the first one changes nothing:
+    one of each pair that differs only by the sign of all, or `count` random ones."""
     if clusters <= LISTED:
         bits = np.arange(2 ** max(0, clusters - 1))[:, None] >> np.arange(clusters) & 1
-        return (1 - 2 * bits).astype(np.int8)
-    drawn = Rng.of(0, "flips", clusters).uniforms(FLIPS * clusters).reshape(FLIPS, clusters)
-    return np.vstack([np.ones(clusters), np.where(drawn < 0.5, -1, 1)]).astype(np.int8)
+        yield (1 - 2 * bits).astype(np.float64)
+        return
+    stream, block = Rng.of(0, "flips", clusters), max(1, _BLOCK // clusters)
+    yield np.ones((1, clusters))
+    for start in range(0, count, block):
+        size = min(block, count - start), clusters
+        yield np.where(stream.uniforms(size[0] * clusters).reshape(size) < 0.5, -1.0, 1.0)
 
 
-def flipped_sums(differences: Array) -> Array:
+def flipped_sums(differences: Array, count: int = FLIPS) -> Array:
     """Return the size of the sum of each flip, float64 (..., F), rounded so that equal sums are equal."""
     scale = np.abs(differences).sum(axis=-1, keepdims=True)
-    sums = np.abs(differences @ flips(differences.shape[-1]).T.astype(np.float64))
+    flips = flip_blocks(differences.shape[-1], count)
+    sums = np.concatenate([np.abs(differences @ block.T) for block in flips], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(scale > 0, np.round(sums / scale, 10), 0.0))
 
 
-def flip_test(differences: Array) -> Array:
+def flip_test(differences: Array, count: int = FLIPS) -> Array:
     """Return the two-sided p-value of each row of differences of clusters, float64 (...)."""
-    sums = flipped_sums(differences)
+    sums = flipped_sums(differences, count)
     return np.asarray((sums >= sums[..., :1]).mean(axis=-1))
 
 
@@ -233,29 +238,10 @@ def ratio_of_means(first: Array, second: Array) -> tuple[float, float] | None:
     if np.count_nonzero(there) < FEWEST or not (second[there] > 0).all():
         return None
     first, second = first[there], second[there]
-    chosen = (flips(len(first)) < 0).astype(np.float64)
-    subsets = np.vstack([chosen, 1 - chosen])
-    subsets = subsets[subsets.any(axis=1)]
-    ratios = np.sort(subsets @ first / (subsets @ second))
+    both = np.stack([first, second], axis=1)
+    above, below = np.concatenate([(flips < 0) @ both for flips in flip_blocks(len(first))]).T
+    of_both = np.array([above, first.sum() - above]), np.array([below, second.sum() - below])  # and the complements
+    kept = of_both[1] > _ROUNDING * second.sum()
+    ratios = np.sort(of_both[0][kept] / of_both[1][kept])
     cut = int(np.floor((1 - LEVEL) / 2 * (len(ratios) + 1)))  # the empty subset counts at both ends
     return (float(ratios[cut - 1]), float(ratios[-cut])) if cut else None
-
-
-def power(differences: Array, effect: float, clusters: int, *, samples: int = 400, seed: int = 0) -> float:
-    """Simulate the probability that the flip test at 5 % detects a difference of means.
-
-    Args:
-        differences: float64 (G,), the measured differences of clusters, which are drawn with replacement.
-        effect: true mean of the differences, to which they are shifted.
-        clusters: number of clusters of the planned comparison.
-        samples: number of simulated comparisons.
-        seed: seed of the samples.
-    """
-    if clusters < FEWEST:
-        return 0.0
-    values = differences - differences.mean() + effect
-    stream = Rng.of(seed, "power", clusters)
-    drawn = (stream.uniforms(samples * clusters) * len(values)).astype(np.int64).reshape(samples, clusters)
-    step = max(1, 2**22 // len(flips(clusters)))
-    rejected: list[Any] = [flip_test(values[drawn[at : at + step]]) <= 1 - LEVEL for at in range(0, samples, step)]
-    return float(np.concatenate(rejected).mean())

@@ -14,6 +14,7 @@ from ..core.text import counted
 from ..metrics.measures import EVERY, LEADING, MEASURES
 from ..run.comparable import common_rows
 from .estimate import contrast, cubes_of
+from .inference import FEWEST
 from .ranking import competition_ranks
 from .results import AVERAGE, CLEAN, long_label
 
@@ -21,32 +22,47 @@ from .results import AVERAGE, CLEAN, long_label
 def difference_sentence(row: Mapping[str, Any]) -> str:
     """State the difference between two models in one mean, and its uncertainty (a row of `estimate.CONTRASTS`).
 
-    >>> row = {"model": "A", "against": "B", "measure": "cre", "condition": "average", "value": -0.42, "low": -0.7,
-    ...        "high": -0.1, "p_adjusted": 0.02, "comparisons": 1, "pairs": 80, "clusters": 80, "level": 0.95}
+    >>> row = {"model": "A", "against": "B", "measure": "cre", "condition": "fog", "value": -0.42, "low": -0.7,
+    ...        "high": -0.1, "ratio": None, "p_adjusted": 0.02, "comparisons": 1, "pairs": 80, "clusters": 80,
+    ...        "wins": 61, "losses": 19}
     >>> difference_sentence(row)
-    'average CRE of A minus B: -0.42 px (95 % interval -0.70 to -0.10; p = 0.020; 80 images): A is lower.'
+    'Fog CRE of A minus B: -0.42 px (95 % interval -0.70 to -0.10; p = 0.020; lower on 61 of 80 images): A is lower.'
     """
     measure, p = EVERY[row["measure"]], row["p_adjusted"]
     what = {AVERAGE: "average", CLEAN: "clean"}.get(row["condition"], long_label(row["condition"]))
-    images = counted(row["pairs"], "image")
-    observed = (
-        images if row["clusters"] in (row["pairs"], None) else f"{images} in {counted(row['clusters'], 'sequence')}"
-    )
-    bounded = row["low"] is not None and row["high"] is not None
-    interval = f"interval {row['low']:+.2f} to {row['high']:+.2f}" if bounded else "interval unbounded"
-    evidence = [f"{100 * row['level']:g} % {interval}", observed]
+    observed = counted(row["pairs"], "image")
+    if row["clusters"] not in (row["pairs"], None):
+        observed += f" in {counted(row['clusters'], 'sequence')}"
+    lower, higher = ("lower", "higher") if measure.better <= 0 else ("higher", "lower")
+    evidence = []
+    if row["low"] is not None:
+        evidence.append(f"95 % interval {row['low']:+.2f} to {row['high']:+.2f}")
+    if row["ratio"] is not None:
+        ends = row.get("ratio_low"), row.get("ratio_high")
+        within = "" if None in ends else " ({:.2f} to {:.2f})".format(*ends)
+        evidence.append(f"{row['ratio']:.2f} times{within}")
     if p is not None:
         corrected = f", corrected for {row['comparisons']} comparisons" if row["comparisons"] > 1 else ""
-        evidence.insert(1, f"p {p_text(p)}{corrected}")
+        evidence.append(f"p {p_text(p)}{corrected}")
+    if row["wins"] is None:
+        evidence.append(observed)
+    elif row["wins"] >= row["losses"]:
+        evidence.append(f"{lower} on {row['wins']} of {observed}")
+    else:
+        evidence.append(f"{higher} on {row['losses']} of {observed}")
     verdict = "they cannot be told apart"
     if p is None:
-        verdict = "too few to tell them apart"
-    elif bounded and is_sure(row):
-        words = "higher" if measure.better > 0 else "lower"
-        verdict = f"{row['model'] if (row['value'] > 0) == (measure.better > 0) else row['against']} is {words}"
+        verdict = f"fewer than {FEWEST} independent images are not enough to tell them apart"
+    elif is_sure(row):
+        verdict = f"{better_of(row)} is {lower}"
     difference = f"{row['value']:+.2f} {measure.unit}".rstrip()
     models = f"{row['model']} minus {row['against']}"
     return f"{what} {measure.label} of {models}: {difference} ({'; '.join(evidence)}): {verdict}."
+
+
+def better_of(row: Mapping[str, Any]) -> str:
+    """Return the model with the better value in a contrast."""
+    return str(row["model"] if (row["value"] > 0) == (EVERY[row["measure"]].better > 0) else row["against"])
 
 
 def p_text(value: float) -> str:
@@ -78,9 +94,9 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     for row in pairs.iter_rows(named=True):
         values[row["model"]], values[row["against"]] = row["value_model"], row["value_against"]
         if is_sure(row):
-            better, worse = (row["model"], row["against"])[:: 1 if sign * row["value"] < 0 else -1]
+            better = better_of(row)
             beats[better] += 1
-            beaten[worse] += 1
+            beaten[row["against"] if better == row["model"] else row["model"]] += 1
     ranks = competition_ranks({name: sign * values[name] for name in names})
     records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
@@ -90,7 +106,7 @@ def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
     """Return the letters of each model, of which two models share one unless a test tells them apart (the compact
     letter display of Piepho 2004). "a" is the group of the first name.
 
-    >>> rows = [{"model": "A", "against": "C", "p_adjusted": 0.01, "level": 0.95}]
+    >>> rows = [{"model": "A", "against": "C", "p_adjusted": 0.01, "value": -1.0}]
     >>> group_letters(pl.DataFrame(rows), ["A", "B", "C"])
     {'A': 'a', 'B': 'ab', 'C': 'b'}
     """
@@ -130,5 +146,5 @@ def _value(tests: pl.DataFrame, name: str) -> float:
 
 
 def is_sure(row: Mapping[str, Any]) -> bool:
-    """Whether a test tells the models of a contrast apart."""
-    return row["p_adjusted"] is not None and row["p_adjusted"] < 1 - row["level"]
+    """Whether a test tells the models of a contrast apart, by a difference that can be seen."""
+    return row["p_adjusted"] is not None and row["p_adjusted"] <= 0.05 and f"{abs(row['value']):.2f}" != "0.00"
