@@ -13,7 +13,7 @@ from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.media.flow import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.models import ModelSpec
-from robustflow.run.records.row_rules import broken_rules
+from robustflow.run.records.row_rules import broken_rules, row_rules
 from robustflow.stats.frame import confidence_means
 from robustflow.testing import TexturePairs
 from tests.made_rows import made_run
@@ -97,7 +97,7 @@ def test_rows_without_ground_truth_have_only_the_share_of_rejected_pixels(clip_f
 
 
 def test_rows_with_confidence_break_no_rule(whole):
-    assert [reason for reason, rows in broken_rules(whole.rows) if rows.height] == []
+    assert [reason for reason, rows in broken_rules(whole.rows, row_rules()) if rows.height] == []
 
 
 def test_scores_are_means_over_images_by_family_and_severity(whole):

@@ -12,7 +12,7 @@ from robustflow.metrics.regions import REGIONS
 from robustflow.report.gallery.examples import example_cells
 from robustflow.report.run_tables import corruptions_table
 from robustflow.run.recheck import recheck
-from robustflow.run.records.row_rules import broken_rules
+from robustflow.run.records.row_rules import broken_rules, row_rules
 from robustflow.stats.audit import audit_results
 from robustflow.stats.model_result import run_frame
 from robustflow.stats.variance import variance_split
@@ -97,10 +97,10 @@ def test_run_of_only_corruptions_without_truth_has_a_mean_rcre(tmp_path):
 
 @pytest.mark.parametrize(("corruption", "truth"), [("elastic_transform", "unchanged"), ("contrast", "none")])
 def test_row_rules_find_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
-    assert all(broken.is_empty() for _, broken in broken_rules(run.rows))
+    assert all(broken.is_empty() for _, broken in broken_rules(run.rows, row_rules()))
     where = pl.col("corruption") == corruption
     rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
-    broken = [set(found["corruption"]) for _, found in broken_rules(rows) if found.height]
+    broken = [set(found["corruption"]) for _, found in broken_rules(rows, row_rules()) if found.height]
     assert broken
     assert set.union(*broken) == {corruption}
 

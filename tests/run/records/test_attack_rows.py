@@ -58,12 +58,11 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
     [
         (_SQUARE, {"attack_linf": 1.5}, "measurements"),
         (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements"),
-        (_SQUARE, {"attack_capped_sum": 1e9}, "measurements"),
-        (_SQUARE, {"attack_warnings": "fine"}, "measurements"),
+        (_SQUARE, {"attack_warnings": "fine"}, "rows"),
+        (_SQUARE, {"attack_gradient": "steep"}, "rows"),
         (_SQUARE, {"attack_rms": None}, "measurements"),
         (_SQUARE, {"attack_way_gone": 2.0}, "measurements"),
         (_SQUARE, {"attack_evaluations": -1}, "rows"),
-        (_SQUARE, {"epe_sum": 0.0}, "measurements"),
         (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements"),
     ],
 )

@@ -162,11 +162,9 @@ FORGED = {
     ],
     "measurements": [
         _rows(at(_FOG, truth=pl.lit("none"))),
-        _rows(at(_FOG, rcre_sum=pl.lit(0.0))),
-        _rows(at(_FOG, epe_sum=pl.col("epe_sum") / 2)),
         _rows(at(_FOG, height=pl.col("height") + 1)),
-        _rows(at(_FOG, magnitude_sum=pl.col("magnitude_sum") + 1)),
-        _rows(at(_FOG, fl_count=pl.lit(0, pl.Int64))),
+        _rows(at(_FOG, clean_epe_sum=pl.col("clean_epe_sum") / 2)),
+        _rows(at(_FOG, fl_count=pl.col("n_valid") + 1)),
     ],
 }
 """Changes of a record, by the first check that fails."""
@@ -288,5 +286,5 @@ def test_plan_that_contradicts_the_severities_of_its_scale_fails(tmp_path):
 def test_verification_leaves_no_temporary_file(packed, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert verified(packed).ok
-    verified(with_rows(packed, at(_FOG, epe_sum=pl.lit(0.0))))
+    assert not verified(with_rows(packed, at(_FOG, clean_epe_sum=pl.lit(0.0)))).ok
     assert not list(tmp_path.iterdir())
