@@ -34,7 +34,9 @@ def test_report_shows_a_run_beside_the_published_rows(robustflow, runs):
     lines = list(csv.DictReader(io.StringIO(first)))
     assert [line["model"] for line in lines if line["note"]] == ["DIS", "Farneback"]
     assert len(lines) == 31
-    assert second.count("\n") == 3
+    labels = [line.split(",")[:2] for line in second.splitlines()[1:]]
+    assert [model for section, model in labels if section == "Runs"] == ["DIS", "Farneback"]
+    assert second.count("\n") == 3 + 40
 
 
 def test_table_row_prints_one_latex_line_per_run(robustflow, runs):

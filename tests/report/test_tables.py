@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
 from robustflow.core.errors import UsageError
 from robustflow.report.paper_tables import PAPER_TABLES, build_table, cost_table
+from robustflow.report.tables import tables_of
 from robustflow.stats.model_result import ModelResult, lines_of
 from robustflow.stats.published.tables import published_frame, published_results
 from robustflow.stats.results_file import parse_results
@@ -106,3 +109,18 @@ def test_unknown_or_empty_table_is_refused():
     refusal(lambda: build_table("eppe", published_results()), UsageError, "eppe")
     for make in (*(lambda name=name: build_table(name, []) for name in PAPER_TABLES), lambda: cost_table([])):
         refusal(make, UsageError, "--table")
+
+
+@pytest.mark.parametrize("name", ["epe", "cre", "cost", "effective"])
+def test_table_that_shows_none_of_the_runs_is_refused(runs_without_truth, name):
+    runs = list(runs_without_truth)
+    refusal(partial(tables_of, runs, published=True, wanted=[name]), UsageError, "--table")
+
+
+def test_every_run_and_published_row_is_in_a_table_or_named(runs_without_truth, small_run):
+    runs = list(runs_without_truth)
+    (table,) = tables_of(runs, published=True, wanted=["means"])
+    assert [len(section.lines) for section in table.sections] == [2, 2, 12, 15, 11]
+    refusal(partial(tables_of, runs, published=True, wanted=["row"]), UsageError, "--published")
+    with pytest.warns(UserWarning, match="Farneback"):
+        tables_of([small_run, *runs], published=True, wanted=["epe"])

@@ -256,7 +256,8 @@ def test_tables_and_figures_without_published_rows_show_runs_only(runs):
     assert {"epe", "cre", "rcre", "cost", "means"} <= names
     for call, culprit in (
         (partial(tables_of, runs, published=False, wanted=["gopro-rcre"]), "--table"),
-        (partial(tables_of, [], published=True, wanted=["means"]), "--table"),
+        (partial(tables_of, [], published=True, wanted=["uncoupled"]), "--table"),
+        (partial(tables_of, runs, published=True, wanted=["uncoupled"]), "--published"),
         (partial(tables_of, runs, published=True, wanted=["meanss"]), "meanss"),
     ):
         refusal(call, UsageError, culprit)

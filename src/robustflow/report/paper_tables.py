@@ -71,7 +71,7 @@ def build_table(name: str, results: Sequence[ModelResult], seeds: Sequence[SeedG
         rows = sections.setdefault(SETTING_LABELS.get(setting, setting), [])
         for line in here:
             shown = [*map(chosen[line].get, keys), *[line.coverage] * gaps]
-            rows.append(Row(line.name, shown, with_exclusion(line.note, line.excluded)))
+            rows.append(Row(line.name, shown, with_exclusion(line.note, line.excluded), result=line))
             for group in (group for group in seeds if group.runs[-1] == line.key and numbers.keys() >= {*group.runs}):
                 excluded = next(one.excluded for one in here if one.key == group.runs[0])
                 rows.append(seed_row(group, numbers, excluded))
@@ -131,7 +131,7 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
 def _published_costs(results: Sequence[ModelResult]) -> list[Row]:
     rows = []
     for name in published_costs():
-        printed = (line for line in results if line.name == name and RANKS["flops"] in line.values)
+        printed = [line for line in results if line.name == name and RANKS["flops"] in line.values]
         of_setting = {line.setting: line.values for line in printed}
         if not of_setting:
             continue
@@ -140,7 +140,8 @@ def _published_costs(results: Sequence[ModelResult]) -> list[Row]:
         texts += [_with_rank(of_setting.get(setting, {}), CRER, RANKS["crer"]) for setting in ("OOD", "ID")]
         ranks = [of_setting.get(setting, {}).get(RANKS["average"]) for setting in ("OOD", "ID")]
         cells = [TableCell(rank.text, rank.number == 1) if rank else None for rank in ranks]
-        rows.append(Row(name, [*texts, None, *cells], best=any(cell and cell.best for cell in cells)))
+        first = any(cell and cell.best for cell in cells)
+        rows.append(Row(name, [*texts, None, *cells], best=first, result=printed[0]))
     return rows
 
 
@@ -155,7 +156,7 @@ def _cost_row(result: ModelResult) -> Row:
     if result.run is not None and (found := RunCost.read(result.run)) is not None:
         texts[:2] = result.values[PARAMETERS].text, result.values[FLOPS].text
         notes.append(_counted_note(found))
-    return Row(result.name, texts, "; ".join(filter(None, notes)))
+    return Row(result.name, texts, "; ".join(filter(None, notes)), result=result)
 
 
 def _counted_note(found: RunCost) -> str:

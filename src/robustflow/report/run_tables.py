@@ -31,6 +31,7 @@ from ..stats.results import (
 )
 from ..stats.run_results import comparison_note
 from ..stats.seeds import SeedGroup
+from .leaderboard import marked_cells
 from .table import (
     Row,
     Table,
@@ -128,8 +129,8 @@ def row(wanted: Wanted) -> list[Table]:
 def means(wanted: Wanted) -> list[Table]:
     """Tabulate the overall means of runs with intervals, such as "3.21 [2.50, 4.10]", and the standard deviation of ln
     EPE (of ln RCRE without ground truth), on which the coverage of the intervals depends. An interval is omitted if
-    there are too few images to compute it."""
-    results = wanted.of_runs("means")
+    there are too few images to compute it. Published means follow as printed, without intervals."""
+    results = wanted.of_runs("means") if wanted.runs or not wanted.published else []
     known: list[bool] = []
     texts, values = {}, {}
     for line in results:
@@ -145,16 +146,22 @@ def means(wanted: Wanted) -> list[Table]:
         values[line.key] = [*(shown[key]["value"] if key in shown else None for key in MEANS), spread]
         known += [pair is not None for pair in ends.values()]
     least = f"{FEWEST} images (or sequences, if pairs belong to sequences)"
-    remarks = [f"No intervals: they need at least {least}."]
+    remarks = [f"No intervals: they need at least {least}."] * bool(results)
     about = "sd(ln): standard deviation of ln EPE (ln RCRE without ground truth) over images or sequences."
     if any(known):
         remarks = ["[95 % confidence interval] over images, or over sequences if any."]
         remarks += [f"Means without an interval: fewer than {least}, or one has most of the images."] * (not all(known))
         about += " Up to 1.1, intervals cover the true mean in 93 to 98 % of simulations; at 1.35, in 90 to 93 %."
     title = "Means with intervals" if any(known) else "Means"
-    rows = rows_of_models(results, values, wanted.seeds, texts)
+    sections = {"Runs": rows_of_models(results, values, wanted.seeds, texts)}
+    for line, cells in marked_cells([line for line in wanted.results if line.source == "published"]).items():
+        heading = f"Published on {benchmark_words(line.benchmark)}: {SETTING_LABELS[line.setting]}"
+        sections.setdefault(heading, []).append(
+            Row(line.name, [*(cells[key].marked if key in cells else None for key in MEANS), None], result=line)
+        )
     remarks += [about] * any(of_line[-1] is not None for of_line in values.values())
-    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), {"Runs": rows}, remarks)]
+    remarks += ["†: not printed in the paper, from the EPE."] * wanted.published
+    return [Table.of("means", title, (*MEANS.values(), "sd(ln)"), sections, remarks)]
 
 
 _CONFIDENCE_REMARK = (
@@ -205,7 +212,7 @@ def uncoupled(wanted: Wanted) -> list[Table]:
         ratio = values["log_ratio"]
         if ratio is None and values["median_cre"] is None:
             continue
-        rows.append((result.name, (clean, cre, *values.values()), full_note(result)))
+        rows.append(Row(result.name, (clean, cre, *values.values()), full_note(result), result=result))
         if clean is not None and cre is not None and ratio is not None and not result.excluded:
             same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
     if not rows:
@@ -246,8 +253,8 @@ def effective(wanted: Wanted) -> list[Table]:
         whose = "published models" if frames == PAPER else on_benchmark(models, part[0].benchmark)
         sections = {
             SETTING_LABELS.get(setting, setting): [
-                (one.line.name, (one.clean, one.corrupted, one.expected, one.factor), full_note(one.line))
-                for one in of_setting
+                Row(of.line.name, (of.clean, of.corrupted, of.expected, of.factor), full_note(of.line), result=of.line)
+                for of in of_setting
             ]
             for setting, of_setting in settings.items()
         }

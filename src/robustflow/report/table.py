@@ -49,15 +49,21 @@ class TableCell:
     interval: str = ""
     derived: bool = False
 
+    @property
+    def marked(self) -> TableCell:
+        """The cell with a dagger if its value is derived, for media that do not mark it otherwise."""
+        return replace(self, text=f"{self.text}†") if self.derived else self
+
 
 class Row(NamedTuple):
     """What a line is made from: numbers to be written in the formats of their columns, texts, cells, and None for what
-    is missing. `best` shades the whole line."""
+    is missing. `best` shades the line; `result` is what it shows."""
 
     label: str
     values: Iterable[float | str | TableCell | None]
     note: str = ""
     best: bool = False
+    result: ModelResult | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ class Line:
             value if isinstance(value, TableCell) else TableCell(number_text(value, column.format))
             for value, column in zip(row.values, columns, strict=True)
         )
-        return cls(row.label, tuple(cells), row.note, row.best)
+        return cls(row.label, tuple(cells), row.note, row.best, row.result)
 
 
 @dataclass(frozen=True)
@@ -203,7 +209,7 @@ def rows_of_models(
     rows = []
     for line in results:
         if line.key in values:
-            rows.append(Row(line.name, (shown or values)[line.key], full_note(line)))
+            rows.append(Row(line.name, (shown or values)[line.key], full_note(line), result=line))
         rows += [seed_row(group, values) for group in seeds if group.runs[-1] == line.key]
     return rows
 

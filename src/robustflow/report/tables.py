@@ -3,6 +3,7 @@ which makes the tables of one name from what is wanted."""
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING
 
 from ..core.errors import UsageError
 from ..core.plugins import Registry
+from ..core.text import joined, plain
 from ..run.displacement import displacements_of
+from ..stats.model_result import by_line
 from .table import Table, Wanted, results_of
 
 if TYPE_CHECKING:
@@ -37,7 +40,10 @@ def tables_of(runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | N
     tables: list[Table] = []
     for name in TABLES if wanted is None else wanted:
         try:
-            tables += TABLES.get(name)(given) if wanted is not None or name != ROW else []
+            made = TABLES.get(name)(given) if wanted is not None or name != ROW else []
+            if wanted is not None:
+                _check_shown(name, given, made)
+            tables += made
         except UsageError:
             if wanted is not None:
                 raise
@@ -48,6 +54,27 @@ def tables_of(runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | N
         name = table.name if counts[table.name] == 1 else f"{table.name}-{counts[table.name]}"
         tables[index] = replace(table.without_empty_columns(), name=name)
     return tables
+
+
+def _check_shown(name: str, wanted: Wanted, tables: Sequence[Table]) -> None:
+    """Raise a UsageError if a table of models shows none of the runs, or none of the published results; warn of other
+    runs that it neither shows nor names in a remark."""
+    lines = [line for table in tables for line in table.lines]
+    results = [line.result for line in lines if line.result is not None]
+    keys = {result.key for result in results}
+    # Tables without results are of runs alone: a line, a section or a table for each.
+    labels = {line.label for line in lines} | {section.title for table in tables for section in table.sections}
+    labels = set() if results else labels | {table.title.partition(" on ")[2] for table in tables}
+    absent = [plain(key[1]) for key in by_line(wanted.runs) if key not in keys and plain(key[1]) not in labels]
+    if not results and len(absent) == len(wanted.runs):
+        return  # its lines are not models
+    if wanted.published and not any(result.source == "published" for result in results):
+        raise UsageError("--published", f"'{name}' shows none of the published results: omit it, or this table")
+    if absent and len(absent) == len(wanted.runs):
+        raise UsageError("--table", f"'{name}' shows none of the runs ({joined(absent)}): omit them, or this table")
+    remarks = " ".join(remark for table in tables for remark in table.remarks)
+    if unnamed := [name for name in absent if name not in remarks]:
+        warnings.warn(f"table '{name}' has no value of {joined(unnamed)}, and leaves this out", stacklevel=3)
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:

@@ -19,7 +19,7 @@ from ...core.errors import UsageError
 from ...core.text import name_text, plain
 from ...stats.effective import effective_robustness
 from ...stats.intervals import IntervalEnds
-from ...stats.model_result import ModelResult
+from ...stats.model_result import CRER, ModelResult
 from ...stats.published.tables import not_discussed, of_paper
 from ...stats.ranking import LEAST_MODELS, spearman
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
@@ -96,29 +96,39 @@ def _finish(
     return figure
 
 
+def _cre_text(line: ModelResult, cre: float) -> str:
+    """Return the CRE with its interval, and the published one if it differs."""
+    given = line.values.get(("cre", AVERAGE))
+    differs = given is not None and given.text != f"{cre:.2f}"
+    text = f"{cre:.2f} px{ends_text(line.intervals.get(('cre', AVERAGE)))}"
+    return f"{text} from the EPE, {given.text} px as published" if given is not None and differs else text
+
+
 @default_style()
 def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in panels with the same axes."""
-    together, without = not by_setting(results), not_discussed(results)
+    together, without, published = not by_setting(results), not_discussed(results), of_paper(results)
     groups: dict[str, list[_Point]] = {}
     for setting in _settings_in_order(line.setting for line in results):
         for line in results:
-            clean, cre = line.number("epe", CLEAN), line.cre.get(AVERAGE)
-            if line.setting != setting or not clean or cre is None or line.name in without:
+            clean, cre, crer = line.number("epe", CLEAN), line.cre.get(AVERAGE), line.values.get(CRER)
+            if line.setting != setting or clean is None or cre is None or line.name in without:
                 continue
+            ratio = "" if crer is None else crer.text + "†" * (line.source == "published" and crer.derived)
             ends = line.intervals.get(("epe", CLEAN)), line.intervals.get(("cre", AVERAGE))
-            texts = (f"{clean:.2f} px{ends_text(ends[0])}", f"{cre:.2f} px{ends_text(ends[1])}", f"{cre / clean:.2f}")
+            texts = [f"{clean:.2f} px{ends_text(ends[0])}", _cre_text(line, cre), ratio or "none"]
             values = tuple(zip(("clean EPE", "CRE", "CREr"), texts, strict=True))
-            name = f"{plain(line.name, LONGEST_NAME)} {cre / clean:.2f}"
-            groups.setdefault("" if together else setting, []).append(_Point(line, (clean, cre), ends, values, name))
+            name = f"{plain(line.name, LONGEST_NAME)} {ratio}".rstrip()
+            point = _Point(line, (clean, cre), ends, values, name, 0.0 if crer is None else crer.number)
+            groups.setdefault("" if together else setting, []).append(point)
     if len(groups) > 1:
         groups.pop("knowledge", None)
     if not groups:
         raise UsageError("no model has both a clean and an average EPE: this figure needs runs with ground truth")
     points = [point for group in groups.values() for point in group]
-    scale = min(_AREA, _LARGEST / max(*(cre / clean for clean, cre in (point.at for point in points)), 1.0))
+    scale = min(_AREA, _LARGEST / max(*(point.area for point in points), 1.0))
     for point in points:
-        point.area = scale * max(point.at[1] / point.at[0], 0.02)
+        point.area = scale * max(point.area, 0.02)
     figure, axes = new_figure(4.6, 4.2, len(groups))
     colours = {line: style.colour for line, style in styling.of(results).items()}
     limits = [
@@ -133,6 +143,7 @@ def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PL
         panel.tick_params(labelsize=8)
         panel.set(xlim=limits[0], ylim=limits[1], xlabel="clean EPE (px)", ylabel="CRE (px)")
     caption = "CRE against clean EPE; the area of a bubble is CREr, printed beside the name. Lower left is best."
+    caption += " Published CRE is from the EPE; CREr is as published, †: from the EPE." * published
     heading = "Accuracy and robustness: area of a bubble = CREr, printed next to the name"
     return _finish(figure, list(zip(axes, groups.values(), strict=True)), styling, caption, heading)
 
@@ -231,7 +242,10 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
     for letter, panel, (x, y) in zip("abcd", axes, _RELATIONS, strict=True):
         for line, at in drawn.items():
             style = styles[line]
-            printed = tuple((name, f"{value:.2f} px{ends_text(ends[line, name])}") for name, value in at.items())
+            printed = tuple(
+                (name, _cre_text(line, value) if name == "CRE" else f"{value:.2f} px{ends_text(ends[line, name])}")
+                for name, value in at.items()
+            )
             point = _Point(line, (at[x], at[y]), (ends[line, x], ends[line, y]), printed, "", 26.0)
             face = "white" if line.setting == "ID" and not together else style.colour
             look = {"marker": style.marker, "facecolor": face, "edgecolor": style.colour, "linewidth": 1.1}
